@@ -1,0 +1,8 @@
+"""The one kind of error that is the user's to mend."""
+
+
+class InputError(ValueError):
+    """Input cannot be used; the text is one line that says what and where.
+
+    The command line prints it and exits with code 2.
+    """

@@ -1,0 +1,1 @@
+"""The numerical core: integrators, forms, scalings, orders, the march, measures."""

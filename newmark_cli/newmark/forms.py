@@ -1,0 +1,120 @@
+"""Forms: which of u, v, a are unknowns, beside λ, and which rows are solved.
+
+A form keeps some fields and eliminates the others through the update relations
+V and K; the relations used up leave the system.  So a form is two tuples; its
+weights W = ∂(u, v, a)/∂(kept) follow from the relations (Sections 3.2 and 3.4
+of the paper work this out for two of them).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.integrator import FIELDS, Relations
+
+ROWS = ("D", "V", "K", "C")
+
+
+@dataclass(frozen=True)
+class Form:
+    """Kept unknowns and rows.
+
+    Attributes:
+        name: Spelling in configs and CSVs.
+        kept: Kept fields among u, v, a, in this order; λ is always kept.
+        rows: Solved rows among D, V, K, C; D and C always are.
+        in_paper: Whether Tables 1 and 2 have a column for it.
+
+    Raises:
+        ValueError: When rows and unknowns do not match.
+    """
+
+    name: str
+    kept: tuple[str, ...]
+    rows: tuple[str, ...]
+    in_paper: bool = True
+
+    def __post_init__(self) -> None:
+        if self.kept != tuple(f for f in FIELDS if f in self.kept) or not self.kept:
+            raise ValueError(f"form {self.name}: kept fields must be some of u, v, a, in order")
+        if self.rows != tuple(r for r in ROWS if r in self.rows):
+            raise ValueError(f"form {self.name}: rows must be some of D, V, K, C, in order")
+        if len(self.rows) != len(self.unknowns) or not {"D", "C"} <= set(self.rows):
+            raise ValueError(f"form {self.name}: needs D, C and as many rows as unknowns")
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Unknowns the solver sees, λ last."""
+        return (*self.kept, "lambda")
+
+    @property
+    def eliminated(self) -> tuple[str, ...]:
+        """Fields recovered from the kept ones."""
+        return tuple(f for f in FIELDS if f not in self.kept)
+
+    @property
+    def extra_rows(self) -> tuple[str, ...]:
+        """Update relations that stay in the system."""
+        return tuple(r for r in self.rows if r in "VK")
+
+
+FORMS: Mapping[str, Form] = MappingProxyType(
+    {
+        form.name: form
+        for form in (
+            Form("u-v-a-lambda", ("u", "v", "a"), ("D", "V", "K", "C")),
+            Form("u-v-lambda", ("u", "v"), ("D", "K", "C")),
+            Form("u-lambda", ("u",), ("D", "C")),
+            Form("v-lambda", ("v",), ("D", "C")),
+            Form("a-lambda", ("a",), ("D", "C")),
+            Form("u-a-lambda", ("u", "a"), ("D", "K", "C"), in_paper=False),
+            Form("v-a-lambda", ("v", "a"), ("D", "V", "C"), in_paper=False),
+        )
+    }
+)
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """What a form makes of the update relations at one step size.
+
+    (u, v, a) = weights · kept + past · (past vectors).  A kept row of V, K reads
+    rows · kept + rows_past · (past vectors) = 0.
+
+    Attributes:
+        weights: (3, p) W = ∂(u, v, a)/∂(kept).
+        past: (3, P).
+        rows: (r, p) kept update relations.
+        rows_past: (r, P).
+    """
+
+    weights: Array
+    past: Array
+    rows: Array
+    rows_past: Array
+
+
+def eliminate(form: Form, relations: Relations) -> Elimination:
+    """Solve the update relations that a form does not keep for its eliminated fields."""
+    # V and K as relation · (u, v, a) = history · (past vectors)
+    relation = {"V": np.array([0.0, 1.0, -relations.v_from_a])}
+    relation["K"] = np.array([1.0, 0.0, -relations.u_from_a])
+    history = {"V": relations.v_past, "K": relations.u_past}
+
+    kept = [FIELDS.index(f) for f in form.kept]
+    gone = [FIELDS.index(f) for f in form.eliminated]
+    weights = np.zeros((3, len(kept)))
+    past = np.zeros((3, len(relations.v_past)))
+    weights[kept, range(len(kept))] = 1.0
+    used = [r for r in ("V", "K") if r not in form.rows]
+    if used:
+        system = np.array([relation[r] for r in used])
+        known = np.array([history[r] for r in used])
+        weights[gone] = np.linalg.solve(system[:, gone], -system[:, kept])
+        past[gone] = np.linalg.solve(system[:, gone], known)
+    rows = np.array([relation[r] for r in form.extra_rows]).reshape(-1, 3)
+    rows_history = np.array([history[r] for r in form.extra_rows]).reshape(-1, past.shape[1])
+    return Elimination(weights, past, rows @ weights, rows @ past - rows_history)

@@ -1,0 +1,49 @@
+"""Consistent initial accelerations and multipliers."""
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.kernel import State
+from newmark_cli.problems.problem import Problem
+
+
+def consistent_accelerations(problem: Problem, t: float, u: Array, v: Array) -> tuple[Array, Array]:
+    """Accelerations and multipliers that follow from u, v: the index-1 system.
+
+    Solves  M a − G λ = f,  Gᵀ a = −(second derivative of Φ along u'' = 0).
+
+    Args:
+        problem: The problem.
+        t: Time (s).
+        u, v: (n,) coordinates and velocities that meet Φ = 0 and Φ' = 0.
+
+    Returns:
+        a (n,) and λ (m,).
+
+    Raises:
+        numpy.linalg.LinAlgError: When the index-1 matrix is singular.
+    """
+    n, m = problem.n, problem.m
+    terms = problem.evaluate(t, u, v, np.zeros(m))
+    # M of Andrews' mechanism is 1e-5, G 1e-2: scaling the multipliers by ‖M‖
+    # keeps the matrix well conditioned.
+    mass_matrix = problem.M
+    size = np.abs(mass_matrix).max()
+    matrix = np.zeros((n + m, n + m))
+    matrix[:n, :n] = mass_matrix / size
+    matrix[:n, n:] = -terms.G
+    matrix[n:, :n] = terms.G.T
+    rhs = np.concatenate([terms.force / size, -problem.curvature(t, u, v)])
+    solution = np.linalg.solve(matrix, rhs)
+    solution += np.linalg.solve(matrix, rhs - matrix @ solution)
+    return solution[:n], solution[n:] * size
+
+
+def initial_state(problem: Problem, integrator: Newmark) -> State:
+    """State of the march at the initial time."""
+    a, multipliers = consistent_accelerations(problem, problem.t0, problem.u0, problem.v0)
+    fields = np.array([problem.u0, problem.v0, a, a])
+    # The past after a step holds new fields; at the start, the initial ones.
+    past = fields[integrator.relations(1.0).advance]
+    return State(fields, past, multipliers)

@@ -1,0 +1,376 @@
+"""The compiled Newton march: every form, scaling and integrator in one loop.
+
+Everything that tells one form, scaling or integrator from another reaches the
+kernel as numbers (:class:`StepTables`), every problem as a compiled function
+and its tables (:class:`ProblemTables`).  All compiled code of the core stands
+in this file, because numba's disk cache does not notice a change in another.
+"""
+
+import threading
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, typeof, types
+
+#: How a march ends; the texts are those of the CSV's status column.
+COMPLETED, SINGULAR, DIVERGED = range(3)
+
+
+class StepTables(NamedTuple):
+    """Form, integrator and scaling at one step size, as numbers.
+
+    p is the number of kept fields among (u, v, a), P of past vectors, r of kept
+    rows among (V, K), N = p n + m.
+    """
+
+    kept: np.ndarray  #: (p,) kept fields, 0 = u, 1 = v, 2 = a
+    weights: np.ndarray  #: (3, p) ∂(u, v, a)/∂(kept)
+    past_weights: np.ndarray  #: (3, P) what the past adds to (u, v, a)
+    differenced: np.ndarray  #: (3,) 1 where a field is formed from kept − past, else 0
+    dynamic_weights: np.ndarray  #: (p,) ∂v'/∂(kept) in row D
+    dynamic_past: np.ndarray  #: (P,) what the past adds to v' in row D
+    row_weights: np.ndarray  #: (r, p) rows V, K in the kept fields
+    row_past: np.ndarray  #: (r, P) what the past adds to rows V, K
+    predictor: np.ndarray  #: (3, P) u, v, a at the start of Newton's iteration
+    acceleration: np.ndarray  #: (1 + P,) v' from the new a and the past
+    advance: np.ndarray  #: (P,) new past: 0..3 = u, v, a, v'; 4 + i = old past i
+    left: np.ndarray  #: (r + 2,) left factors of rows D, (V, K), C
+    right: np.ndarray  #: (p + 1,) right factors of the kept fields and λ
+
+
+class ProblemTables(NamedTuple):
+    """A problem's tables as the kernel reads them; the values come from its function."""
+
+    ints: np.ndarray  #: two-dimensional, meaning known to the problem's function
+    reals: np.ndarray  #: likewise
+    mass_values: np.ndarray
+    mass_rows: np.ndarray
+    mass_columns: np.ndarray
+    x_rows: np.ndarray
+    x_columns: np.ndarray
+    y_rows: np.ndarray
+    y_columns: np.ndarray
+    g_rows: np.ndarray
+    g_columns: np.ndarray
+
+
+class State(NamedTuple):
+    """What one step hands to the next; overwritten by the march."""
+
+    fields: np.ndarray  #: (4, n) u, v, a and v'
+    past: np.ndarray  #: (P, n) past vectors of the integrator
+    multipliers: np.ndarray  #: (m,) λ
+
+
+def evaluate_type(dtype):
+    """Numba type of a problem's function for arrays of ``dtype``."""
+    scalar = types.float32 if dtype == np.float32 else types.float64
+    vector, table = scalar[::1], scalar[:, ::1]
+    return types.FunctionType(
+        types.void(
+            scalar, vector, vector, vector, types.int64[:, ::1], table,
+            vector, vector, vector, vector, vector,
+        )
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_in_place(matrix, rhs, columns, values):
+    """Overwrite ``rhs`` with the solution of ``matrix`` x = ``rhs``.
+
+    Gaussian elimination with partial pivoting (Golub & Van Loan, §3.4).  Zeros
+    of the pivot row and of the pivot column are skipped: Jacobians of mechanisms
+    have many, and fill in slowly.
+
+    Args:
+        matrix: (N, N) overwritten with its elimination.
+        rhs: (N,) overwritten.
+        columns, values: (N,) work space, columns unsigned.
+
+    Returns:
+        False when a pivot is zero or not a number.
+    """
+    size = rhs.shape[0]
+    for k in range(size):
+        pivot, largest = k, abs(matrix[k, k])
+        for i in range(k + 1, size):
+            candidate = abs(matrix[i, k])
+            if candidate > largest:
+                pivot, largest = i, candidate
+        if not largest > 0:
+            return False
+        count = 0
+        for j in range(k, size):
+            value = matrix[pivot, j]
+            matrix[pivot, j] = matrix[k, j]
+            matrix[k, j] = value
+            if value != 0:
+                columns[count], values[count] = j, value
+                count += 1
+        of_pivot = rhs[pivot]
+        rhs[pivot] = rhs[k]
+        rhs[k] = of_pivot
+        reciprocal = 1 / matrix[k, k]
+        for i in range(k + 1, size):
+            factor = matrix[i, k]
+            if factor != 0:
+                factor *= reciprocal
+                for c in range(1, count):
+                    matrix[i, columns[c]] -= factor * values[c]
+                rhs[i] -= factor * of_pivot
+        matrix[k, k] = reciprocal
+    for k in range(size - 1, -1, -1):
+        # By columns: the updates of one column do not wait for each other.
+        solved = rhs[k] * matrix[k, k]
+        rhs[k] = solved
+        for i in range(k):
+            rhs[i] -= matrix[i, k] * solved
+    return True
+
+
+def _march(
+    evaluate, problem, tables, state, t_start, h, first, cap, settled_below, norms, iterations
+):
+    kept, weights, right, left = tables.kept, tables.weights, tables.right, tables.left
+    fields, past, multipliers = state.fields, state.past, state.multipliers
+    n, m, p = fields.shape[1], multipliers.shape[0], kept.shape[0]
+    extra = tables.row_weights.shape[0]
+    depth = past.shape[0]
+    size = p * n + m
+    constraint_row = (1 + extra) * n
+
+    dtype = fields.dtype
+    constant = np.zeros((size, size), dtype)
+    matrix = np.empty((size, size), dtype)
+    entries = matrix.ravel()
+    rhs = np.empty(size, dtype)
+    work_columns, work_values = np.empty(size, np.uint64), np.empty(size, dtype)
+    force, phi = np.empty(n, dtype), np.empty(m, dtype)
+    x_values = np.empty(problem.x_rows.shape[0], dtype)
+    y_values = np.empty(problem.y_rows.shape[0], dtype)
+    g_values = np.empty(problem.g_rows.shape[0], dtype)
+    field_history = np.empty((3, n), dtype)
+    dynamic_history = np.empty(n, dtype)
+    row_history = np.empty((extra, n), dtype)
+    new_past = np.empty_like(past)
+    is_kept = np.zeros(3, np.bool_)
+    for k in range(p):
+        is_kept[kept[k]] = True
+
+    # Blocks of D_L J D_R that stay: M in row D, the identities in V and K.
+    for k in range(p):
+        factor = left[0] * tables.dynamic_weights[k] * right[k]
+        for e in range(problem.mass_rows.shape[0]):
+            i, j = problem.mass_rows[e], k * n + problem.mass_columns[e]
+            constant[i, j] += factor * problem.mass_values[e]
+        for r in range(extra):
+            factor = left[1 + r] * tables.row_weights[r, k] * right[k]
+            for i in range(n):
+                constant[(1 + r) * n + i, k * n + i] = factor
+    # Factors of the blocks that change: X and Y in row D, G, and Gᵀ in row C.
+    x_factor = np.empty(p, dtype)
+    y_factor = np.empty(p, dtype)
+    gt_factor = np.empty(p, dtype)
+    for k in range(p):
+        x_factor[k] = left[0] * weights[0, k] * right[k]
+        y_factor[k] = left[0] * weights[1, k] * right[k]
+        gt_factor[k] = left[1 + extra] * weights[0, k] * right[k]
+    g_factor = left[0] * right[p]
+    # Their places in the matrix; unsigned, as numba tests signed ones for sign.
+    x_places = np.empty((p, x_values.shape[0]), np.uint64)
+    y_places = np.empty((p, y_values.shape[0]), np.uint64)
+    gt_places = np.empty((p, g_values.shape[0]), np.uint64)
+    g_places = np.empty(g_values.shape[0], np.uint64)
+    for k in range(p):
+        for e in range(x_values.shape[0]):
+            x_places[k, e] = problem.x_rows[e] * size + k * n + problem.x_columns[e]
+        for e in range(y_values.shape[0]):
+            y_places[k, e] = problem.y_rows[e] * size + k * n + problem.y_columns[e]
+        for e in range(g_values.shape[0]):
+            row = constraint_row + problem.g_columns[e]
+            gt_places[k, e] = row * size + k * n + problem.g_rows[e]
+    for e in range(g_values.shape[0]):
+        g_places[e] = problem.g_rows[e] * size + p * n + problem.g_columns[e]
+    mass_rows = problem.mass_rows.astype(np.uint64)
+    mass_columns = problem.mass_columns.astype(np.uint64)
+
+    for s in range(norms.shape[0]):
+        t = t_start + (first + s + 1) * h
+
+        # History terms, once per step.
+        row_history[:] = 0
+        dynamic_history[:] = 0
+        for f in range(3):
+            for i in range(n):
+                history = past[0, i] * tables.past_weights[f, 0]
+                predicted = past[0, i] * tables.predictor[f, 0]
+                for q in range(1, depth):
+                    history += past[q, i] * tables.past_weights[f, q]
+                    predicted += past[q, i] * tables.predictor[f, q]
+                field_history[f, i] = history
+                fields[f, i] = predicted
+        for q in range(depth):
+            for e in range(problem.mass_rows.shape[0]):
+                dynamic_history[problem.mass_rows[e]] += (
+                    problem.mass_values[e]
+                    * tables.dynamic_past[q]
+                    * past[q, problem.mass_columns[e]]
+                )
+            for r in range(extra):
+                for i in range(n):
+                    row_history[r, i] += tables.row_past[r, q] * past[q, i]
+
+        previous = np.inf
+        settled = 0  # corrections in a row that are in the terminal phase
+        solves = 0
+        while solves < cap:
+            evaluate(
+                t, fields[0], fields[1], multipliers, problem.ints, problem.reals,
+                force, phi, x_values, y_values, g_values,
+            )  # fmt: skip
+
+            # rhs = −D_L b
+            for i in range(n):
+                rhs[i] = force[i] - dynamic_history[i]
+            for k in range(p):
+                weight = tables.dynamic_weights[k]
+                if weight != 0:
+                    field = fields[kept[k]]
+                    for e in range(mass_rows.shape[0]):
+                        rhs[mass_rows[e]] -= (
+                            problem.mass_values[e] * weight * field[mass_columns[e]]
+                        )
+            for i in range(n):
+                rhs[i] *= left[0]
+            for r in range(extra):
+                for i in range(n):
+                    residual = row_history[r, i]
+                    for k in range(p):
+                        residual += tables.row_weights[r, k] * fields[kept[k], i]
+                    rhs[(1 + r) * n + i] = -left[1 + r] * residual
+            for i in range(m):
+                rhs[constraint_row + i] = -left[1 + extra] * phi[i]
+
+            # matrix = D_L J D_R
+            matrix[:] = constant
+            for k in range(p):
+                if weights[0, k] != 0:
+                    for e in range(x_values.shape[0]):
+                        entries[x_places[k, e]] += x_factor[k] * x_values[e]
+                    for e in range(g_values.shape[0]):
+                        entries[gt_places[k, e]] += gt_factor[k] * g_values[e]
+                if weights[1, k] != 0:
+                    for e in range(y_values.shape[0]):
+                        entries[y_places[k, e]] += y_factor[k] * y_values[e]
+            for e in range(g_values.shape[0]):
+                entries[g_places[e]] -= g_factor * g_values[e]
+
+            if not solve_in_place(matrix, rhs, work_columns, work_values):
+                return SINGULAR, s
+            solves += 1
+            square = dtype.type(0)
+            for i in range(size):
+                square += rhs[i] * rhs[i]
+            norm = np.sqrt(square)
+            if not np.isfinite(norm):
+                return DIVERGED, s
+            if settled >= 2 and norm >= previous:
+                break
+            previous = norm
+
+            # Apply the correction; its blocks are what the step would record.
+            displacement_square = dtype.type(0)
+            for k in range(p):
+                field = fields[kept[k]]
+                block = dtype.type(0)
+                for i in range(n):
+                    scaled = rhs[k * n + i]
+                    block += scaled * scaled
+                    field[i] += right[k] * scaled
+                norms[s, k] = np.sqrt(block)
+                displacement_square += (weights[0, k] * right[k]) ** 2 * block
+            block = dtype.type(0)
+            for i in range(m):
+                scaled = rhs[p * n + i]
+                block += scaled * scaled
+                multipliers[i] += right[p] * scaled
+            norms[s, p] = np.sqrt(block)
+
+            for f in range(3):
+                if not is_kept[f]:
+                    for i in range(n):
+                        value = field_history[f, i]
+                        for k in range(p):
+                            weight = weights[f, k]
+                            if weight != 0:
+                                origin = tables.differenced[f] * past[kept[k], i]
+                                value += weight * (fields[kept[k], i] - origin)
+                        fields[f, i] = value
+
+            size_of_u = dtype.type(0)
+            for i in range(n):
+                size_of_u += fields[0, i] * fields[0, i]
+            if displacement_square < settled_below * settled_below * size_of_u or norm == 0:
+                settled += 1
+            else:
+                settled = 0
+            if norm == 0:
+                break
+        iterations[s] = solves if settled > 0 else -solves
+
+        for i in range(n):
+            value = tables.acceleration[0] * fields[2, i]
+            for q in range(depth):
+                value += tables.acceleration[1 + q] * past[q, i]
+            fields[3, i] = value
+        for q in range(depth):
+            source = tables.advance[q]
+            new_past[q] = fields[source] if source < 4 else past[source - 4]
+        past[:] = new_past
+    return COMPLETED, norms.shape[0]
+
+
+march_compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
+_compiling = threading.Lock()
+
+
+def march(
+    evaluate, problem, tables, state, t_start, h, first, cap, settled_below, norms, iterations
+):
+    """Advance ``state`` by ``len(norms)`` steps.
+
+    The function is compiled for a problem's function as such, not for one
+    particular function, so that one compilation, kept on disk, serves all.
+
+    Args:
+        evaluate: Compiled function of the problem, of :func:`evaluate_type`.
+        problem, tables, state: See the classes; ``state`` is overwritten.
+        t_start: Time of step 0 (s).
+        h: Step size (s).
+        first: Steps taken since ``t_start``.
+        cap: Most corrections computed in a step.
+        settled_below: Terminal phase: an increase of the corrections counts
+            once the displacement parts of the correction to be recorded and of
+            the one before it are below this fraction of ‖u‖.
+        norms: (steps, p + 1) overwritten with the 2-norms of the recorded
+            correction, in the scaled unknowns, blocks as in ``tables.right``.
+        iterations: (steps,) overwritten with the corrections computed;
+            negative where the step ended above ``settled_below``.
+
+    Returns:
+        How the march ended (COMPLETED, SINGULAR, DIVERGED) and the steps done.
+    """
+    scalar = state.fields.dtype.type
+    arguments = (
+        problem, tables, state, scalar(t_start), scalar(h), first, cap,
+        scalar(settled_below), norms, iterations,
+    )  # fmt: skip
+    signature = (evaluate_type(state.fields.dtype), *(typeof(a) for a in arguments))
+    if signature not in march_compiled.overloads:
+        with _compiling:
+            # Open to new signatures only here: a call with a jitted function would
+            # otherwise be compiled anew for that one function, in every process.
+            march_compiled.disable_compile(False)
+            march_compiled.compile(signature)
+            march_compiled.disable_compile(True)
+    return march_compiled(evaluate, *arguments)

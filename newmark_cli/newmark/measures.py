@@ -1,0 +1,100 @@
+"""What is made of raw corrections: physical units, eliminated fields, statistics.
+
+The march returns, for each step, the norms of the recorded correction's blocks
+in the unknowns the solver sees.  What becomes of them is decided here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.scheme import Scheme
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """A quantity over the steps that count.
+
+    Attributes:
+        rms, max, median, last: NaN when no step counts.
+        zeros: Exact zeros; they are part of the statistics, but a log axis
+            cannot show them.
+    """
+
+    rms: float
+    max: float
+    median: float
+    last: float
+    zeros: int
+
+
+def statistics(values: Array) -> Statistics:
+    """Statistics of non-negative values, in the order of the steps; shape (steps,)."""
+    if len(values) == 0:
+        return Statistics(np.nan, np.nan, np.nan, np.nan, 0)
+    # Corrections of 1e-200 must not underflow when squared.
+    largest = float(np.max(values))
+    scale = largest if 0 < largest < np.inf else 1.0
+    return Statistics(
+        rms=float(scale * np.sqrt(np.mean((values / scale) ** 2))),
+        max=largest,
+        median=float(np.median(values)),
+        last=float(values[-1]),
+        zeros=int(np.count_nonzero(values == 0)),
+    )
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One quantity of a cell; see the CSV's columns of the same names."""
+
+    quantity: str
+    measure: str
+    role: str
+    statistics: Statistics
+
+
+def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Measurement]:
+    """Measurements of the recorded Newton corrections.
+
+    Physical corrections are D_R times the scaled ones; an eliminated field's
+    follows from the weights of the form, one kept field each.
+
+    Args:
+        scheme: The scheme that was marched.
+        norms: (steps, p + 1) norms of the scaled blocks.
+        iterations: (steps,) corrections computed; steps with a negative count
+            did not converge and are left out.
+    """
+    counted = norms[iterations > 0]
+    form = scheme.form
+    scaled = dict(zip(form.unknowns, counted.T, strict=True))
+    right = dict(zip(form.unknowns, scheme.right, strict=True))
+    physical = {unknown: right[unknown] * scaled[unknown] for unknown in form.unknowns}
+    for field in form.eliminated:
+        weights = np.abs(scheme.elimination.weights[FIELDS.index(field)])
+        source = int(np.argmax(weights))
+        physical[field] = weights[source] * physical[form.kept[source]]
+
+    found = [
+        Measurement(unknown, "correction", "primary", statistics(scaled[unknown]))
+        for unknown in form.unknowns
+    ]
+    for quantity in (*FIELDS, "lambda"):
+        role = "recovered" if quantity in form.eliminated else "primary"
+        found.append(
+            Measurement(quantity, "physical_correction", role, statistics(physical[quantity]))
+        )
+    return found
+
+
+def condition(values: Array) -> Measurement:
+    """Measurement of condition numbers at the sampled states; shape (samples,)."""
+    return Measurement("jacobian", "condition", "primary", statistics(values))
+
+
+def sample_steps(steps: int, samples: int) -> IndexArray:
+    """Up to ``samples`` evenly spread steps, counted from 1, the last among them."""
+    return np.unique(np.round(np.linspace(0, steps, min(steps, samples) + 1)[1:]).astype(np.int64))

@@ -1,0 +1,143 @@
+"""Monomials c · Π symbolᵏ: the factors of a scaling, read from text.
+
+A factor such as ``gamma/(beta*h)`` is data.  Its value comes from the numbers
+of β, γ and h, its order from the exponent of h.
+"""
+
+import ast
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from newmark_cli.errors import InputError
+
+SYMBOLS = ("beta", "gamma", "h")
+_LONGEST = 200
+
+
+class MonomialError(InputError):
+    """The text is not a positive monomial in the allowed symbols."""
+
+
+@dataclass(frozen=True)
+class Monomial:
+    """c · Π symbolᵏ with c > 0 and whole k.
+
+    Attributes:
+        coefficient: c.
+        powers: (symbol, k) pairs with k ≠ 0, in order of the symbols' names.
+    """
+
+    coefficient: float = 1.0
+    powers: tuple[tuple[str, int], ...] = ()
+
+    @classmethod
+    def parse(cls, text: str | float, symbols: Iterable[str] = SYMBOLS) -> "Monomial":
+        """Read a monomial such as ``1/(beta*h^2)``; the text is never evaluated as code.
+
+        Args:
+            text: Numbers and symbols joined by ``*``, ``/`` and ``^`` (or ``**``)
+                with whole exponents, and parentheses.
+            symbols: Symbols that are allowed.
+
+        Raises:
+            MonomialError: With the reason, on anything else, and when the
+                coefficient is not positive and finite.
+        """
+        source = str(text)
+        if len(source) > _LONGEST:
+            raise MonomialError(f"longer than {_LONGEST} characters")
+        try:
+            tree = ast.parse(source.replace("^", "**").strip(), mode="eval")
+            monomial = _read(tree.body, frozenset(symbols))
+        except (SyntaxError, RecursionError, MemoryError, OverflowError, ValueError) as error:
+            if isinstance(error, MonomialError):
+                raise
+            raise MonomialError(f"{source!r} is not a product of powers") from None
+        if not (math.isfinite(monomial.coefficient) and monomial.coefficient > 0):
+            raise MonomialError(f"{source!r} is not positive")
+        return monomial
+
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """Value for numbers given to the symbols."""
+        # Numerator and denominator apart: γ/(βh) is then rounded as one writes it.
+        above, below = self.coefficient, 1.0
+        for symbol, power in self.powers:
+            if power > 0:
+                above *= values[symbol] ** power
+            else:
+                below *= values[symbol] ** -power
+        return above / below
+
+    def order(self, symbol: str = "h") -> int:
+        """Exponent of a symbol: the order of the factor in h."""
+        return dict(self.powers).get(symbol, 0)
+
+    def __mul__(self, other: "Monomial") -> "Monomial":
+        powers = dict(self.powers)
+        for symbol, power in other.powers:
+            powers[symbol] = powers.get(symbol, 0) + power
+        return Monomial(self.coefficient * other.coefficient, _ordered(powers))
+
+    def __pow__(self, exponent: int) -> "Monomial":
+        return Monomial(
+            self.coefficient**exponent,
+            _ordered({symbol: power * exponent for symbol, power in self.powers}),
+        )
+
+    def __str__(self) -> str:
+        def product(sign: int) -> list[str]:
+            return [
+                symbol if abs(power) == 1 else f"{symbol}^{abs(power)}"
+                for symbol, power in self.powers
+                if power * sign > 0
+            ]
+
+        above, below = product(1), product(-1)
+        if self.coefficient != 1 or not above:
+            above.insert(0, f"{self.coefficient:.17g}")
+        text = "*".join(above)
+        if below:
+            text += "/" + (below[0] if len(below) == 1 else f"({'*'.join(below)})")
+        return text
+
+
+def _ordered(powers: Mapping[str, int]) -> tuple[tuple[str, int], ...]:
+    return tuple(sorted((symbol, power) for symbol, power in powers.items() if power))
+
+
+def _read(node: ast.expr, symbols: frozenset[str]) -> Monomial:
+    match node:
+        case ast.Constant(value=value) if isinstance(value, int | float) and value is not True:
+            return Monomial(float(value))
+        case ast.Name(id=name):
+            if name not in symbols:
+                raise MonomialError(
+                    f"unknown symbol {name!r}; allowed: {', '.join(sorted(symbols))}"
+                )
+            return Monomial(1.0, ((name, 1),))
+        case ast.BinOp(left=left, op=ast.Mult(), right=right):
+            return _read(left, symbols) * _read(right, symbols)
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            divisor = _read(right, symbols)
+            if divisor.coefficient == 0:
+                raise MonomialError("division by zero")
+            return _read(left, symbols) * divisor**-1
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            exponent = _exponent(right)
+            base = _read(left, symbols)
+            if base.coefficient == 0:
+                raise MonomialError("zero is not positive")
+            return base**exponent
+        case ast.UnaryOp(op=ast.USub()):
+            raise MonomialError("a factor must be positive")
+    raise MonomialError("only numbers, symbols, * / ^ and parentheses are allowed")
+
+
+def _exponent(node: ast.expr) -> int:
+    sign = 1
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        node, sign = node.operand, -1
+    if isinstance(node, ast.Constant) and type(node.value) is int and node.value <= 16:
+        return sign * node.value
+    raise MonomialError("exponents are whole numbers up to 16")

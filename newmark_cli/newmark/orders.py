@@ -1,0 +1,134 @@
+"""Orders in h by exponent arithmetic: every slope that theory predicts.
+
+The order of a product adds, the order of a sum is the smallest (Section 2 of
+the paper reads eq. 8b block by block in this sense).  A structural zero has
+order +∞.  All arrays are exponents of h, not values.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.forms import ROWS, Form, eliminate
+from newmark_cli.newmark.integrator import FIELDS, Newmark
+from newmark_cli.newmark.scaling import Scaling
+
+UNKNOWNS = (*FIELDS, "lambda")
+
+#: Orders of u, v, a relative to a change of u through the update relations.
+_RATE_ORDERS = np.array([0, -1, -2])
+
+#: Orders of the blocks of J⁻¹ of the four-field system: unknown → (D, V, K, C).
+#: Its sub-tables are eqs. 23 and 34.
+INVERSE_ORDERS: Mapping[str, tuple[int, ...]] = MappingProxyType(
+    {"u": (2, 2, 0, 0), "v": (1, 0, -1, -1), "a": (0, 0, -2, -2), "lambda": (0, 0, -2, -2)}
+)
+
+
+def min_plus(left: Array, right: Array) -> Array:
+    """Orders of a product of block matrices: min_k (left_ik + right_kj).
+
+    Args:
+        left: (p, q) orders.
+        right: (q,) or (q, r) orders.
+    """
+    columns = right.reshape(right.shape[0], -1)
+    product = np.min(left[:, :, None] + columns[None, :, :], axis=1)
+    return np.asarray(product.reshape((left.shape[0], *right.shape[1:])))
+
+
+@dataclass(frozen=True)
+class FormOrders:
+    """Orders of the unscaled system of a form.
+
+    Attributes:
+        form: The form.
+        weights: (3, p) orders of W = ∂(u, v, a)/∂(kept).
+        jacobian: (rows, unknowns) orders of J (eqs. 21, 33).
+        inverse: (unknowns, rows) orders of J⁻¹ (eqs. 23, 34).
+        residual: (rows,) orders of the residual's perturbation: each row's
+            largest term (eqs. 25, 36).
+    """
+
+    form: Form
+    weights: Array
+    jacobian: Array
+    inverse: Array
+    residual: Array
+
+    def corrections(self, scaling: Scaling | None = None) -> dict[str, float]:
+        """Orders of the corrections of the unknowns (eqs. 26, 37, 40, 45).
+
+        Args:
+            scaling: When given, of the scaled corrections q̄; the rows' factors
+                cancel, the unknowns' divide.
+        """
+        orders = min_plus(self.inverse, self.residual)
+        return {
+            unknown: float(order - (scaling.right[unknown].order() if scaling else 0))
+            for unknown, order in zip(self.form.unknowns, orders, strict=True)
+        }
+
+    def physical_corrections(self) -> dict[str, float]:
+        """Orders of the corrections of u, v, a, λ in physical units.
+
+        The eliminated fields' follow from the weights.  No diagonal scaling
+        changes them.
+        """
+        kept = self.corrections()
+        fields = min_plus(self.weights, np.array([kept[f] for f in self.form.kept]))
+        orders = {f: float(order) for f, order in zip(FIELDS, fields, strict=True)}
+        return {**orders, "lambda": kept["lambda"]}
+
+    def condition(self, scaling: Scaling) -> float:
+        """Order of C = ‖J̄‖·‖J̄⁻¹‖ of the scaled matrix (eqs. 24, 35, 42, 47)."""
+        jacobian, inverse = self.scaled(scaling)
+        return float(np.min(jacobian) + np.min(inverse))
+
+    def scaled(self, scaling: Scaling) -> tuple[Array, Array]:
+        """Orders of J̄ = D_L J D_R and of its inverse (eqs. 39, 44)."""
+        left = np.array([scaling.left[row].order() for row in self.form.rows])
+        right = np.array([scaling.right[unknown].order() for unknown in self.form.unknowns])
+        return (
+            self.jacobian + left[:, None] + right[None, :],
+            self.inverse - right[:, None] - left[None, :],
+        )
+
+
+def form_orders(form: Form) -> FormOrders:
+    """Orders of a form for any integrator of the family.
+
+    X, Y, M and G are taken to be O(1) and present; the fields and λ are O(1).
+    """
+    # Which weights and row entries are there does not depend on h or on the
+    # integrator's numbers; their orders are those of the rates.
+    elimination = eliminate(form, Newmark(0.3, 0.6).relations(0.1))
+    rates_of_kept = np.array([_RATE_ORDERS[FIELDS.index(f)] for f in form.kept])
+    weights = np.where(elimination.weights != 0, _RATE_ORDERS[:, None] - rates_of_kept, np.inf)
+
+    relation = {  # V: v − γh a,  K: u − βh² a
+        "V": np.array([np.inf, 0, 1]),
+        "K": np.array([0, np.inf, 2]),
+    }
+    blocks = {
+        "D": np.append(min_plus(np.zeros((1, 3)), weights)[0], 0),
+        "C": np.append(weights[0], np.inf),
+    }
+    # Residual: f and Gλ beside M times the kept fields in D; fields in V, K; Φ.
+    residual = {"D": min(0.0, np.min(weights[2])), "C": 0.0}
+    for row in form.extra_rows:
+        in_kept = min_plus(relation[row][None, :], weights)[0]
+        blocks[row] = np.append(in_kept, np.inf)
+        residual[row] = float(np.min(in_kept))
+
+    columns = [ROWS.index(row) for row in form.rows]
+    return FormOrders(
+        form=form,
+        weights=weights,
+        jacobian=np.array([blocks[row] for row in form.rows]),
+        inverse=np.array([INVERSE_ORDERS[u] for u in form.unknowns], float)[:, columns],
+        residual=np.array([residual[row] for row in form.rows]),
+    )

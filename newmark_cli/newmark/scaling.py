@@ -1,0 +1,240 @@
+"""Scalings of equations and unknowns: Table 2 of the paper, and a user's own.
+
+The solver sees (D_L J D_R) q̄ = −D_L b and q = D_R q̄ (eqs. 9, 10).  D_L has one
+factor a row block, D_R one a field, each a monomial in β, γ and h.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from newmark_cli.documents import nearest
+from newmark_cli.errors import InputError
+from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.monomial import Monomial, MonomialError
+
+ONE = Monomial()
+
+#: Table 2: factors of the optimal scaling of each form; what is not named is 1.
+#: Its last two columns are this project's, by the rule of `sensitivity`.
+#: The V row is β h/γ where the scan of the paper prints 1: see `PRINTED`.
+TABLE_2: Mapping[str, Mapping[str, Mapping[str, str]]] = MappingProxyType(
+    {
+        "u-v-a-lambda": {
+            "left": {"D": "beta*h^2", "V": "beta*h/gamma", "K": "1", "C": "1"},
+            "right": {
+                "u": "1",
+                "v": "gamma/(beta*h)",
+                "a": "1/(beta*h^2)",
+                "lambda": "1/(beta*h^2)",
+            },
+        },
+        "u-v-lambda": {
+            "left": {"D": "beta*h^2", "K": "1", "C": "1"},
+            "right": {"u": "1", "v": "gamma/(beta*h)", "lambda": "1/(beta*h^2)"},
+        },
+        "u-lambda": {
+            "left": {"D": "beta*h^2", "C": "1"},
+            "right": {"u": "1", "lambda": "1/(beta*h^2)"},
+        },
+        "v-lambda": {
+            "left": {"D": "gamma*h^2", "C": "1"},
+            "right": {"v": "1/(gamma*h)", "lambda": "1/(beta*h^2)"},
+        },
+        "a-lambda": {
+            "left": {"D": "beta*h^2", "C": "1"},
+            "right": {"a": "1/(beta*h^2)", "lambda": "1/(beta*h^2)"},
+        },
+        "u-a-lambda": {
+            "left": {"D": "beta*h^2", "K": "1", "C": "1"},
+            "right": {"u": "1", "a": "1/(beta*h^2)", "lambda": "1/(beta*h^2)"},
+        },
+        "v-a-lambda": {
+            "left": {"D": "beta*h^2", "V": "beta*h/gamma", "C": "1"},
+            "right": {"v": "gamma/(beta*h)", "a": "1/(beta*h^2)", "lambda": "1/(beta*h^2)"},
+        },
+    }
+)
+
+#: Entries of Table 2 as the scan prints them, where they differ from `TABLE_2`.
+PRINTED: Mapping[str, str] = MappingProxyType({"V": "1"})
+
+#: Which sides of Table 2 a named variant uses, in the order of the paper's legends.
+VARIANTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "none": (),
+        "left": ("left",),
+        "right": ("right",),
+        "optimal": ("left", "right"),
+        "optimal-printed": ("left", "right"),
+    }
+)
+#: The four variants of the paper.
+PAPER_VARIANTS = ("none", "left", "right", "optimal")
+
+
+class ScalingError(InputError):
+    """A scaling does not fit the form or is not made of positive monomials."""
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Factors of the row blocks and of the unknowns of one form.
+
+    Attributes:
+        name: A variant's name, or the user's.
+        left: Row block → factor.
+        right: Unknown → factor.
+    """
+
+    name: str
+    left: Mapping[str, Monomial]
+    right: Mapping[str, Monomial]
+
+
+@dataclass(frozen=True)
+class Preconditioning:
+    """A scaling before it is applied to a form: a named variant, or factors of one's own.
+
+    Attributes:
+        name: One of `VARIANTS`, or a name of one's own.
+        left: (row block, factor) pairs of a scaling of one's own.
+        right: (unknown, factor) pairs.
+        own: Whether the factors are given here rather than by Table 2.
+    """
+
+    name: str
+    left: tuple[tuple[str, str], ...] = ()
+    right: tuple[tuple[str, str], ...] = ()
+    own: bool = False
+
+    @property
+    def label(self) -> str:
+        """Text that says everything, so that a CSV alone tells what was run."""
+        if not self.own:
+            return self.name
+        sides = [
+            f"{side} " + " ".join(f"{block}={factor}" for block, factor in factors)
+            for side, factors in (("left", self.left), ("right", self.right))
+            if factors
+        ]
+        return f"{self.name}[{'; '.join(sides)}]"
+
+    @classmethod
+    def parse(cls, label: str) -> "Preconditioning":
+        """Read a `label`.
+
+        Raises:
+            ScalingError: When it is none.
+        """
+        if label in VARIANTS:
+            return cls(label)
+        match = _LABEL.fullmatch(label)
+        if match is None:
+            raise ScalingError(f"unknown preconditioning {label!r}{nearest(label, VARIANTS)}")
+        sides: dict[str, tuple[tuple[str, str], ...]] = {"left": (), "right": ()}
+        for part in filter(None, match["sides"].split("; ")):
+            side, *factors = part.split(" ")
+            pairs = [tuple(factor.partition("=")[::2]) for factor in factors]
+            if side not in sides or not all(block and factor for block, factor in pairs):
+                raise ScalingError(f"preconditioning {label!r} cannot be read")
+            sides[side] = tuple((block, factor) for block, factor in pairs)
+        return cls(match["name"], sides["left"], sides["right"], own=True)
+
+    def scaling(self, form: Form) -> Scaling:
+        """Factors for a form.
+
+        Raises:
+            ScalingError: When a factor is no monomial or the form has no such block.
+        """
+        if self.own:
+            return own_scaling(self.name, form, dict(self.left), dict(self.right))
+        return named_scaling(self.name, form)
+
+
+_LABEL = re.compile(r"(?P<name>[A-Za-z0-9._-]+)\[(?P<sides>[^\[\]]*)\]")
+
+
+def named_scaling(variant: str, form: Form) -> Scaling:
+    """Scaling of a form by a named variant.
+
+    Args:
+        variant: One of `VARIANTS`.
+        form: One of the registered forms.
+    """
+    sides = VARIANTS[variant]
+    table = {side: dict(factors) for side, factors in TABLE_2[form.name].items()}
+    if variant == "optimal-printed":
+        table["left"].update({r: f for r, f in PRINTED.items() if r in form.rows})
+    return own_scaling(
+        variant,
+        form,
+        table["left"] if "left" in sides else {},
+        table["right"] if "right" in sides else {},
+    )
+
+
+def own_scaling(
+    name: str, form: Form, left: Mapping[str, str | float], right: Mapping[str, str | float]
+) -> Scaling:
+    """Scaling from factors given as text; blocks that are not named keep factor 1.
+
+    Args:
+        name: Name shown in CSVs and figures.
+        form: Form it applies to.
+        left: Row block among the form's rows → monomial.
+        right: Unknown of the form → monomial.
+
+    Raises:
+        ScalingError: Names side, block and reason.
+    """
+
+    def side(
+        label: str, given: Mapping[str, str | float], allowed: Iterable[str]
+    ) -> dict[str, Monomial]:
+        factors = dict.fromkeys(allowed, ONE)
+        for block, text in given.items():
+            if block not in factors:
+                raise ScalingError(
+                    f"{label}: form {form.name} has no {block!r}; it has {', '.join(factors)}"
+                )
+            try:
+                factors[block] = Monomial.parse(text)
+            except MonomialError as error:
+                raise ScalingError(f"{label} {block}: {error}") from None
+        return factors
+
+    return Scaling(name, side("left", left, form.rows), side("right", right, form.unknowns))
+
+
+def sensitivity(form: Form, w_v: Monomial, w_a: Monomial) -> Scaling:
+    """Scaling by the sensitivity of each unknown to displacement.
+
+    The rule behind Table 2, up to constants: unknowns are scaled by ∂v/∂u and
+    ∂a/∂u of the two-field form (u, λ), rows by their inverses.
+
+    Args:
+        form: Any form.
+        w_v: ∂v/∂u (1/s), γ/(βh) for Newmark.
+        w_a: ∂a/∂u (1/s²), 1/(βh²) for Newmark.
+    """
+    right = dict(zip((*FIELDS, "lambda"), (ONE, w_v, w_a, w_a), strict=True))
+    left = {"D": w_a**-1, "V": w_v**-1, "K": ONE, "C": ONE}
+    return Scaling(
+        "sensitivity",
+        {row: left[row] for row in form.rows},
+        {field: right[field] for field in form.unknowns},
+    )
+
+
+def _check_table() -> None:
+    """Table 2 has exactly the rows and unknowns of each form."""
+    for name, form in FORMS.items():
+        table = TABLE_2[name]
+        if tuple(table["left"]) != form.rows or tuple(table["right"]) != form.unknowns:
+            raise ScalingError(f"Table 2 does not fit form {name}")
+
+
+_check_table()

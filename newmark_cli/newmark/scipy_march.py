@@ -1,0 +1,134 @@
+"""The Newton march in plain SciPy: the same algorithm as the kernel, easy to read.
+
+It is the reference that the kernel is tested against, and the place to put
+another linear solver.
+"""
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.jacobian import scaled_jacobian
+from newmark_cli.newmark.kernel import COMPLETED, DIVERGED, SINGULAR, State
+from newmark_cli.newmark.scheme import SETTLED_BELOW, Scheme
+from newmark_cli.problems.problem import Problem
+
+#: Solves a linear system; raises LinAlgError when it cannot.
+Solver = Callable[[Array, Array], Array]
+
+
+def dense_lu(matrix: Array, rhs: Array) -> Array:
+    """Solve by LAPACK's LU factorisation with partial pivoting."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", scipy.linalg.LinAlgWarning)
+        try:
+            factors = scipy.linalg.lu_factor(matrix, check_finite=False)
+        except scipy.linalg.LinAlgWarning as warning:
+            raise np.linalg.LinAlgError(str(warning)) from None
+    return np.asarray(scipy.linalg.lu_solve(factors, rhs, check_finite=False))
+
+
+class _Step:
+    """One time step: what is fixed while Newton iterates."""
+
+    def __init__(self, problem: Problem, scheme: Scheme, past: Array) -> None:
+        self.problem = problem
+        self.scheme = scheme
+        self.past = past
+        tables = scheme.tables
+        self.mass_matrix = problem.M
+        self.field_history = tables.past_weights @ past
+        self.dynamic_history = self.mass_matrix @ (tables.dynamic_past @ past)
+        self.row_history = tables.row_past @ past
+
+    def predicted(self) -> Array:
+        """(3, n) u = u_n + h v_n, and v, a that the update relations give with it."""
+        return np.asarray(self.scheme.tables.predictor @ self.past)
+
+    def recover(self, fields: Array) -> None:
+        """Evaluate the eliminated fields afresh from the kept ones."""
+        tables = self.scheme.tables
+        for field, name in enumerate(FIELDS):
+            if name in self.scheme.form.kept:
+                continue
+            fields[field] = self.field_history[field]
+            for k, source in enumerate(tables.kept):
+                if weight := tables.weights[field, k]:
+                    origin = self.past[source] if tables.differenced[field] else 0.0
+                    fields[field] += weight * (fields[source] - origin)
+
+    def residual(self, fields: Array, force: Array, phi: Array) -> list[Array]:
+        """Row blocks of b: D, the kept ones of V and K, C."""
+        tables = self.scheme.tables
+        kept = fields[tables.kept]
+        dynamics = self.mass_matrix @ (tables.dynamic_weights @ kept) + self.dynamic_history
+        return [dynamics - force, *(tables.row_weights @ kept + self.row_history), phi]
+
+
+def march(
+    problem: Problem,
+    scheme: Scheme,
+    state: State,
+    first: int,
+    norms: Array,
+    iterations: IndexArray,
+    solve: Solver = dense_lu,
+) -> tuple[int, int]:
+    """Advance ``state`` by ``len(norms)`` steps; the arguments are the kernel's.
+
+    Args:
+        problem, scheme: What to march.
+        state: Overwritten.
+        first: Steps taken since the initial time.
+        norms: (steps, p + 1) overwritten with the norms of the recorded
+            correction's blocks, in the scaled unknowns.
+        iterations: (steps,) overwritten with the corrections computed, negative
+            where the step did not converge.
+        solve: Linear solver.
+
+    Returns:
+        How the march ended and the steps done.
+    """
+    tables, n = scheme.tables, problem.n
+    splits = [n * (k + 1) for k in range(len(tables.kept))]
+    fields, multipliers = state.fields, state.multipliers
+    for s in range(len(norms)):
+        t = problem.t0 + (first + s + 1) * scheme.h
+        step = _Step(problem, scheme, state.past.copy())
+        fields[:3] = step.predicted()
+        previous, settled, solves = np.inf, 0, 0
+        while solves < scheme.iteration_cap:
+            terms = problem.evaluate(t, fields[0], fields[1], multipliers)
+            b = step.residual(fields, terms.force, terms.phi)
+            rhs = -np.concatenate([f * row for f, row in zip(scheme.left, b, strict=True)])
+            try:
+                correction = solve(scaled_jacobian(scheme, terms, step.mass_matrix), rhs)
+            except np.linalg.LinAlgError:
+                return SINGULAR, s
+            solves += 1
+            norm = float(np.linalg.norm(correction))
+            if not np.isfinite(norm):
+                return DIVERGED, s
+            if settled >= 2 and norm >= previous:
+                break
+            previous = norm
+
+            blocks = np.split(correction, splits)
+            norms[s] = [np.linalg.norm(block) for block in blocks]
+            for source, block, factor in zip(tables.kept, blocks, scheme.right, strict=False):
+                fields[source] += factor * block
+            multipliers += scheme.right[-1] * blocks[-1]
+            step.recover(fields)
+            displacement = np.linalg.norm(tables.weights[0] * scheme.right[:-1] * norms[s, :-1])
+            small = displacement < SETTLED_BELOW * np.linalg.norm(fields[0])
+            settled = settled + 1 if small or norm == 0 else 0
+            if norm == 0:
+                break
+        iterations[s] = solves if settled else -solves
+        fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ state.past
+        state.past[:] = np.concatenate([fields, state.past])[tables.advance]
+    return COMPLETED, len(norms)

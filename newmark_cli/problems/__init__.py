@@ -1,0 +1,1 @@
+"""Problems: what the core asks of them, and planar mechanisms as data."""

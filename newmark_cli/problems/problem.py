@@ -1,0 +1,123 @@
+"""What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.errors import InputError
+
+
+class ProblemError(InputError):
+    """A problem's definition cannot be used; says where and why."""
+
+
+class Pattern(NamedTuple):
+    """Where the values that a problem's function produces belong.
+
+    Entries with the same place add up.
+    """
+
+    mass_rows: IndexArray
+    mass_columns: IndexArray
+    x_rows: IndexArray
+    x_columns: IndexArray
+    y_rows: IndexArray
+    y_columns: IndexArray
+    g_rows: IndexArray  #: coordinate of each entry of G
+    g_columns: IndexArray  #: constraint of each entry of G
+
+
+class Terms(NamedTuple):
+    """A problem at one state.
+
+    Attributes:
+        force: (n,) f + Gλ.
+        phi: (m,) Φ.
+        X: (n, n) −∂(f + Gλ)/∂u (eq. 18a).
+        Y: (n, n) −∂f/∂v (eq. 18b).
+        G: (n, m) Φ_uᵀ.
+    """
+
+    force: Array
+    phi: Array
+    X: Array
+    Y: Array
+    G: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """An index-3 problem whose values come from a compiled function.
+
+    Attributes:
+        name: Name in configs and CSVs.
+        u0, v0: (n,) initial coordinates and velocities.
+        t0: Initial time (s).
+        constraints: m.
+        function: Compiled ``(t, u, v, λ, ints, reals, force, Φ, X, Y, G)`` that
+            overwrites the last five, the matrices as values at ``pattern``.
+        curvature_function: Compiled ``(t, u, v, ints, reals, curvature)``.
+        ints, reals: Two-dimensional tables handed to the functions.
+        pattern: Places of the values.
+        mass_values: Values of M.
+    """
+
+    name: str
+    u0: Array
+    v0: Array
+    t0: float
+    constraints: int
+    function: Callable[..., None]
+    curvature_function: Callable[..., None]
+    ints: IndexArray
+    reals: Array
+    pattern: Pattern
+    mass_values: Array
+    drawing: Any = None
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.u0)
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return self.constraints
+
+    @property
+    def M(self) -> Array:
+        """(n, n) mass matrix."""
+        return _dense(
+            self.pattern.mass_rows, self.pattern.mass_columns, self.mass_values, (self.n, self.n)
+        )
+
+    def evaluate(self, t: float, u: Array, v: Array, multipliers: Array) -> Terms:
+        """All terms at a state; u, v are (n,), multipliers (m,)."""
+        n, m, pattern = self.n, self.m, self.pattern
+        force, phi = np.empty(n), np.empty(m)
+        x, y = np.empty(len(pattern.x_rows)), np.empty(len(pattern.y_rows))
+        g = np.empty(len(pattern.g_rows))
+        self.function(t, u, v, multipliers, self.ints, self.reals, force, phi, x, y, g)
+        return Terms(
+            force=force,
+            phi=phi,
+            X=_dense(pattern.x_rows, pattern.x_columns, x, (n, n)),
+            Y=_dense(pattern.y_rows, pattern.y_columns, y, (n, n)),
+            G=_dense(pattern.g_rows, pattern.g_columns, g, (n, m)),
+        )
+
+    def curvature(self, t: float, u: Array, v: Array) -> Array:
+        """(m,) second time derivative of Φ along u'' = 0: Φ'' = Gᵀ u'' + curvature."""
+        curvature = np.zeros(self.m)
+        self.curvature_function(t, u, v, self.ints, self.reals, curvature)
+        return curvature
+
+
+def _dense(rows: IndexArray, columns: IndexArray, values: Array, shape: tuple[int, int]) -> Array:
+    matrix = np.zeros(shape)
+    np.add.at(matrix, (rows, columns), values)
+    return matrix

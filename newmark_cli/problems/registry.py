@@ -1,0 +1,26 @@
+"""Problems by name: the mechanism files that travel with the package."""
+
+from functools import cache
+from pathlib import Path
+
+from newmark_cli.documents import nearest
+from newmark_cli.problems.problem import Problem, ProblemError
+
+_FOLDER = Path(__file__).parent / "mechanisms"
+
+#: Names of the shipped problems.
+PROBLEMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
+
+
+@cache
+def problem(name: str) -> Problem:
+    """The shipped problem of this name.
+
+    Raises:
+        ProblemError: When there is none.
+    """
+    if name not in PROBLEMS:
+        raise ProblemError(f"unknown problem {name!r}{nearest(name, PROBLEMS)}")
+    from newmark_cli.problems import planar  # numba and numpy only when they are needed
+
+    return planar.load(_FOLDER / f"{name}.yaml", name)

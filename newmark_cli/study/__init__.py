@@ -1,0 +1,1 @@
+"""Studies: configs, cells, running them, CSVs and their provenance."""

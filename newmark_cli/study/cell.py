@@ -1,0 +1,110 @@
+"""One cell of a study: one problem, integrator, form, scaling and step size."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.newmark import kernel, kernel_march, measures
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.jacobian import condition_number
+from newmark_cli.newmark.measures import Measurement
+from newmark_cli.newmark.scaling import Preconditioning
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.registry import problem
+
+#: Statuses of a cell, from good to bad.
+STATUSES = ("ok", "not_converged", "singular", "diverged", "failed")
+_ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one cell computes; steps = 0 measures at the consistent initial state."""
+
+    problem: str
+    integrator: Newmark
+    form: str
+    preconditioning: Preconditioning
+    h: float
+    t_end: float
+    steps: int
+    measure: tuple[str, ...]
+    iteration_cap: int
+    samples: int
+
+    @property
+    def weight(self) -> int:
+        """Steps, as progress counts them; never zero."""
+        return max(self.steps, 1)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a cell found.
+
+    Attributes:
+        measurements: In the order of the CSV's rows.
+        not_converged: Steps that ended above the terminal-phase threshold.
+        newton_iterations: Corrections computed per step, mean; NaN without steps.
+        status: One of `STATUSES`.
+        reason: Why, where the status is failed.
+    """
+
+    measurements: list[Measurement]
+    not_converged: int
+    newton_iterations: float
+    status: str
+    reason: str = ""
+
+
+def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Outcome:
+    """March a cell and measure it.
+
+    Args:
+        cell: What to compute.
+        on_steps: Told how many steps were done, now and then; an exception
+            that it raises ends the march.
+    """
+    form = FORMS[cell.form]
+    scheme = Scheme(
+        cell.integrator, form, cell.preconditioning.scaling(form), cell.h, cell.iteration_cap
+    )
+    subject = problem(cell.problem)
+    state = initial_state(subject, cell.integrator)
+    norms = np.zeros((cell.steps, len(form.unknowns)))
+    iterations = np.zeros(cell.steps, np.int64)
+    conditions = []
+    ending, done = kernel.COMPLETED, 0
+
+    if cell.steps == 0 and "condition" in cell.measure:
+        conditions.append(condition_number(subject, scheme, subject.t0, state))
+    for sample in measures.sample_steps(cell.steps, cell.samples):
+        stretch = slice(done, int(sample))
+        ending, taken = kernel_march.march(
+            subject, scheme, state, done, norms[stretch], iterations[stretch]
+        )
+        done += taken
+        on_steps(taken)
+        if ending != kernel.COMPLETED:
+            break
+        if "condition" in cell.measure:
+            time = subject.t0 + done * cell.h
+            conditions.append(condition_number(subject, scheme, time, state))
+    if cell.steps == 0:
+        on_steps(1)
+
+    found: list[Measurement] = []
+    if "correction" in cell.measure:
+        found += measures.corrections(scheme, norms[:done], iterations[:done])
+    if "condition" in cell.measure:
+        found.append(measures.condition(np.array(conditions)))
+    not_converged = int(np.count_nonzero(iterations[:done] < 0))
+    return Outcome(
+        measurements=found,
+        not_converged=not_converged,
+        newton_iterations=float(np.mean(np.abs(iterations[:done]))) if done else np.nan,
+        status=_ENDINGS.get(ending, "not_converged" if not_converged else "ok"),
+    )

@@ -1,0 +1,319 @@
+"""Study configs: YAML in, frozen models and cells out."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+
+from newmark_cli import documents
+from newmark_cli.documents import Document, DocumentError, KeyPath, StrictModel, misfit
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import IntegratorError, Newmark
+from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
+from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.study.cell import Cell
+
+MEASURES = ("correction", "condition")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_MOST_STEPS = 20_000_000
+
+
+def _as_list(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+def _without_repeats(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    for i, value in enumerate(values):
+        if value in values[:i]:
+            raise ValueError(f"given twice: {getattr(value, 'name', value)}")
+    return values
+
+
+def _known(kind: str, allowed: tuple[str, ...]) -> AfterValidator:
+    def check(name: str) -> str:
+        if name not in allowed:
+            raise documents.unknown_name(kind, name, allowed)
+        return name
+
+    return AfterValidator(check)
+
+
+def _name(text: str) -> str:
+    if not _NAME.fullmatch(text):
+        raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
+    return text
+
+
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+Name = Annotated[str, AfterValidator(_name)]
+Factor = Annotated[str | float, Field(union_mode="left_to_right")]
+
+
+class OwnScaling(StrictModel):
+    """A scaling of one's own; blocks that are not named keep factor 1."""
+
+    name: Name = Field(description="name in CSVs and figures")
+    left: dict[str, Factor] = Field({}, description="row block D, V, K, C → monomial")
+    right: dict[str, Factor] = Field({}, description="unknown u, v, a, lambda → monomial")
+
+    @model_validator(mode="after")
+    def _not_a_variant(self) -> "OwnScaling":
+        if self.name in VARIANTS:
+            raise misfit("name", f"{self.name!r} is a variant of the paper; take another name")
+        return self
+
+    def preconditioning(self) -> Preconditioning:
+        """The core's value."""
+        # Without blanks, so that the label in the CSV can be read back.
+        left, right = (
+            tuple((block, "".join(str(factor).split())) for block, factor in side.items())
+            for side in (self.left, self.right)
+        )
+        return Preconditioning(self.name, left, right, own=True)
+
+
+class IntegratorConfig(StrictModel):
+    """An integrator of the Newmark family."""
+
+    method: Annotated[str, _known("method", ("newmark",))] = "newmark"
+    beta: Number = Field(0.25, description="β; 1/4 with γ = 1/2 is the trapezoidal rule")
+    gamma: Number = Field(0.5, description="γ")
+
+    @model_validator(mode="after")
+    def _usable(self) -> "IntegratorConfig":
+        try:
+            self.integrator()
+        except IntegratorError as error:
+            raise misfit(str(error).split()[0], str(error)) from None
+        return self
+
+    def integrator(self) -> Newmark:
+        """The core's value."""
+        return Newmark(self.beta, self.gamma)
+
+
+def _preconditioning(value: Any) -> Any:
+    if isinstance(value, dict):
+        return OwnScaling.model_validate(value)
+    if not isinstance(value, str) or value not in VARIANTS:
+        raise documents.unknown_name("preconditioning", value, VARIANTS)
+    return value
+
+
+Variant = Annotated[Any, BeforeValidator(_preconditioning)]
+Problems = Annotated[
+    tuple[Annotated[str, _known("problem", PROBLEMS)], ...],
+    BeforeValidator(_as_list),
+    Field(min_length=1),
+    AfterValidator(_without_repeats),
+]
+Forms = Annotated[
+    tuple[Annotated[str, _known("form", tuple(FORMS))], ...],
+    BeforeValidator(_as_list),
+    Field(min_length=1),
+    AfterValidator(_without_repeats),
+]
+Variants = Annotated[
+    tuple[Variant, ...],
+    BeforeValidator(_as_list),
+    Field(min_length=1),
+    AfterValidator(_without_repeats),
+]
+StepSizes = Annotated[
+    tuple[Positive, ...],
+    BeforeValidator(_as_list),
+    Field(min_length=1),
+    AfterValidator(_without_repeats),
+]
+Measures = Annotated[
+    tuple[Annotated[str, _known("measure", MEASURES)], ...],
+    BeforeValidator(_as_list),
+    Field(min_length=1),
+    AfterValidator(_without_repeats),
+]
+
+
+class Case(StrictModel):
+    """A full grid: every problem, form, scaling and step size with every other."""
+
+    problem: Problems = Field(description="name of a problem, or a list")
+    form: Forms = Field(description="name of a form, or a list")
+    preconditioning: Variants = Field(description="variant or scaling of one's own, or a list")
+    h: StepSizes = Field(description="step sizes (s)")
+    t_end: Positive | None = Field(None, description="end of the march, from 0 (s)")
+    steps: Annotated[int, Strict(), Field(ge=0, le=_MOST_STEPS)] | None = Field(
+        None, description="steps to take, in place of t_end; 0: measure at the initial state"
+    )
+    integrator: IntegratorConfig = Field(IntegratorConfig(), description="default: trapezoidal")
+    measure: Measures = Field(MEASURES, description="what is measured")
+    iteration_cap: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
+        50, description="most Newton corrections in a step"
+    )
+    samples: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
+        32, description="most steps at which a condition number is computed"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Case":
+        if (self.t_end is None) == (self.steps is None):
+            given = "both" if self.steps is not None else "neither"
+            raise misfit("t_end", f"needs either t_end or steps, given {given}")
+        if self.t_end is not None:
+            for h in self.h:
+                if h > self.t_end * (1 + 1e-9):
+                    raise misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
+                if self.t_end / h > _MOST_STEPS:
+                    raise misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
+        if self.steps == 0 and "correction" in self.measure:
+            raise misfit("measure", "no corrections without steps; allowed: condition")
+        for name in self.form:
+            for variant in self.variants():
+                try:
+                    variant.scaling(FORMS[name])
+                except ScalingError as error:
+                    raise misfit("preconditioning", f"{variant.name}: {error}") from None
+        return self
+
+    def variants(self) -> list[Preconditioning]:
+        """Scalings in the order given."""
+        return [
+            v.preconditioning() if isinstance(v, OwnScaling) else Preconditioning(v)
+            for v in self.preconditioning
+        ]
+
+    def cells(self) -> Iterator[Cell]:
+        """Cells in the order of the CSV."""
+        for problem in self.problem:
+            for form in self.form:
+                for variant in self.variants():
+                    for h in self.h:
+                        steps = self.steps
+                        if steps is None:
+                            assert self.t_end is not None
+                            # Whole steps up to t_end; h = 1e-7 is no binary fraction.
+                            steps = math.floor(self.t_end / h * (1 + 1e-9))
+                        yield Cell(
+                            problem=problem,
+                            integrator=self.integrator.integrator(),
+                            form=form,
+                            preconditioning=variant,
+                            h=h,
+                            t_end=self.t_end if self.t_end is not None else steps * h,
+                            steps=steps,
+                            measure=self.measure,
+                            iteration_cap=self.iteration_cap,
+                            samples=self.samples,
+                        )
+
+
+class Study(StrictModel):
+    """A study: a name and its cases."""
+
+    study: Name = Field(description="names the CSV")
+    description: str = Field("", description="one line for `list`")
+    cases: tuple[Case, ...]
+
+    def cells(self) -> list[Cell]:
+        """All cells in the order of the CSV."""
+        return [cell for case in self.cases for cell in case.cells()]
+
+
+_STUDY_KEYS = ("study", "description", "cases")
+
+
+def load(path: Path, name: str | None = None) -> Study:
+    """Study from a YAML file.
+
+    Keys of a case may stand at the top: they hold for every case that does not
+    set them, and without ``cases`` they are the only case.
+
+    Args:
+        path: The file.
+        name: How errors name it.
+
+    Raises:
+        DocumentError: Names file, line and key of the first mistake.
+    """
+    return parse(documents.read(path, name))
+
+
+def parse(document: Document) -> Study:
+    """Study from a document; see :func:`load`."""
+    data = document.data
+    if not isinstance(data, dict):
+        raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
+    allowed = (*_STUDY_KEYS, *Case.model_fields)
+    for key in data:
+        if key not in allowed:
+            raise document.error((key,), f"unknown key{documents.nearest(key, allowed)}")
+    shared = {key: value for key, value in data.items() if key not in _STUDY_KEYS}
+    given = data.get("cases", [{}])
+    if not isinstance(given, list) or not given:
+        raise document.error(("cases",), "must be a list of cases, at least one")
+    cases = [_case(document, shared, case, i) for i, case in enumerate(given)]
+    head = {key: data[key] for key in ("study", "description") if key in data}
+    study = documents.validate(document, Study, {**head, "cases": cases})
+    _refuse_repeated_cells(document, study)
+    return study
+
+
+def _case(document: Document, shared: Mapping[str, Any], given: Any, index: int) -> Case:
+    if not isinstance(given, dict):
+        raise document.error(("cases", index), "must be a mapping of keys to values")
+
+    def locate(path: KeyPath) -> KeyPath:
+        if "cases" in document.data and (not path or path[0] in given or path[0] not in shared):
+            return ("cases", index, *path)
+        return path
+
+    if "t_end" in given or "steps" in given:
+        shared = {key: value for key, value in shared.items() if key not in ("t_end", "steps")}
+    return documents.validate(document, Case, {**shared, **given}, locate)
+
+
+def _refuse_repeated_cells(document: Document, study: Study) -> None:
+    seen = set()
+    for cell in study.cells():
+        key = (
+            cell.problem, cell.integrator, cell.form, cell.preconditioning.label, cell.h,
+            cell.steps == 0, cell.measure,
+        )  # fmt: skip
+        if key in seen:
+            raise document.error(
+                ("cases",),
+                f"two cases have {cell.problem}, {cell.form}, {cell.preconditioning.name}, "
+                f"h = {cell.h:g}",
+            )
+        seen.add(key)
+
+
+def shipped_folder() -> Path:
+    """Folder of the shipped configs: in the wheel, or at the top of a checkout."""
+    package = Path(__file__).parents[1]
+    in_wheel = package / "configs"
+    return in_wheel if in_wheel.is_dir() else package.parent / "configs"
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the shipped configs."""
+    return tuple(sorted(file.stem for file in shipped_folder().glob("*.yaml")))
+
+
+def find(config: str) -> Study:
+    """Study from a file, or from the shipped config of this name.
+
+    Raises:
+        DocumentError: When it is neither, or is not valid.
+    """
+    path = Path(config)
+    if path.suffix in (".yaml", ".yml") or path.exists():
+        return load(path, config)
+    if config in shipped():
+        return load(shipped_folder() / f"{config}.yaml", f"{config}.yaml")
+    raise DocumentError(
+        f"{config}: no such file and no shipped config{documents.nearest(config, shipped())}"
+    )

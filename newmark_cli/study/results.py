@@ -1,0 +1,127 @@
+"""The results folder: CSVs of studies, their provenance, atomic writing."""
+
+import csv
+import io
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from newmark_cli.errors import InputError
+from newmark_cli.study.cell import Cell, Outcome
+
+#: Columns of a study's CSV; a new one is appended, none is renamed.
+COLUMNS = (
+    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
+    "linear_solver", "h", "t_end", "steps", "quantity", "measure", "role", "rms", "max",
+    "median", "last", "zeros", "not_converged", "newton_iterations", "status",
+)  # fmt: skip
+
+
+class ResultsError(InputError):
+    """The results folder or a file in it cannot be used."""
+
+
+def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+    """Rows of a study's CSV: one for each cell and quantity, in the order of the cells.
+
+    A cell that failed before it measured anything still has a row.
+    """
+    table = []
+    for cell, outcome in zip(cells, outcomes, strict=True):
+        common = {
+            "study": study,
+            "problem": cell.problem,
+            "integrator": cell.integrator.label,
+            "form": cell.form,
+            "preconditioning": cell.preconditioning.label,
+            "evaluation": "direct",
+            "precision": "float64",
+            "linear_solver": "dense-lu",
+            "h": cell.h,
+            "t_end": cell.t_end,
+            "steps": cell.steps,
+            "not_converged": outcome.not_converged,
+            "newton_iterations": outcome.newton_iterations,
+            "status": outcome.status,
+        }
+        for found in outcome.measurements:
+            statistics = found.statistics
+            table.append(
+                common
+                | {"quantity": found.quantity, "measure": found.measure, "role": found.role}
+                | vars(statistics)
+            )
+        if not outcome.measurements:
+            table.append(common)
+    return table
+
+
+def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
+    """CSV with floats that read back to the same bits; what is missing or NaN is empty."""
+    columns = list(columns)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in table:
+        writer.writerow([_spell(row.get(column)) for column in columns])
+    return text.getvalue()
+
+
+def _spell(value: Any) -> str:
+    if value is None or value != value:
+        return ""
+    if isinstance(value, float):
+        return repr(float(value))
+    return str(value)
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write a file under a temporary name and rename it: whole, or as it was before.
+
+    Raises:
+        ResultsError: When it cannot be written.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(temporary, 0o666 & ~_umask())
+            os.replace(temporary, path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def require_writable(folder: Path) -> None:
+    """Refuse a results folder before hours of work rather than after.
+
+    Raises:
+        ResultsError: When the folder cannot be made or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".probe."):
+            pass
+    except OSError as error:
+        raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from None
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON for people to read, atomically."""
+    write_atomically(path, json.dumps(value, indent=2, ensure_ascii=False) + "\n")
