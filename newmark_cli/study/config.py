@@ -17,6 +17,9 @@ from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.study.cell import Cell
 
 MEASURES = ("correction", "condition")
+
+#: Shipped configs that `reproduce` runs.
+REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _MOST_STEPS = 20_000_000
 

@@ -1,0 +1,5 @@
+"""``python -m newmark_cli``."""
+
+from newmark_cli.cli import main
+
+main()

@@ -1,0 +1,357 @@
+"""Drawing: the one module that imports matplotlib.  One style for all figures."""
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc, Polygon
+from matplotlib.ticker import LogLocator
+
+from newmark_cli.arrays import Array
+from newmark_cli.problems.planar import Mechanism
+from newmark_cli.report.figures import MechanismFigure, OrderFigure
+from newmark_cli.report.slopes import Slope, format_order, format_slope
+from newmark_cli.study.results import write_atomically
+
+#: Width of a journal column (inch).
+_WIDTH = 3.5
+
+_STYLE: Any = {
+    "font.size": 7.5,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "mathtext.fontset": "dejavusans",
+    "svg.hashsalt": "newmark-study",
+    "savefig.dpi": 300,
+}
+
+# Colours of Okabe and Ito, dark to light, so that they differ in grey too; open
+# and filled markers of different sizes, so that coinciding series all show.
+_LOOKS: tuple[dict[str, Any], ...] = (
+    {"color": "#000000", "marker": "o", "markersize": 7.5, "fill": False, "linestyle": "-"},
+    {"color": "#0072B2", "marker": "x", "markersize": 4.5, "fill": True, "linestyle": "--"},
+    {"color": "#D55E00", "marker": "s", "markersize": 7.0, "fill": False, "linestyle": "-."},
+    {"color": "#E69F00", "marker": "D", "markersize": 3.0, "fill": True, "linestyle": ":"},
+    {"color": "#009E73", "marker": "^", "markersize": 5.0, "fill": False, "linestyle": "-"},
+    {"color": "#56B4E9", "marker": "v", "markersize": 3.5, "fill": True, "linestyle": "--"},
+)
+
+_SYMBOLS = {"u": "u", "v": "v", "a": "a", "lambda": r"\lambda"}
+
+
+def axis_label(quantity: str, measure: str) -> str:
+    """Label of the ordinate in the field's symbols."""
+    if measure == "condition":
+        return r"condition number $C = \|\bar J\|\,\|\bar J^{-1}\|$"
+    symbol = _SYMBOLS[quantity]
+    if measure == "correction":
+        return rf"last decreasing correction $\|\Delta\bar {symbol}\|$ (rms)"
+    return rf"last decreasing correction $\|\Delta {symbol}\|$ (rms)"
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and SVG, the same bytes each time; returns the files."""
+    files = []
+    for suffix, metadata in ((".png", {}), (".svg", {"Date": None})):
+        with mpl.rc_context(_STYLE):
+            content = io.BytesIO()
+            figure.savefig(content, format=suffix[1:], metadata=metadata)
+        files.append(stem.with_suffix(suffix))
+        write_atomically(files[-1], content.getvalue())
+    return files
+
+
+def order_figure(figure: OrderFigure, slopes: Sequence[Slope]) -> Figure:
+    """A quantity against h: points, fitted slopes in the legend, predicted ones as lines.
+
+    Args:
+        figure: The entry.
+        slopes: Its series, in the order of the legend.
+    """
+    with mpl.rc_context(_STYLE):
+        drawing = Figure(figsize=(_WIDTH, 2.9), layout="constrained")
+        axes = drawing.add_subplot()
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for slope, look in zip(slopes, _LOOKS, strict=False):
+            shown = np.isfinite(slope.values) & (slope.values > 0)
+            order = np.argsort(slope.h[shown])
+            error = f" ± {slope.fit.stderr:.2f}" if np.isfinite(slope.fit.stderr) else ""
+            name = slope.preconditioning.partition("[")[0]
+            axes.plot(
+                slope.h[shown][order],
+                slope.values[shown][order],
+                color=look["color"],
+                marker=look["marker"],
+                markersize=look["markersize"],
+                markerfacecolor=look["color"] if look["fill"] else "none",
+                linestyle=look["linestyle"],
+                label=f"{name}: {format_slope(slope.fit.slope)}{error}",
+            )
+        _widen(axes, slopes)
+        _predicted_lines(axes, slopes)
+        axes.set_xlabel("step size $h$ (s)" if figure.problem != "pendulum" else "step size $h$")
+        axes.set_ylabel(axis_label(figure.quantity, figure.measure))
+        axes.set_title(figure.title)
+        axes.xaxis.set_major_locator(LogLocator(numticks=12))
+        axes.yaxis.set_major_locator(LogLocator(numticks=10))
+        axes.grid(color="0.92", linewidth=0.5)
+        axes.set_axisbelow(True)
+        legend = axes.legend(title="fitted slope", loc="best", handlelength=3.0, borderpad=0.2)
+        legend.get_title().set_fontsize(7)
+        missing = sum(int(np.count_nonzero(slope.values == 0)) for slope in slopes)
+        if missing:
+            axes.annotate(f"{missing} values are exactly 0", (0.02, 0.02), xycoords="axes fraction")
+    return drawing
+
+
+def _widen(axes: Any, slopes: Sequence[Slope]) -> None:
+    """At least four decades: scatter by a few per cent must not look like a trend."""
+    values = np.concatenate([slope.values for slope in slopes])
+    values = np.log10(values[np.isfinite(values) & (values > 0)])
+    if len(values) == 0:
+        return
+    low, high = values.min(), values.max()
+    margin = max(0.12 * (high - low), 0.5, (4 - (high - low)) / 2)
+    axes.set_ylim(10 ** (low - margin), 10 ** (high + margin))
+
+
+def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
+    """One thin line for each distinct predicted slope, through its series' middle."""
+    drawn: dict[float, Array] = {}
+    for slope in slopes:
+        if slope.expected in drawn or slope.fit.points < 1:
+            continue
+        shown = np.isfinite(slope.values) & (slope.values > 0)
+        log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
+        ends = np.array([log_h.min(), log_h.max()])
+        drawn[slope.expected] = log_y.mean() + slope.expected * (ends - log_h.mean())
+        label = "predicted" if len(drawn) == 1 else None
+        axes.plot(
+            10**ends,
+            10 ** drawn[slope.expected],
+            color="0.55",
+            linewidth=0.6,
+            zorder=1,
+            label=label,
+        )
+        axes.annotate(
+            f"$h^{{{format_order(slope.expected)}}}$".replace("−", "-"),
+            (10 ** ends[1], 10 ** drawn[slope.expected][1]),
+            textcoords="offset points",
+            xytext=(2, 5),
+            ha="left",
+            fontsize=7,
+            color="0.35",
+        )
+    left, right = axes.get_xlim()
+    axes.set_xlim(left, right * 1.9)
+
+
+def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
+    """A mechanism in its initial position: bodies, joints, ground, springs, torques."""
+    with mpl.rc_context(_STYLE | {"xtick.top": False, "ytick.right": False}):
+        places = _places(mechanism)
+        # Millimetres: mechanisms of this kind are a hand wide.
+        points = {name: 1e3 * place for name, place in places.items()}
+        size = max(
+            np.ptp([p.real for p in points.values()]), np.ptp([p.imag for p in points.values()])
+        )
+        drawing = Figure(figsize=(_WIDTH, 3.5), layout="constrained")
+        axes = drawing.add_subplot()
+        for name, body in mechanism.bodies.items():
+            _body(axes, mechanism, name, points, size)
+            _body_label(axes, name, points[body.from_], points[body.to], size)
+        for bar in mechanism.bars.values():
+            _line(axes, [points[bar.from_], points[bar.to]], color="black", linewidth=1.6)
+        for spring in mechanism.springs.values():
+            _line(
+                axes,
+                _zigzag(points[spring.from_], points[spring.to], 0.012 * size),
+                color="#009E73",
+                linewidth=0.9,
+            )
+        for torque in mechanism.torques.values():
+            _torque(axes, points[mechanism.bodies[torque.on].from_], 0.05 * size, torque.torque)
+        for name, place in points.items():
+            fixed = name in mechanism.points and mechanism.points[name].fixed is not None
+            if fixed:
+                _ground(axes, place, 0.03 * size)
+            axes.plot(
+                place.real,
+                place.imag,
+                "o",
+                color="black",
+                markersize=3.6,
+                zorder=5,
+                markerfacecolor="black" if fixed else "white",
+                markeredgewidth=0.8,
+            )
+            _joint_label(axes, mechanism, name, points, size)
+        axes.set_aspect("equal")
+        axes.margins(0.1)
+        axes.set_xlabel("$x$ (mm)")
+        axes.set_ylabel("$y$ (mm)")
+        axes.set_title(figure.title)
+    return drawing
+
+
+def _places(mechanism: Mechanism) -> dict[str, complex]:
+    places = {
+        name: complex(*(point.fixed or point.at or (0, 0)))
+        for name, point in mechanism.points.items()
+    }
+    for name, point in mechanism.body_points.items():
+        body = mechanism.bodies[point.on]
+        along = (places[body.to] - places[body.from_]) / body.length
+        places[name] = places[body.from_] + complex(*point.at) * along
+    return places
+
+
+def _line(axes: Any, points: Sequence[complex], **look: Any) -> None:
+    axes.plot([p.real for p in points], [p.imag for p in points], **look)
+
+
+def _body(
+    axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex], size: float
+) -> None:
+    body = mechanism.bodies[name]
+    start, end = points[body.from_], points[body.to]
+    corners = [start, end]
+    corners += [points[p] for p, given in mechanism.body_points.items() if given.on == name]
+    centre = start + complex(*body.centre) * (end - start) / body.length
+    if len(corners) == 2 and body.centre[1] != 0:
+        corners.append(centre)
+    if len(corners) > 2:
+        outline = [(p.real, p.imag) for p in corners]
+        axes.add_patch(Polygon(outline, closed=True, facecolor="#56B4E9", alpha=0.25, zorder=1))
+        axes.add_patch(
+            Polygon(outline, closed=True, fill=False, edgecolor="#0072B2", linewidth=0.7, zorder=2)
+        )
+    _line(axes, [start, end], color="#0072B2", linewidth=1.8, solid_capstyle="round", zorder=2)
+    axes.plot(
+        centre.real,
+        centre.imag,
+        marker="+",
+        color="#D55E00",
+        markersize=4,
+        markeredgewidth=0.8,
+        zorder=4,
+    )
+
+
+def _body_label(axes: Any, name: str, start: complex, end: complex, size: float) -> None:
+    middle = (start + end) / 2
+    normal = (end - start) / abs(end - start) * 1j
+    if normal.imag > 0:
+        normal = -normal
+    place = middle + 0.035 * size * normal
+    axes.text(place.real, place.imag, name, color="#0072B2", fontsize=6, ha="center", va="center")
+
+
+def _joint_label(
+    axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex], size: float
+) -> None:
+    """Put a joint's name on the side where no body leaves it."""
+    place = points[name]
+    neighbours = [
+        points[body.to if name == body.from_ else body.from_]
+        for body in mechanism.bodies.values()
+        if name in (body.from_, body.to)
+    ]
+    neighbours += [
+        points[spring.to if name == spring.from_ else spring.from_]
+        for spring in mechanism.springs.values()
+        if name in (spring.from_, spring.to)
+    ]
+    taken = [math.atan2((q - place).imag, (q - place).real) for q in neighbours]
+    if name in mechanism.points and mechanism.points[name].fixed is not None:
+        taken.append(-math.pi / 2)
+    if not taken:
+        taken = [0.0]
+    candidates = np.linspace(-math.pi, math.pi, 73)[:-1]
+    distance = [
+        min(abs(math.remainder(angle - other, 2 * math.pi)) for other in taken)
+        for angle in candidates
+    ]
+    angle = float(candidates[int(np.argmax(distance))])
+    axes.annotate(
+        name,
+        (place.real, place.imag),
+        textcoords="offset points",
+        xytext=(8 * math.cos(angle), 8 * math.sin(angle)),
+        ha="center",
+        va="center",
+        fontsize=8,
+        fontweight="bold",
+    )
+
+
+def _ground(axes: Any, place: complex, size: float) -> None:
+    foot = [place, place + complex(-0.6, -1) * size, place + complex(0.6, -1) * size]
+    axes.add_patch(
+        Polygon(
+            [(p.real, p.imag) for p in foot],
+            closed=True,
+            facecolor="white",
+            edgecolor="black",
+            linewidth=0.7,
+            zorder=3,
+        )
+    )
+    for step in np.linspace(-0.8, 0.8, 5):
+        start = place + complex(step, -1) * size
+        _line(axes, [start, start + complex(-0.35, -0.45) * size], color="black", linewidth=0.5)
+
+
+def _zigzag(start: complex, end: complex, amplitude: float, coils: int = 9) -> list[complex]:
+    along = end - start
+    normal = along / abs(along) * 1j
+    inner = [
+        start + along * (0.15 + 0.7 * (k + 0.5) / (2 * coils)) + (-1) ** k * amplitude * normal
+        for k in range(2 * coils)
+    ]
+    return [start, start + 0.15 * along, *inner, start + 0.85 * along, end]
+
+
+def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
+    first, last = (-60.0, 200.0) if torque > 0 else (200.0, -60.0)
+    axes.add_patch(
+        Arc(
+            (centre.real, centre.imag),
+            2 * radius,
+            2 * radius,
+            theta1=min(first, last),
+            theta2=max(first, last),
+            color="#D55E00",
+            linewidth=1.0,
+        )
+    )
+    tip = centre + radius * np.exp(1j * math.radians(last))
+    back = centre + radius * np.exp(1j * math.radians(last - math.copysign(14, torque)))
+    axes.annotate(
+        "",
+        xy=(tip.real, tip.imag),
+        xytext=(back.real, back.imag),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": "#D55E00",
+            "linewidth": 1.0,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": 8,
+        },
+    )

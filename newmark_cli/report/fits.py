@@ -1,0 +1,49 @@
+"""Straight lines through log–log data."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A power law y = 10^intercept · h^slope, by ordinary least squares.
+
+    Attributes:
+        slope: Exponent; NaN with fewer than two points.
+        stderr: Standard error of the slope; NaN with fewer than three.
+        intercept: log₁₀ of the prefactor.
+        points: Points fitted; zeros and missing values have no logarithm.
+    """
+
+    slope: float
+    stderr: float
+    intercept: float
+    points: int
+
+    def __call__(self, h: Array) -> Array:
+        """Fitted values at step sizes h."""
+        return np.asarray(10**self.intercept * h**self.slope)
+
+
+def power_law(h: Array, values: Array) -> Fit:
+    """Fit values against step sizes on logarithmic axes.
+
+    Args:
+        h: (points,) positive step sizes.
+        values: (points,) what was measured; zero, negative and NaN are left out.
+    """
+    usable = np.isfinite(values) & (values > 0)
+    x, y = np.log10(h[usable]), np.log10(values[usable])
+    points = len(x)
+    if points < 2 or np.ptp(x) == 0:
+        return Fit(np.nan, np.nan, np.nan, points)
+    centred = x - x.mean()
+    spread = float(centred @ centred)
+    slope = float(centred @ y) / spread
+    intercept = float(y.mean() - slope * x.mean())
+    misfit = y - intercept - slope * x
+    stderr = float(np.sqrt(misfit @ misfit / (points - 2) / spread)) if points > 2 else np.nan
+    return Fit(slope, stderr, intercept, points)

@@ -1,0 +1,83 @@
+"""Reading the CSVs of studies back, strictly."""
+
+import csv
+import math
+from pathlib import Path
+
+import pandas as pd
+
+from newmark_cli.study.cell import STATUSES
+from newmark_cli.study.results import COLUMNS, ResultsError
+
+_NUMBERS = {
+    "h", "t_end", "steps", "rms", "max", "median", "last", "zeros", "not_converged",
+    "newton_iterations",
+}  # fmt: skip
+
+#: Files in a results folder that are not studies.
+NOT_STUDIES = ("slopes.csv",)
+
+
+def study_files(folder: Path) -> list[Path]:
+    """CSVs of the studies in a results folder, by name.
+
+    Raises:
+        ResultsError: When there is none.
+    """
+    files = sorted(file for file in folder.glob("*.csv") if file.name not in NOT_STUDIES)
+    if not files:
+        raise ResultsError(f"{folder}: no results; run 'newmark-study reproduce' or 'run' first")
+    return files
+
+
+def read_study(path: Path) -> pd.DataFrame:
+    """Rows of one study's CSV.
+
+    Args:
+        path: The CSV.
+
+    Returns:
+        A frame with the CSV's columns, numbers as floats, what is empty as NaN.
+
+    Raises:
+        ResultsError: When the file is missing, truncated or of another schema.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ResultsError(f"{path}, line 1: not a text file in UTF-8") from None
+    lines = list(csv.reader(text.splitlines()))
+    header = tuple(lines[0]) if lines else ()
+    if header[: len(COLUMNS)] != COLUMNS:
+        missing = [column for column in COLUMNS if column not in header]
+        what = f"lacks {', '.join(missing)}" if missing else "has them in another order"
+        raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
+    if not text.endswith("\n") or len(lines) < 2:
+        raise ResultsError(f"{path}, line {len(lines)}: truncated; run the study again")
+    for number, line in enumerate(lines[1:], start=2):
+        if len(line) != len(header):
+            raise ResultsError(
+                f"{path}, line {number}: {len(line)} fields where {len(header)} belong; truncated?"
+            )
+    frame = pd.DataFrame(lines[1:], columns=list(header))
+    for column in _NUMBERS:
+        frame[column] = [
+            _number(path, row, column, given) for row, given in enumerate(frame[column], start=2)
+        ]
+    for row, status in enumerate(frame["status"], start=2):
+        if status not in STATUSES:
+            raise ResultsError(
+                f"{path}, line {row}: status {status!r} is none of {', '.join(STATUSES)}"
+            )
+    return frame
+
+
+def _number(path: Path, row: int, column: str, given: str) -> float:
+    if given == "":
+        return math.nan
+    try:
+        return float(given)
+    except ValueError:
+        raise ResultsError(f"{path}, line {row}: {column}: not a number, given {given!r}") from None
