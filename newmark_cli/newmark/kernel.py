@@ -332,6 +332,7 @@ def _march(
 
 march_compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
 _compiling = threading.Lock()
+_compiled: set[np.dtype] = set()
 
 
 def march(
@@ -365,12 +366,13 @@ def march(
         problem, tables, state, scalar(t_start), scalar(h), first, cap,
         scalar(settled_below), norms, iterations,
     )  # fmt: skip
-    signature = (evaluate_type(state.fields.dtype), *(typeof(a) for a in arguments))
-    if signature not in march_compiled.overloads:
+    if state.fields.dtype not in _compiled:
+        signature = (evaluate_type(state.fields.dtype), *(typeof(a) for a in arguments))
         with _compiling:
             # Open to new signatures only here: a call with a jitted function would
             # otherwise be compiled anew for that one function, in every process.
             march_compiled.disable_compile(False)
             march_compiled.compile(signature)
             march_compiled.disable_compile(True)
+        _compiled.add(state.fields.dtype)
     return march_compiled(evaluate, *arguments)

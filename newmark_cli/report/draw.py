@@ -1,6 +1,7 @@
 """Drawing: the one module that imports matplotlib.  One style for all figures."""
 
 import io
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,12 +11,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from newmark_cli.arrays import Array
 from newmark_cli.problems.planar import Mechanism
 from newmark_cli.report.figures import MechanismFigure, OrderFigure
-from newmark_cli.report.slopes import Slope, format_order, format_slope
+from newmark_cli.report.slopes import Slope, format_fit, format_order
 from newmark_cli.study.results import write_atomically
 
 #: Width of a journal column (inch).
@@ -82,14 +83,13 @@ def order_figure(figure: OrderFigure, slopes: Sequence[Slope]) -> Figure:
         slopes: Its series, in the order of the legend.
     """
     with mpl.rc_context(_STYLE):
-        drawing = Figure(figsize=(_WIDTH, 2.9), layout="constrained")
-        axes = drawing.add_subplot()
+        drawing = Figure(figsize=(_WIDTH, 3.3))
+        axes = drawing.add_axes((0.165, 0.305, 0.815, 0.63))
         axes.set_xscale("log")
         axes.set_yscale("log")
         for slope, look in zip(slopes, _LOOKS, strict=False):
             shown = np.isfinite(slope.values) & (slope.values > 0)
             order = np.argsort(slope.h[shown])
-            error = f" ± {slope.fit.stderr:.2f}" if np.isfinite(slope.fit.stderr) else ""
             name = slope.preconditioning.partition("[")[0]
             axes.plot(
                 slope.h[shown][order],
@@ -99,23 +99,43 @@ def order_figure(figure: OrderFigure, slopes: Sequence[Slope]) -> Figure:
                 markersize=look["markersize"],
                 markerfacecolor=look["color"] if look["fill"] else "none",
                 linestyle=look["linestyle"],
-                label=f"{name}: {format_slope(slope.fit.slope)}{error}",
+                label=f"{name}: {format_fit(slope.fit)}",
             )
         _widen(axes, slopes)
         _predicted_lines(axes, slopes)
         axes.set_xlabel("step size $h$ (s)" if figure.problem != "pendulum" else "step size $h$")
         axes.set_ylabel(axis_label(figure.quantity, figure.measure))
         axes.set_title(figure.title)
-        axes.xaxis.set_major_locator(LogLocator(numticks=12))
-        axes.yaxis.set_major_locator(LogLocator(numticks=10))
+        for axis, ticks in ((axes.xaxis, 12), (axes.yaxis, 10)):
+            axis.set_major_locator(LogLocator(numticks=ticks))
+            axis.set_major_formatter(FuncFormatter(_power_of_ten))
+            axis.set_minor_formatter(NullFormatter())
         axes.grid(color="0.92", linewidth=0.5)
         axes.set_axisbelow(True)
-        legend = axes.legend(title="fitted slope", loc="best", handlelength=3.0, borderpad=0.2)
-        legend.get_title().set_fontsize(7)
+        handles, labels = axes.get_legend_handles_labels()
+        drawing.legend(
+            handles,
+            labels,
+            title="fitted slope",
+            loc="lower center",
+            ncols=2,
+            handlelength=3.0,
+            borderpad=0.2,
+            columnspacing=1.2,
+            bbox_to_anchor=(0.56, 0.0),
+        )
         missing = sum(int(np.count_nonzero(slope.values == 0)) for slope in slopes)
         if missing:
             axes.annotate(f"{missing} values are exactly 0", (0.02, 0.02), xycoords="axes fraction")
     return drawing
+
+
+def _power_of_ten(value: float, position: int | None = None) -> str:
+    """Tick label as plain text; mathtext takes longer than all the rest of a figure."""
+    return "10" + f"{math.log10(value):.0f}".translate(_SUPERSCRIPTS)
+
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def _widen(axes: Any, slopes: Sequence[Slope]) -> None:
@@ -149,16 +169,18 @@ def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
             label=label,
         )
         axes.annotate(
-            f"$h^{{{format_order(slope.expected)}}}$".replace("−", "-"),
+            "h" + format_order(slope.expected).replace("−", "-").translate(_SUPERSCRIPTS),
             (10 ** ends[1], 10 ** drawn[slope.expected][1]),
             textcoords="offset points",
-            xytext=(2, 5),
+            xytext=(7, 0),
             ha="left",
+            va="center",
+            style="italic",
             fontsize=7,
             color="0.35",
         )
     left, right = axes.get_xlim()
-    axes.set_xlim(left, right * 1.9)
+    axes.set_xlim(left, right * (right / left) ** 0.08)
 
 
 def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
@@ -170,11 +192,11 @@ def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
         size = max(
             np.ptp([p.real for p in points.values()]), np.ptp([p.imag for p in points.values()])
         )
-        drawing = Figure(figsize=(_WIDTH, 3.5), layout="constrained")
-        axes = drawing.add_subplot()
-        for name, body in mechanism.bodies.items():
-            _body(axes, mechanism, name, points, size)
-            _body_label(axes, name, points[body.from_], points[body.to], size)
+        drawing = Figure(figsize=(_WIDTH, 3.5))
+        axes = drawing.add_axes((0.135, 0.11, 0.845, 0.83))
+        for name in mechanism.bodies:
+            _body(axes, mechanism, name, points)
+            _body_label(axes, mechanism, name, points, size)
         for bar in mechanism.bars.values():
             _line(axes, [points[bar.from_], points[bar.to]], color="black", linewidth=1.6)
         for spring in mechanism.springs.values():
@@ -185,7 +207,7 @@ def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
                 linewidth=0.9,
             )
         for torque in mechanism.torques.values():
-            _torque(axes, points[mechanism.bodies[torque.on].from_], 0.05 * size, torque.torque)
+            _torque(axes, points[mechanism.bodies[torque.on].from_], 0.11 * size, torque.torque)
         for name, place in points.items():
             fixed = name in mechanism.points and mechanism.points[name].fixed is not None
             if fixed:
@@ -200,7 +222,7 @@ def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
                 markerfacecolor="black" if fixed else "white",
                 markeredgewidth=0.8,
             )
-            _joint_label(axes, mechanism, name, points, size)
+            _joint_label(axes, mechanism, name, points)
         axes.set_aspect("equal")
         axes.margins(0.1)
         axes.set_xlabel("$x$ (mm)")
@@ -221,17 +243,23 @@ def _places(mechanism: Mechanism) -> dict[str, complex]:
     return places
 
 
+def _corners(mechanism: Mechanism, name: str) -> list[str]:
+    body = mechanism.bodies[name]
+    return [
+        body.from_,
+        body.to,
+        *(point for point, given in mechanism.body_points.items() if given.on == name),
+    ]
+
+
 def _line(axes: Any, points: Sequence[complex], **look: Any) -> None:
     axes.plot([p.real for p in points], [p.imag for p in points], **look)
 
 
-def _body(
-    axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex], size: float
-) -> None:
+def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
     body = mechanism.bodies[name]
     start, end = points[body.from_], points[body.to]
-    corners = [start, end]
-    corners += [points[p] for p, given in mechanism.body_points.items() if given.on == name]
+    corners = [points[corner] for corner in _corners(mechanism, name)]
     centre = start + complex(*body.centre) * (end - start) / body.length
     if len(corners) == 2 and body.centre[1] != 0:
         corners.append(centre)
@@ -253,29 +281,45 @@ def _body(
     )
 
 
-def _body_label(axes: Any, name: str, start: complex, end: complex, size: float) -> None:
-    middle = (start + end) / 2
-    normal = (end - start) / abs(end - start) * 1j
-    if normal.imag > 0:
-        normal = -normal
-    place = middle + 0.035 * size * normal
+def _body_label(
+    axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex], size: float
+) -> None:
+    """Put a body's name inside its outline, or beside its line where there is more room."""
+    body = mechanism.bodies[name]
+    start, end = points[body.from_], points[body.to]
+    corners = [points[p] for p, given in mechanism.body_points.items() if given.on == name]
+    if corners:
+        place = (start + end + sum(corners)) / (2 + len(corners)) - 0.03j * size
+    else:
+        normal = (end - start) / abs(end - start) * 1j
+        sides = [(start + end) / 2 + sign * 0.04 * size * normal for sign in (1, -1)]
+        others = [place for place in points.values() if place not in (start, end)]
+        others += [
+            points[name] - 0.04j * size  # the ground's hatching
+            for name, point in mechanism.points.items()
+            if point.fixed is not None
+        ]
+        for other in mechanism.bodies:
+            corner = [points[name] for name in _corners(mechanism, other)]
+            if other != name:
+                others += [
+                    first + step * (last - first)
+                    for first, last in itertools.combinations(corner, 2)
+                    for step in np.linspace(0, 1, 11)
+                ]
+        others.append(start + complex(*body.centre) * (end - start) / body.length)
+        place = max(sides, key=lambda side: min(abs(side - other) for other in others))
     axes.text(place.real, place.imag, name, color="#0072B2", fontsize=6, ha="center", va="center")
 
 
-def _joint_label(
-    axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex], size: float
-) -> None:
+def _joint_label(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
     """Put a joint's name on the side where no body leaves it."""
     place = points[name]
+    lines = [_corners(mechanism, body) for body in mechanism.bodies]
+    lines += [[spring.from_, spring.to] for spring in mechanism.springs.values()]
+    lines += [[bar.from_, bar.to] for bar in mechanism.bars.values()]
     neighbours = [
-        points[body.to if name == body.from_ else body.from_]
-        for body in mechanism.bodies.values()
-        if name in (body.from_, body.to)
-    ]
-    neighbours += [
-        points[spring.to if name == spring.from_ else spring.from_]
-        for spring in mechanism.springs.values()
-        if name in (spring.from_, spring.to)
+        points[other] for line in lines if name in line for other in line if other != name
     ]
     taken = [math.atan2((q - place).imag, (q - place).real) for q in neighbours]
     if name in mechanism.points and mechanism.points[name].fixed is not None:
@@ -328,7 +372,7 @@ def _zigzag(start: complex, end: complex, amplitude: float, coils: int = 9) -> l
 
 
 def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
-    first, last = (-60.0, 200.0) if torque > 0 else (200.0, -60.0)
+    first, last = (20.0, 150.0) if torque > 0 else (150.0, 20.0)
     axes.add_patch(
         Arc(
             (centre.real, centre.imag),

@@ -54,36 +54,36 @@ FIGURES: Mapping[int, OrderFigure | MechanismFigure] = MappingProxyType(
         figure.number: figure
         for figure in (
             OrderFigure(
-                1, "Pendulum: displacement corrections, (u, λ) form",
+                1, "Pendulum, (u, λ) form: displacements",
                 "pendulum-u", "pendulum", "u-lambda", "u", "correction", 0.15,
             ),
             OrderFigure(
-                2, "Pendulum: multiplier corrections, (u, λ) form",
+                2, "Pendulum, (u, λ) form: multiplier",
                 "pendulum-u", "pendulum", "u-lambda", "lambda", "correction", 0.15,
             ),
             OrderFigure(
-                3, "Pendulum: condition number, (u, λ) form",
+                3, "Pendulum, (u, λ) form: condition number",
                 "pendulum-u", "pendulum", "u-lambda", "jacobian", "condition", 0.02,
             ),
             OrderFigure(
-                4, "Pendulum: velocity corrections, (v, λ) form",
+                4, "Pendulum, (v, λ) form: velocities",
                 "pendulum-v", "pendulum", "v-lambda", "v", "correction", 0.15,
             ),
             OrderFigure(
-                5, "Pendulum: acceleration corrections, (a, λ) form",
+                5, "Pendulum, (a, λ) form: accelerations",
                 "pendulum-a", "pendulum", "a-lambda", "a", "correction", 0.15,
             ),
             MechanismFigure(6, "Andrews' squeezing mechanism, initial position", "andrews"),
             OrderFigure(
-                7, "Andrews' mechanism: displacement corrections, (u, λ) form",
+                7, "Andrews' mechanism, (u, λ) form: displacements",
                 "andrews-u", "andrews", "u-lambda", "u", "correction", 0.1,
             ),
             OrderFigure(
-                8, "Andrews' mechanism: multiplier corrections, (u, λ) form",
+                8, "Andrews' mechanism, (u, λ) form: multipliers",
                 "andrews-u", "andrews", "u-lambda", "lambda", "correction", 0.1,
             ),
             OrderFigure(
-                9, "Andrews' mechanism: condition number, (u, λ) form",
+                9, "Andrews' mechanism, (u, λ) form: condition number",
                 "andrews-u", "andrews", "u-lambda", "jacobian", "condition", 0.05,
             ),
         )

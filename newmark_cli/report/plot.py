@@ -5,7 +5,7 @@ from pathlib import Path
 
 from newmark_cli.errors import InputError
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure
-from newmark_cli.report.slopes import PASS, Slope, collect, format_order, format_slope
+from newmark_cli.report.slopes import PASS, Slope, collect, format_fit, format_order
 from newmark_cli.study.results import ResultsError
 
 
@@ -89,7 +89,6 @@ def claims(slopes: Sequence[Slope]) -> list[tuple[str, ...]]:
     """Rows of the table of claims, headings first."""
     rows: list[tuple[str, ...]] = [_HEADINGS]
     for slope in slopes:
-        error = f" ± {slope.fit.stderr:.2f}" if slope.fit.stderr == slope.fit.stderr else ""
         symbol = {"lambda": "λ", "jacobian": "C"}.get(slope.quantity, slope.quantity)
         unit = " (physical)" if slope.measure == "physical_correction" else ""
         where = slope.study if slope.figures else f"{slope.study} {slope.problem} {slope.form}"
@@ -100,7 +99,7 @@ def claims(slopes: Sequence[Slope]) -> list[tuple[str, ...]]:
                 f"{symbol}{unit}" if slope.measure == "condition" else f"Δ{symbol}{unit}",
                 slope.preconditioning,
                 format_order(slope.expected),
-                f"{format_slope(slope.fit.slope)}{error}",
+                format_fit(slope.fit),
                 f"{slope.tolerance:g}",
                 slope.verdict,
             )

@@ -202,11 +202,13 @@ def _incomplete(slope: Slope) -> Slope:
     return Slope(**{**vars(slope), "verdict": INCOMPLETE})
 
 
-def format_slope(value: float) -> str:
-    """A slope as people read it: a true minus sign, two decimals, no minus zero."""
-    if np.isnan(value):
+def format_fit(fit: Fit) -> str:
+    """Slope ± standard error: two decimals, three where the error asks for them."""
+    if np.isnan(fit.slope):
         return "n/a"
-    return f"{value + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−")
+    decimals = 3 if fit.stderr < 0.005 else 2
+    slope = f"{round(fit.slope, decimals) + 0.0:.{decimals}f}".replace("-", "−")
+    return slope if np.isnan(fit.stderr) else f"{slope} ± {fit.stderr:.{decimals}f}"
 
 
 def format_order(value: float) -> str:

@@ -17,6 +17,8 @@ from newmark_cli.problems.registry import problem
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "singular", "diverged", "failed")
+#: Steps between two signs of life where no condition number is due.
+_STRETCH = 5_000
 _ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
 
 
@@ -79,10 +81,15 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     conditions = []
     ending, done = kernel.COMPLETED, 0
 
-    if cell.steps == 0 and "condition" in cell.measure:
+    if cell.steps == 0:
         conditions.append(condition_number(subject, scheme, subject.t0, state))
-    for sample in measures.sample_steps(cell.steps, cell.samples):
-        stretch = slice(done, int(sample))
+    with_condition = "condition" in cell.measure
+    if with_condition:
+        stops = measures.sample_steps(cell.steps, cell.samples)
+    else:
+        stops = measures.sample_steps(cell.steps, 1 + cell.steps // _STRETCH)
+    for stop in stops:
+        stretch = slice(done, int(stop))
         ending, taken = kernel_march.march(
             subject, scheme, state, done, norms[stretch], iterations[stretch]
         )
@@ -90,7 +97,7 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         on_steps(taken)
         if ending != kernel.COMPLETED:
             break
-        if "condition" in cell.measure:
+        if with_condition:
             time = subject.t0 + done * cell.h
             conditions.append(condition_number(subject, scheme, time, state))
     if cell.steps == 0:

@@ -53,7 +53,10 @@ def _name(text: str) -> str:
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 Name = Annotated[str, AfterValidator(_name)]
-Factor = Annotated[str | float, Field(union_mode="left_to_right")]
+Factor = Annotated[
+    str | Annotated[int, Strict()] | Annotated[float, Strict()],
+    Field(union_mode="left_to_right"),
+]
 
 
 class OwnScaling(StrictModel):
@@ -172,7 +175,7 @@ class Case(StrictModel):
                 if self.t_end / h > _MOST_STEPS:
                     raise misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
         if self.steps == 0 and "correction" in self.measure:
-            raise misfit("measure", "no corrections without steps; allowed: condition")
+            raise misfit("steps", "no corrections without steps; set 'measure: condition'")
         for name in self.form:
             for variant in self.variants():
                 try:

@@ -1,0 +1,69 @@
+"""Shared fixtures: the command line as a user runs it, and small helpers."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+#: The console script of the environment that runs the tests.
+SCRIPT = Path(sys.executable).with_name("newmark-study")
+
+
+@dataclass
+class CommandLine:
+    """Runs newmark-study in a folder of its own."""
+
+    folder: Path
+
+    def __call__(self, *arguments, code=0):
+        """Run it, assert the exit code, and return what it printed."""
+        done = subprocess.run(
+            [SCRIPT, *map(str, arguments)],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            timeout=200,
+        )
+        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done
+
+    def refused(self, *arguments):
+        """Run it, assert that it refuses in one line with exit code 2; return the line."""
+        done = self(*arguments, code=2)
+        lines = done.stderr.splitlines()
+        assert len(lines) == 1, done.stderr
+        assert lines[0].startswith("newmark-study: ")
+        assert done.stdout == ""
+        return lines[0]
+
+    def write(self, name, text):
+        """Write a file in the folder."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return path
+
+
+@pytest.fixture
+def cli(tmp_path):
+    """The command line in an empty folder."""
+    return CommandLine(tmp_path)
+
+
+QUICK = """\
+study: quick
+problem: pendulum
+form: u-lambda
+preconditioning: [none, optimal]
+h: [1e-1, 1e-2]
+t_end: 1.0
+"""
+
+
+@pytest.fixture
+def quick(cli):
+    """A small valid config in the folder of ``cli``."""
+    return cli.write("quick.yaml", QUICK)

@@ -1,0 +1,98 @@
+"""The scheme against exact and published motions: order 2, and physical corrections."""
+
+import numpy as np
+import oracles
+import pytest
+from mpmath import mp
+from scipy.special import ellipj
+from scipy.stats import linregress
+
+from newmark_cli.newmark import kernel, kernel_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.registry import problem
+
+
+def final_state(name, h, t_end, integrator=None):
+    form = FORMS["u-lambda"]
+    integrator = integrator or Newmark()
+    scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
+    subject = problem(name)
+    state = initial_state(subject, integrator)
+    steps = round(t_end / h)
+    ending = kernel_march.march(
+        subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
+    )
+    assert ending == (kernel.COMPLETED, steps)
+    return state
+
+
+def order(h, errors):
+    return linregress(np.log(h), np.log(errors)).slope
+
+
+@pytest.fixture(scope="module")
+def andrews_errors():
+    """Largest errors of positions and velocities at t = 0.03, by step size."""
+    with mp.workdps(30):
+        points, velocities = oracles.andrews_points(
+            oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES
+        )
+    reference = np.array(points, float), np.array(velocities, float)
+    errors = {}
+    for h in (1e-4, 3e-5, 1e-5, 1e-6):
+        state = final_state("andrews", h, 0.03)
+        errors[h] = [np.abs(f - r).max() for f, r in zip(state.fields, reference, strict=False)]
+    return errors
+
+
+def test_andrews_positions_converge(andrews_errors):
+    """Order 2.0 ± 0.1 against the IVP test set, and the error's size."""
+    h = np.array(list(andrews_errors))
+    errors = np.array([e[0] for e in andrews_errors.values()])
+    assert order(h, errors) == pytest.approx(2.0, abs=0.1)
+    np.testing.assert_allclose(errors[[0, 2, 3]], [2.2e-4, 2.2e-6, 2.2e-8], rtol=0.05)
+
+
+def test_andrews_velocities_converge(andrews_errors):
+    """Order 2.0 ± 0.1 down to h = 1e-5; below, rounding of u over h takes over."""
+    h = np.array([1e-4, 3e-5, 1e-5])
+    errors = np.array([andrews_errors[x][1] for x in h])
+    assert order(h, errors) == pytest.approx(2.0, abs=0.1)
+
+
+def pendulum_position(t):
+    """Exact motion from the horizontal at rest, by Jacobi's elliptic functions."""
+    modulus = np.sqrt(0.5)
+    _, cn, dn, _ = ellipj(t, modulus**2)
+    angle = 2 * np.arcsin(modulus * cn / dn)
+    return np.array([np.sin(angle), -np.cos(angle)])
+
+
+def test_pendulum_converges():
+    """Positions and energy at t = 3 with order 2.0 ± 0.1 against the exact motion."""
+    h = np.array([1e-1, 3e-2, 1e-2, 3e-3, 1e-3])
+    positions, energies = [], []
+    for step in h:
+        state = final_state("pendulum", step, 3.0)
+        u, v = state.fields[:2]
+        positions.append(np.abs(u - pendulum_position(round(3.0 / step) * step)).max())
+        energies.append(abs(0.5 * v @ v + u[1]))
+    assert order(h, positions) == pytest.approx(2.0, abs=0.1)
+    assert order(h, energies) == pytest.approx(2.0, abs=0.1)
+
+
+def test_damped_newmark_is_first_order():
+    """γ > ½ costs an order: the parameters reach the march."""
+    h = np.array([1e-2, 1e-3, 1e-4])
+    errors = [
+        np.abs(
+            final_state("pendulum", step, 1.0, Newmark(0.3025, 0.6)).fields[0]
+            - pendulum_position(1.0)
+        ).max()
+        for step in h
+    ]
+    assert order(h, errors) == pytest.approx(1.0, abs=0.1)

@@ -1,0 +1,351 @@
+"""The command line through its real entry point, in an empty folder."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import QUICK, SCRIPT, CommandLine
+
+from newmark_cli import __version__
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.scaling import VARIANTS
+from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.study import config, results
+
+COMMANDS = ("run", "plot", "check", "reproduce", "list")
+
+
+@pytest.fixture(scope="module")
+def quick_results(tmp_path_factory):
+    """Results of the small study."""
+    cli = CommandLine(tmp_path_factory.mktemp("quick"))
+    cli.write("quick.yaml", QUICK)
+    cli("run", "quick.yaml")
+    return cli.folder / "results"
+
+
+@pytest.fixture(scope="module")
+def pendulum_results(tmp_path_factory):
+    """Results of `pendulum-u`, with Figure 1 drawn."""
+    cli = CommandLine(tmp_path_factory.mktemp("pendulum"))
+    cli("run", "pendulum-u")
+    cli("plot", "1")
+    return cli.folder / "results"
+
+
+def rows(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def snapshot(folder):
+    """Every file below a folder with its bytes."""
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_run_writes_the_contract(cli, quick):
+    """Columns, order of rows, values and provenance of a small study."""
+    done = cli("run", "quick.yaml")
+    assert done.stdout == "quick: 4 ok -> results/quick.csv\n"
+    assert done.stderr == ""
+    table = rows(cli.folder / "results/quick.csv")
+    assert tuple(table[0]) == results.COLUMNS
+    keys = [(r["preconditioning"], r["h"], r["quantity"], r["measure"], r["role"]) for r in table]
+    per_cell = [
+        ("u", "correction", "primary"),
+        ("lambda", "correction", "primary"),
+        ("u", "physical_correction", "primary"),
+        ("v", "physical_correction", "recovered"),
+        ("a", "physical_correction", "recovered"),
+        ("lambda", "physical_correction", "primary"),
+        ("jacobian", "condition", "primary"),
+    ]
+    assert keys == [
+        (v, h, *q) for v in ("none", "optimal") for h in ("0.1", "0.01") for q in per_cell
+    ]
+    first = table[0]
+    assert first["study"] == "quick"
+    assert first["integrator"] == "newmark beta=0.25 gamma=0.5"
+    assert (first["steps"], first["t_end"], first["status"]) == ("10", "1.0", "ok")
+    assert 0 < float(first["rms"]) <= float(first["max"]) < 1e-15
+    # Corrections of the unscaled run are those in physical units.
+    assert first["rms"] == table[2]["rms"]
+    record = json.loads((cli.folder / "results/quick.json").read_text())
+    assert record["versions"]["newmark-study"] == __version__
+    assert record["config"]["cases"][0]["h"] == [0.1, 0.01]
+    assert [c["status"] for c in record["cells"]] == ["ok"] * 4
+    assert all(c["wall_seconds"] > 0 for c in record["cells"])
+
+
+def test_two_runs_give_the_same_bytes(cli):
+    """Whatever --jobs is; progress is quiet in a pipe."""
+    cli.write("s.yaml", QUICK.replace("u-lambda", "[u-lambda, v-a-lambda]"))
+    for jobs, folder in ((1, "one"), (4, "four"), (4, "again")):
+        assert cli("run", "s.yaml", "--jobs", jobs, "--results", folder).stderr == ""
+    texts = {(cli.folder / f / "quick.csv").read_bytes() for f in ("one", "four", "again")}
+    assert len(texts) == 1
+
+
+def test_shipped_configs_work_from_any_folder(cli):
+    """A name in place of a file."""
+    cli("run", "pendulum-v", "--results", "out")
+    assert len(rows(cli.folder / "out/pendulum-v.csv")) == 16 * 7
+
+
+def test_plot_and_check_read_the_csv_alone(cli, pendulum_results):
+    """Figures, slopes.csv, the table and its JSON; a second drawing has the same bytes."""
+    (cli.folder / "results").mkdir()
+    shutil.copy(pendulum_results / "pendulum-u.csv", cli.folder / "results")
+    done = cli("plot", "2", "6")
+    names = ["figure-2.png", "figure-2.svg", "figure-6.png", "figure-6.svg"]
+    assert done.stdout.split() == [f"results/figures/{name}" for name in names]
+    first = snapshot(cli.folder / "results/figures")
+    assert sorted(map(str, first)) == names
+    slopes = (cli.folder / "results/slopes.csv").read_bytes()
+    cli("plot", "2", "6")
+    assert snapshot(cli.folder / "results/figures") == first
+
+    done = cli("check")
+    assert (cli.folder / "results/slopes.csv").read_bytes() == slopes
+    assert "28 of 28 slopes as predicted" in done.stdout
+    found = json.loads(cli("check", "--json").stdout)
+    assert {row["verdict"] for row in found} == {"pass"}
+    in_file = rows(cli.folder / "results/slopes.csv")
+    assert len(in_file) == len(found)
+    key = ("preconditioning", "quantity", "measure")
+    by_key = {tuple(r[k] for k in key): r for r in found}
+    for row in in_file:
+        assert float(row["slope"]) == by_key[tuple(row[k] for k in key)]["slope"]
+
+
+def test_check_fails_on_a_miss(cli, pendulum_results):
+    """A CSV whose multipliers grow like 1/h is caught: exit 1, verdict miss."""
+    shutil.copytree(pendulum_results, cli.folder / "results")
+    path = cli.folder / "results/pendulum-u.csv"
+    table = rows(path)
+    for row in table:
+        if row["preconditioning"] == "optimal" and row["quantity"] == "lambda":
+            row["rms"] = repr(float(row["rms"]) / float(row["h"]))
+    path.write_text(results.csv_text(results.COLUMNS, table))
+    done = cli("check", code=1)
+    assert "miss" in done.stdout
+    assert "miss" in (cli.folder / "results/slopes.csv").read_text()
+
+
+def test_own_scaling_is_predicted_and_measured(cli):
+    """λ scaled by 1/h only, a partial cure: orders predicted and fitted without code."""
+    cli.write(
+        "own.yaml",
+        QUICK.replace("[none, optimal]", "{name: partial, right: {lambda: 1/h}}").replace(
+            "[1e-1, 1e-2]", "[1e-1, 1e-2, 1e-3]"
+        ),
+    )
+    cli("run", "own.yaml")
+    found = {(r["quantity"], r["measure"]): r for r in json.loads(cli("check", "--json").stdout)}
+    assert found["lambda", "correction"]["expected"] == -1
+    assert found["lambda", "correction"]["slope"] == pytest.approx(-1, abs=0.15)
+    assert found["jacobian", "condition"]["expected"] == -3
+    assert found["jacobian", "condition"]["slope"] == pytest.approx(-3, abs=0.05)
+
+
+def test_newton_capped_at_two(cli):
+    """The run finishes, its rows say not_converged, and the exit code is 1."""
+    cli.write("cap.yaml", QUICK + "iteration_cap: 2\n")
+    done = cli("run", "cap.yaml", code=1)
+    assert "not_converged" in done.stdout
+    table = rows(cli.folder / "results/quick.csv")
+    assert len(table) == 4 * 7
+    capped = [r for r in table if r["status"] == "not_converged"]
+    assert capped
+    assert all(int(r["not_converged"]) > 0 for r in capped)
+    assert cli("check", code=1).stdout.count("incomplete") > 0
+
+
+def test_integrator_parameters_reach_the_run(cli):
+    """Another β, γ is run, and named in every row."""
+    cli.write("d.yaml", QUICK + "integrator: {beta: 0.3025, gamma: 0.6}\n")
+    cli("run", "d.yaml")
+    (label,) = {r["integrator"] for r in rows(cli.folder / "results/quick.csv")}
+    assert label == "newmark beta=0.30249999999999999 gamma=0.59999999999999998"
+
+
+def test_list_names_everything(cli):
+    """Problems, forms, variants, configs, figures."""
+    text = cli("list").stdout
+    for name in (*PROBLEMS, *FORMS, *VARIANTS, *config.shipped(), *map(str, FIGURES)):
+        assert f"\n  {name} " in text or f"\n  {name}\n" in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example(cli, command):
+    """Every command explains itself."""
+    text = cli(command, "--help").stdout
+    assert "Example:" in text
+    assert f"newmark-study {command}" in text
+
+
+def test_help_is_light():
+    """--help imports neither numpy nor pandas, nor anything else that is heavy."""
+    code = (
+        "import sys\nfrom newmark_cli.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'pandas', 'scipy', 'numba', 'matplotlib', 'pydantic', 'yaml'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "HEAVY []" in done.stdout, done.stdout + done.stderr
+
+
+# -- refusals: one line, exit 2, nothing lost ---------------------------------------------
+
+
+@pytest.fixture
+def before(cli, quick, quick_results):
+    """A folder with results that no refusal may touch."""
+    shutil.copytree(quick_results, cli.folder / "results")
+    return snapshot(cli.folder / "results")
+
+
+REFUSED = {
+    "problem": ("problem: pendulum", "problem: pendulm", "line 2: problem"),
+    "form": ("form: u-lambda", "form: w-lambda", "line 3: form"),
+    "variant": ("[none, optimal]", "[none, best]", "line 4: preconditioning"),
+    "key": ("t_end:", "tend:", "line 6: tend: unknown key; did you mean 't_end'"),
+    "h zero": ("1e-2]", "0]", "line 5: h[2]"),
+    "h negative": ("1e-2]", "-1]", "line 5: h[2]"),
+    "h NaN": ("1e-2]", ".nan]", "line 5: h[2]"),
+    "h word": ("1e-2]", "tiny]", "line 5: h[2]"),
+    "h empty": ("[1e-1, 1e-2]", "[]", "line 5: h"),
+    "h repeated": ("1e-2]", "1e-1]", "line 5: h: given twice"),
+    "t_end": ("t_end: 1.0", "t_end: 1e-3", "line 6: t_end: shorter"),
+    "not YAML": ("t_end: 1.0", "t_end: {", "not YAML"),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_bad_configs(cli, before, kind):
+    """Every bad config is refused before anything runs."""
+    old, new, words = REFUSED[kind]
+    cli.write("bad.yaml", QUICK.replace(old, new))
+    line = cli.refused("run", "quick.yaml", "bad.yaml")
+    assert line.startswith("newmark-study: bad.yaml, line ")
+    assert words in line
+    assert snapshot(cli.folder / "results") == before
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n\x00\xff"], ids=["empty", "binary"])
+def test_files_that_are_no_configs(cli, before, content):
+    """An empty and a binary file."""
+    (cli.folder / "bad.yaml").write_bytes(content)
+    assert "bad.yaml, line 1: " in cli.refused("run", "bad.yaml")
+    assert snapshot(cli.folder / "results") == before
+
+
+def test_missing_files(cli, before):
+    """A missing file, a name that is nearly one, and a folder."""
+    assert "missing.yaml: cannot be read" in cli.refused("run", "missing.yaml")
+    assert "did you mean 'pendulum-u'" in cli.refused("run", "pendulum-uu")
+    (cli.folder / "folder.yaml").mkdir()
+    assert "folder.yaml: cannot be read" in cli.refused("run", "folder.yaml")
+    assert snapshot(cli.folder / "results") == before
+
+
+def test_two_studies_with_one_name(cli, before):
+    """They would write one CSV."""
+    cli.write("other.yaml", QUICK)
+    assert "two studies are named 'quick'" in cli.refused("run", "quick.yaml", "other.yaml")
+    assert snapshot(cli.folder / "results") == before
+
+
+def test_unknown_figures_and_options(cli, before):
+    """Usage errors are one line too."""
+    assert "unknown figure '17'; allowed: 1, 2" in cli.refused("plot", "17")
+    assert "unknown figure 'x'" in cli.refused("plot", "x")
+    assert "No such option" in cli.refused("plot", "--resluts", "x")
+    assert "No such command" in cli.refused("polt")
+    assert "Missing argument" in cli.refused("run")
+    assert "--jobs" in cli.refused("run", "quick.yaml", "--jobs", "0")
+    assert snapshot(cli.folder / "results") == before
+
+
+def test_results_that_cannot_be_written(cli, quick):
+    """A file in the folder's place, and a folder that does not take files."""
+    (cli.folder / "taken").write_text("mine")
+    assert "cannot be written" in cli.refused("run", "quick.yaml", "--results", "taken")
+    assert (cli.folder / "taken").read_text() == "mine"
+    line = cli.refused("run", "quick.yaml", "--results", "/proc/here")
+    assert "/proc/here: results cannot be written" in line
+
+
+@pytest.mark.parametrize("command", ["plot", "check"])
+def test_no_results(cli, command):
+    """Neither starts a computation."""
+    assert "no results; run 'newmark-study" in cli.refused(command)
+    assert not (cli.folder / "results").exists()
+
+
+@pytest.mark.parametrize("command", ["plot", "check"])
+@pytest.mark.parametrize("kind", ["cut in a row", "cut in a word", "no rows", "schema", "words"])
+def test_damaged_csv(cli, pendulum_results, command, kind):
+    """A truncated CSV and one of another schema: one line, figures as they were."""
+    shutil.copytree(pendulum_results, cli.folder / "results")
+    path = cli.folder / "results/pendulum-u.csv"
+    text = path.read_text()
+    lines = text.splitlines(keepends=True)
+    path.write_text(
+        {
+            "cut in a row": text[: len(text) // 2].rstrip("\n"),
+            "cut in a word": text[:-2],
+            "no rows": lines[0],
+            "schema": text.replace("preconditioning", "scaling", 1),
+            "words": lines[0] + lines[1].replace(",0.1,", ",wide,", 1) + "".join(lines[2:]),
+        }[kind]
+    )
+    before = snapshot(cli.folder / "results")
+    line = cli.refused(command, *(["1"] if command == "plot" else []))
+    assert "results/pendulum-u.csv, line " in line
+    assert snapshot(cli.folder / "results") == before
+
+
+def test_missing_series(cli):
+    """A study of the right name that lacks what a figure needs."""
+    cli.write("s.yaml", QUICK.replace("study: quick", "study: pendulum-u"))
+    cli("run", "s.yaml")
+    assert "figure 1 needs left, right" in cli.refused("plot", "1")
+
+
+def test_kill_leaves_the_previous_csv_whole(cli):
+    """kill -9 in the middle of a run."""
+    short = QUICK.replace("[1e-1, 1e-2]", "[1e-1]")
+    cli.write("s.yaml", short)
+    cli("run", "s.yaml")
+    before = (cli.folder / "results/quick.csv").read_bytes()
+    cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
+    process = subprocess.Popen([SCRIPT, "run", "s.yaml"], cwd=cli.folder, stdout=subprocess.DEVNULL)
+    time.sleep(3)
+    assert process.poll() is None, "the run ended before it could be killed"
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert (cli.folder / "results/quick.csv").read_bytes() == before
+    assert cli("check", code=1).stderr == ""
+
+
+def test_interrupt(cli):
+    """Ctrl-C ends in one line and code 130."""
+    cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
+    process = subprocess.Popen(
+        [SCRIPT, "run", "s.yaml"], cwd=cli.folder, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(3)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert error.strip() == "newmark-study: interrupted"
+    assert not (cli.folder / "results/quick.csv").exists()

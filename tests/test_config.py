@@ -1,0 +1,186 @@
+"""Configs: what is accepted, and how each mistake is named."""
+
+import contextlib
+
+import pytest
+from conftest import QUICK
+from hypothesis import given
+from hypothesis import strategies as st
+
+from newmark_cli import documents
+from newmark_cli.documents import DocumentError
+from newmark_cli.study import config
+
+
+def load(tmp_path, text):
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    return config.load(path, "c.yaml")
+
+
+@pytest.mark.parametrize("name", config.shipped())
+def test_shipped_configs_load(name):
+    """Every shipped config is valid and named after its file."""
+    study = config.find(name)
+    assert study.study == name
+    assert study.description
+    assert study.cells()
+
+
+def test_paper_step_sizes():
+    """The paper's own lists, h = 1e-7 included."""
+    for name in ("pendulum-u", "pendulum-v", "pendulum-a"):
+        assert config.find(name).cases[0].h == (1e-1, 1e-2, 1e-3, 1e-4)
+    andrews = config.find("andrews-u").cases[0]
+    assert andrews.h == (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    assert andrews.t_end == 0.02
+    assert [c.steps for c in config.find("andrews-u").cells()[:5]] == [
+        20, 200, 2_000, 20_000, 200_000,
+    ]  # fmt: skip
+
+
+def test_grid_is_in_the_order_of_the_config(tmp_path):
+    """Problem, form, preconditioning, h: the last varies fastest."""
+    cells = load(tmp_path, QUICK.replace("u-lambda", "[v-lambda, u-lambda]")).cells()
+    assert [(c.form, c.preconditioning.name, c.h) for c in cells[:3]] == [
+        ("v-lambda", "none", 0.1),
+        ("v-lambda", "none", 0.01),
+        ("v-lambda", "optimal", 0.1),
+    ]
+    assert len(cells) == 8
+    assert [c.steps for c in cells[:2]] == [10, 100]
+
+
+def test_scalars_stand_for_lists(tmp_path):
+    """One h and one variant need no brackets; integers and 1e-1 are numbers."""
+    text = QUICK.replace("[none, optimal]", "left").replace("[1e-1, 1e-2]", "1")
+    (cell,) = load(tmp_path, text).cells()
+    assert (cell.h, cell.preconditioning.name, cell.steps) == (1.0, "left", 1)
+
+
+def test_cases_inherit(tmp_path):
+    """Keys at the top hold for every case that does not set them."""
+    text = """
+study: two
+form: u-lambda
+preconditioning: none
+h: [1e-2]
+t_end: 1
+cases:
+  - {problem: pendulum}
+  - {problem: andrews, h: 1e-4, steps: 7}
+"""
+    first, second = load(tmp_path, text).cells()
+    assert (first.problem, first.h, first.steps) == ("pendulum", 1e-2, 100)
+    assert (second.problem, second.h, second.steps) == ("andrews", 1e-4, 7)
+
+
+def test_own_scaling(tmp_path):
+    """A scaling of one's own goes the way of the shipped ones."""
+    text = QUICK.replace("[none, optimal]", "[{name: mine, right: {lambda: 1/h}, left: {D: 2}}]")
+    cell = load(tmp_path, text).cells()[0]
+    assert cell.preconditioning.label == "mine[left D=2; right lambda=1/h]"
+
+
+MISTAKES = [
+    ("study: quick\n", "", 1, "study: missing"),
+    ("study: quick", "study: a/b", 1, "study: must be a name"),
+    ("study: quick", "study: ''", 1, "study: must be a name"),
+    ("problem: pendulum", "problem: pendulm", 2, "did you mean 'pendulum'?"),
+    ("form: u-lambda", "form: u_lambda", 3, "did you mean 'u-lambda'?"),
+    ("form: u-lambda", "form: [u-lambda, u-lambda]", 3, "given twice: u-lambda"),
+    ("[none, optimal]", "[none, best]", 4, "preconditioning[2]: unknown preconditioning 'best'"),
+    ("[none, optimal]", "[{name: none, left: {D: h}}]", 4, "take another name"),
+    ("[none, optimal]", "[{name: x, left: {D: h +}}]", 4, "x: left D: 'h+' is not a product"),
+    ("[none, optimal]", "[{name: x, left: {D: q}}]", 4, "unknown symbol 'q'; allowed: beta"),
+    ("[none, optimal]", "[{name: x, left: {D: 0}}]", 4, "is not positive"),
+    ("[none, optimal]", "[{name: x, right: {u: -1}}]", 4, "must be positive"),
+    ("[none, optimal]", "[{name: x, left: {V: h}}]", 4, "form u-lambda has no 'V'"),
+    ("[none, optimal]", "[{name: x, lft: {D: h}}]", 4, "did you mean 'left'?"),
+    ("[1e-1, 1e-2]", "[1e-1, 0]", 5, "h[2]: Input should be greater than 0, given 0"),
+    ("[1e-1, 1e-2]", "[1e-1, -1e-2]", 5, "greater than 0, given -0.01"),
+    ("[1e-1, 1e-2]", "[1e-1, .nan]", 5, "finite number, given nan"),
+    ("[1e-1, 1e-2]", "[1e-1, nan]", 5, "finite number, given nan"),
+    ("[1e-1, 1e-2]", "[1e-1, .inf]", 5, "finite number, given inf"),
+    ("[1e-1, 1e-2]", "[1e-1, small]", 5, "valid number, given 'small'"),
+    ("[1e-1, 1e-2]", "['1e-1']", 5, "valid number, given '1e-1'"),
+    ("[1e-1, 1e-2]", "[true]", 5, "valid number, given True"),
+    ("[1e-1, 1e-2]", "[]", 5, "h: "),
+    ("[1e-1, 1e-2]", "[1e-1, 0.1]", 5, "given twice: 0.1"),
+    ("[1e-1, 1e-2]", "[1e-9]", 5, "more than 20000000 steps"),
+    ("t_end: 1.0", "t_end: 0.05", 6, "t_end: shorter than the step h = 0.1, given 0.05"),
+    ("t_end: 1.0", "t_end: 0", 6, "greater than 0"),
+    ("t_end: 1.0", "steps: 0", 6, "no corrections without steps"),
+    ("t_end: 1.0", "steps: 2.5", 6, "steps: Input should be a valid integer"),
+    ("t_end: 1.0", "t_end: 1\nsteps: 4", 6, "either t_end or steps, given both"),
+    ("t_end: 1.0", "", 1, "either t_end or steps, given neither"),
+    ("t_end: 1.0", "t_end: 1\ntend: 2", 7, "tend: unknown key; did you mean 't_end'?"),
+    ("t_end: 1.0", "t_end: 1\nt_end: 2", 7, "duplicate key 't_end', first given in line 6"),
+    ("t_end: 1.0", "t_end: 1\nintegrator: {method: bdf}", 7, "unknown method 'bdf'"),
+    ("t_end: 1.0", "t_end: 1\nintegrator: {beta: 0}", 7, "integrator.beta: beta = 0: must be"),
+    ("t_end: 1.0", "t_end: 1\nintegrator: {gamma: 0.3}", 7, "integrator.gamma: gamma = 0.3"),
+    ("t_end: 1.0", "t_end: 1\nmeasure: colour", 7, "unknown measure 'colour'"),
+    ("t_end: 1.0", "t_end: 1\ncases: []", 7, "cases: must be a list of cases"),
+    ("t_end: 1.0", "t_end: 1\ncases: [3]", 7, "cases[1]: must be a mapping"),
+    ("t_end: 1.0", "t_end: 1\ncases: [{h: -1}]", 7, "cases[1].h: Input should be greater than 0"),
+    ("t_end: 1.0", "t_end: 1\ncases: [{}, {}]", 7, "two cases have pendulum, u-lambda, none"),
+    ("t_end: 1.0", "t_end: [1", 7, "not YAML"),
+    ("t_end: 1.0", "t_end: 1\n? [a, b]\n: 2", 7, "a key must be plain text"),
+    ("study: quick", "- study: quick", 2, "not YAML"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "line", "words"), MISTAKES)
+def test_mistakes_are_located(tmp_path, old, new, line, words):
+    """File, line, key, what was given and what is allowed, in one line."""
+    assert old in QUICK
+    with pytest.raises(DocumentError) as caught:
+        load(tmp_path, QUICK.replace(old, new))
+    text = str(caught.value)
+    assert text.startswith(f"c.yaml, line {line}: "), text
+    assert words in text, text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "the file is empty"),
+        (b"# only a comment\n", "the file is empty"),
+        (b"\xff\xfe\x00binary", "not a text file"),
+        (b"\x00\x01\x02", "not text"),
+        (b"just words", "must be a mapping"),
+        (b"[1, 2]", "must be a mapping"),
+        (b"a: &x [*x, *x]", "line 1"),
+        (b"a: " + b"[" * 5000, "line 1"),
+        (b"x: " + b"y" * 5_000_000, "larger than"),
+    ],
+)
+def test_files_that_are_no_configs(tmp_path, content, words):
+    """Empty, binary, other and hostile files."""
+    path = tmp_path / "c.yaml"
+    path.write_bytes(content)
+    with pytest.raises(DocumentError, match=words):
+        config.load(path, "c.yaml")
+
+
+def test_alias_bombs_are_refused(tmp_path):
+    """Nine levels of nine references: a billion values from a few lines."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10)]
+    with pytest.raises(DocumentError, match="more than 100000 values"):
+        load(tmp_path, "\n".join(lines))
+
+
+@given(st.floats(1e-300, 1e300))
+def test_numbers_read_back(value):
+    """Every spelling of a float that Python writes is a number here."""
+    for spelled in (repr(value), f"{value:e}", f"{value:.17g}", f"+{value:E}"):
+        assert documents.parse(f"x: {spelled}", "f").data["x"] == float(spelled)
+
+
+@given(st.text(max_size=200))
+def test_any_text_is_parsed_or_refused(text):
+    """No text makes the reader fail in another way."""
+    with contextlib.suppress(DocumentError):
+        assert config.parse(documents.parse(text, "f")).cells()

@@ -1,0 +1,194 @@
+"""The two engines held to each other, the kernel's solver, and forms to one another."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from newmark_cli.newmark import kernel, kernel_march, scipy_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.scaling import VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.registry import PROBLEMS, problem
+
+EPS = np.finfo(float).eps
+#: Step sizes at which Newton converges well and rounding does not yet drown a.
+STEP = {"pendulum": 1e-2, "andrews": 1e-5}
+INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6)]
+
+
+def copy(state):
+    return State(*(array.copy() for array in state))
+
+
+def march(engine, subject, scheme, state, first, steps):
+    norms = np.zeros((steps, len(scheme.form.unknowns)))
+    iterations = np.zeros(steps, np.int64)
+    ending = engine.march(subject, scheme, state, first, norms, iterations)
+    assert ending == (kernel.COMPLETED, steps)
+    return norms, iterations
+
+
+def states(subject, integrator, h, count=6, apart=25):
+    """States along a run of the (u, λ) form."""
+    form = FORMS["u-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
+    state = initial_state(subject, integrator)
+    for k in range(count):
+        yield k * apart, copy(state)
+        march(kernel_march, subject, scheme, state, k * apart, apart)
+
+
+def assert_same_step(subject, scheme, first, second):
+    """Equal up to rounding of u, and what each update relation makes of it."""
+    h, beta, gamma = scheme.h, scheme.integrator.beta, scheme.integrator.gamma
+    unit = 30 * EPS * np.linalg.norm(first.fields[0])
+    smallest = np.linalg.svd(
+        subject.evaluate(0, *first.fields[:2], first.multipliers).G, compute_uv=False
+    )[-1]
+    to_multiplier = np.linalg.norm(subject.M, 2) / (beta * h**2) / smallest
+    for name, one, other, weight in (
+        ("u", first.fields[0], second.fields[0], 1),
+        ("v", first.fields[1], second.fields[1], gamma / (beta * h)),
+        ("a", first.fields[2], second.fields[2], 1 / (beta * h**2)),
+        ("lambda", first.multipliers, second.multipliers, to_multiplier),
+    ):
+        assert np.linalg.norm(one - other) <= unit * weight, name
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_engines_agree_per_step(name, form, variant, integrator):
+    """Kernel and SciPy march take the same step, to rounding, from states along a run."""
+    subject = problem(name)
+    scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), STEP[name])
+    for first, state in states(subject, integrator, scheme.h):
+        ours, reference = copy(state), copy(state)
+        found, _ = march(kernel_march, subject, scheme, ours, first, 1)
+        expected, _ = march(scipy_march, subject, scheme, reference, first, 1)
+        assert_same_step(subject, scheme, ours, reference)
+        # What is recorded is rounding, or nothing.
+        limits = scheme.right * found + scheme.right * expected
+        assert limits[0, -1] < 1e-3 * max(np.linalg.norm(ours.multipliers), 1)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+def test_engines_record_the_same_statistics(form, variant):
+    """Over 150 steps the rms of every block agrees within a factor of 1.5.
+
+    Single corrections are rounding and differ from one coding to another.
+    """
+    subject, integrator = problem("andrews"), Newmark()
+    scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), 1e-5)
+    rms = []
+    for engine in (kernel_march, scipy_march):
+        state = initial_state(subject, integrator)
+        norms, iterations = march(engine, subject, scheme, state, 0, 150)
+        assert np.all(iterations > 0)
+        rms.append(np.sqrt(np.mean(norms**2, axis=0)))
+    assert np.all(np.abs(np.log(rms[0] / rms[1])) < np.log(1.5)), rms
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_all_forms_take_the_same_step(name, variant):
+    """Section 3.6: elimination is exact, so every form gives the same u, v, a, λ."""
+    subject, integrator = problem(name), Newmark()
+    for first, state in states(subject, integrator, STEP[name], count=3):
+        results = {}
+        for form in FORMS.values():
+            scheme = Scheme(integrator, form, named_scaling(variant, form), STEP[name])
+            results[form.name] = copy(state)
+            march(kernel_march, subject, scheme, results[form.name], first, 1)
+        for form in FORMS:
+            assert_same_step(subject, scheme, results["u-lambda"], results[form])
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_stretches_join(name):
+    """A march in pieces is the march, bit by bit."""
+    subject, integrator, form = problem(name), Newmark(), FORMS["u-v-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("left", form), STEP[name])
+    whole, pieces = initial_state(subject, integrator), initial_state(subject, integrator)
+    norms, _ = march(kernel_march, subject, scheme, whole, 0, 30)
+    first, _ = march(kernel_march, subject, scheme, pieces, 0, 13)
+    second, _ = march(kernel_march, subject, scheme, pieces, 13, 17)
+    np.testing.assert_array_equal(np.concatenate([first, second]), norms)
+    for one, other in zip(whole, pieces, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+def test_cap_marks_steps_not_converged(engine):
+    """Two corrections are not enough at h = 0.1; the count is negative."""
+    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("none", form), 0.1, iteration_cap=2)
+    state = initial_state(subject, integrator)
+    _, iterations = march(engine, subject, scheme, state, 0, 5)
+    assert list(iterations) == [-2] * 5
+
+
+@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+def test_terminal_phase_needs_two_small_corrections(engine):
+    """The first correction of the pendulum at h = 1e-4 is h²/2, no rounding; never recorded."""
+    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("none", form), 1e-4)
+    state = initial_state(subject, integrator)
+    norms, _ = march(engine, subject, scheme, state, 0, 100)
+    assert norms[:, 0].max() < 1e-15
+
+
+@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+def test_singular_jacobian_ends_the_march(engine):
+    """Without displacements G vanishes: a status, not a traceback."""
+    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
+    state = State(np.zeros((4, 2)), np.zeros((3, 2)), np.zeros(1))
+    ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
+    assert ending == (kernel.SINGULAR, 0)
+
+
+@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+def test_infinite_numbers_end_the_march(engine):
+    """A correction that is not finite ends the march with a status."""
+    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
+    state = initial_state(subject, integrator)
+    state.past[1] = 1e200
+    with np.errstate(all="ignore"):
+        ending, done = engine.march(
+            subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64)
+        )
+    assert ending == kernel.DIVERGED
+    assert done == 0
+
+
+@given(st.integers(1, 31), st.integers(0, 2**32 - 1), st.floats(0, 0.9))
+def test_kernel_solver(size, seed, sparsity):
+    """Backward stable: the residual is rounding of ‖A‖‖x‖, zeros or not."""
+    random = np.random.default_rng(seed)
+    matrix = random.normal(size=(size, size)) * (random.random((size, size)) >= sparsity)
+    matrix += np.diag(random.choice([-3.0, 3.0], size))[random.permutation(size)]
+    rhs = random.normal(size=size)
+    solution = rhs.copy()
+    work = np.empty(size, np.uint64), np.empty(size)
+    assert kernel.solve_in_place(matrix.copy(), solution, *work)
+    scale = np.linalg.norm(matrix, np.inf) * np.linalg.norm(solution, np.inf)
+    assert np.max(np.abs(matrix @ solution - rhs)) <= 50 * size * EPS * scale
+
+
+@given(st.integers(2, 12), st.integers(0, 2**32 - 1))
+def test_kernel_solver_finds_singular_matrices(size, seed):
+    """A zero column and a pivot that is not a number are refused."""
+    random = np.random.default_rng(seed)
+    work = np.empty(size, np.uint64), np.empty(size)
+    for bad in (0.0, np.nan):
+        matrix = random.normal(size=(size, size))
+        matrix[:, random.integers(size)] = bad
+        assert not kernel.solve_in_place(matrix, np.ones(size), *work)

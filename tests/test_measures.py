@@ -1,0 +1,106 @@
+"""Statistics, physical units, sampling and fits: pure functions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.stats import linregress
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import FIELDS, Newmark
+from newmark_cli.newmark.measures import corrections, sample_steps, statistics
+from newmark_cli.newmark.scaling import VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.report.fits import power_law
+
+norms = arrays(float, st.integers(1, 40), elements=st.floats(0, 1e300))
+
+
+@given(norms)
+def test_statistics(values):
+    """rms, max, median, last and zeros of any non-negative values, without overflow."""
+    found = statistics(values)
+    assert found.max == values.max()
+    assert found.median == np.median(values)
+    assert found.last == values[-1]
+    assert found.zeros == np.count_nonzero(values == 0)
+    exact = np.sqrt(np.mean(values.astype(np.longdouble) ** 2))
+    assert found.rms == pytest.approx(float(exact), rel=1e-12)
+
+
+def test_statistics_of_nothing():
+    """No step that counts: no value, no zero."""
+    found = statistics(np.array([]))
+    assert np.isnan([found.rms, found.max, found.median, found.last]).all()
+    assert found.zeros == 0
+
+
+def test_tiny_corrections_do_not_underflow():
+    """Squares of 1e-200 would vanish."""
+    assert statistics(np.array([3e-200, 4e-200])).rms == pytest.approx(np.sqrt(12.5) * 1e-200)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", FORMS)
+def test_physical_corrections(name, variant):
+    """Physical = D_R times scaled; eliminated fields by the weights of the form."""
+    form, h = FORMS[name], 1e-3
+    scheme = Scheme(Newmark(), form, named_scaling(variant, form), h)
+    random = np.random.default_rng(3)
+    directions = [random.normal(size=5) for _ in form.unknowns]
+    recorded = np.array([[np.linalg.norm(d) for d in directions]])
+    found = {(m.quantity, m.measure): m for m in corrections(scheme, recorded, np.array([4]))}
+    deltas = [factor * d for factor, d in zip(scheme.right, directions, strict=True)]
+    fields = np.einsum("xk,ki->xi", scheme.elimination.weights, np.array(deltas[:-1]))
+    for field, delta in zip((*FIELDS, "lambda"), [*fields, deltas[-1]], strict=True):
+        measurement = found[field, "physical_correction"]
+        assert measurement.statistics.last == pytest.approx(np.linalg.norm(delta), rel=1e-13)
+        assert measurement.role == ("recovered" if field in form.eliminated else "primary")
+    assert {q for q, measure in found if measure == "correction"} == set(form.unknowns)
+
+
+def test_steps_that_did_not_converge_are_left_out():
+    """A negative count excludes the step from every statistic."""
+    form = FORMS["u-lambda"]
+    scheme = Scheme(Newmark(), form, named_scaling("none", form), 1e-3)
+    recorded = np.array([[1.0, 2.0], [100.0, 200.0], [3.0, 0.0]])
+    found = corrections(scheme, recorded, np.array([3, -50, 4]))
+    assert found[0].statistics.max == 3.0
+    assert found[1].statistics.zeros == 1
+
+
+@given(st.integers(0, 10**7), st.integers(1, 100))
+def test_sample_steps(steps, samples):
+    """Distinct, in range, evenly spread, the last step among them."""
+    found = sample_steps(steps, samples)
+    assert len(found) == min(steps, samples)
+    if steps:
+        assert found[-1] == steps
+        assert found[0] >= 1
+        gaps = np.diff(np.concatenate([[0], found]))
+        assert gaps.max() - gaps.min() <= 2
+
+
+@given(st.floats(-6, 6), st.floats(-20, 20), st.integers(3, 12), st.integers(0, 2**32 - 1))
+def test_fit_is_ordinary_least_squares(slope, intercept, points, seed):
+    """Slope, intercept and standard error against SciPy's regression."""
+    random = np.random.default_rng(seed)
+    h = 10 ** np.sort(random.uniform(-8, 0, points))
+    values = 10 ** (intercept + slope * np.log10(h) + 0.1 * random.normal(size=points))
+    found = power_law(h, values)
+    expected = linregress(np.log10(h), np.log10(values))
+    assert found.slope == pytest.approx(expected.slope, rel=1e-7, abs=1e-9)
+    assert found.stderr == pytest.approx(expected.stderr, rel=1e-6, abs=1e-9)
+    assert found.intercept == pytest.approx(expected.intercept, rel=1e-7, abs=1e-7)
+    assert found.points == points
+
+
+def test_fit_leaves_out_what_has_no_logarithm():
+    """Zeros and missing values are not points."""
+    h = np.array([1e-1, 1e-2, 1e-3, 1e-4])
+    found = power_law(h, np.array([1e-1, 0.0, np.nan, 1e-4]))
+    assert found.points == 2
+    assert found.slope == pytest.approx(1.0)
+    assert np.isnan(found.stderr)
+    assert np.isnan(power_law(h[:1], h[:1]).slope)

@@ -1,0 +1,83 @@
+"""Exponent arithmetic against the orders that the paper states."""
+
+import numpy as np
+import pytest
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.orders import form_orders, min_plus
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+
+#: Table 1's last row, first line; the others are Section 4's and high precision's.
+CONDITION = {
+    "none": (-2, -3, -4, -3, -2, -2, -2),
+    "left": (-2, -2, -2, -1, 0, -2, -1),
+    "right": (-2, -2, -2, -2, -2, -2, -2),
+    "optimal": (0, 0, 0, 0, 0, 0, 0),
+}
+
+
+@pytest.mark.parametrize("variant", PAPER_VARIANTS)
+@pytest.mark.parametrize(("index", "name"), list(enumerate(FORMS)))
+def test_condition_numbers(index, name, variant):
+    """Order of C, form by form."""
+    found = form_orders(FORMS[name]).condition(named_scaling(variant, FORMS[name]))
+    assert found == CONDITION[variant][index]
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_physical_corrections(name):
+    """Table 1: u 0, v −1, a −2, λ −2, whichever unknowns are kept."""
+    expected = {"u": 0, "v": -1, "a": -2, "lambda": -2}
+    assert form_orders(FORMS[name]).physical_corrections() == expected
+
+
+@pytest.mark.parametrize("variant", PAPER_VARIANTS)
+@pytest.mark.parametrize("name", FORMS)
+def test_scaled_corrections(name, variant):
+    """none and left: as in physical units; right and optimal: all 0 (eqs. 40, 45)."""
+    physical = {"u": 0, "v": -1, "a": -2, "lambda": -2}
+    form = FORMS[name]
+    found = form_orders(form).corrections(named_scaling(variant, form))
+    scaled = variant in ("right", "optimal")
+    assert found == {u: 0 if scaled else physical[u] for u in form.unknowns}
+
+
+def test_two_field_blocks_are_eqs_33_34():
+    """Orders of J, J⁻¹ and the residual of the (u, λ) form."""
+    orders = form_orders(FORMS["u-lambda"])
+    np.testing.assert_array_equal(orders.jacobian, [[-2, 0], [0, np.inf]])
+    np.testing.assert_array_equal(orders.inverse, [[2, 0], [0, -2]])
+    np.testing.assert_array_equal(orders.residual, [-2, 0])
+
+
+def test_three_field_blocks_are_eqs_21_23():
+    """Orders of J, J⁻¹ and the residual of the (u, v, λ) form."""
+    orders = form_orders(FORMS["u-v-lambda"])
+    np.testing.assert_array_equal(
+        orders.jacobian, [[0, -1, 0], [0, 1, np.inf], [0, np.inf, np.inf]]
+    )
+    np.testing.assert_array_equal(orders.inverse, [[2, 0, 0], [1, -1, -1], [0, -2, -2]])
+    np.testing.assert_array_equal(orders.residual, [-1, 0, 0])
+
+
+def test_optimal_scaling_makes_every_block_order_zero_or_more():
+    """Eqs. 39 and 44: no block of J̄ or J̄⁻¹ grows."""
+    for form in FORMS.values():
+        jacobian, inverse = form_orders(form).scaled(named_scaling("optimal", form))
+        assert jacobian.min() == 0
+        assert inverse.min() == 0
+
+
+def test_printed_v_row_costs_one_order():
+    """With the V row as printed C grows like 1/h."""
+    form = FORMS["u-v-a-lambda"]
+    assert form_orders(form).condition(named_scaling("optimal-printed", form)) == -1
+
+
+def test_min_plus_is_the_order_of_a_product():
+    """Orders of a product of matrices of monomials, against values at a small h."""
+    random = np.random.default_rng(7)
+    left, right = random.integers(-3, 4, (3, 2)), random.integers(-3, 4, (2, 4))
+    h = 1e-9
+    product = (h ** left.astype(float)) @ (h ** right.astype(float))
+    np.testing.assert_array_equal(min_plus(left, right), np.round(np.log(product) / np.log(h)))

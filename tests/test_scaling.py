@@ -1,0 +1,104 @@
+"""Table 2, the rule behind it, and scalings of one's own."""
+
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.monomial import Monomial
+from newmark_cli.newmark.scaling import (
+    PAPER_VARIANTS,
+    TABLE_2,
+    VARIANTS,
+    Preconditioning,
+    ScalingError,
+    named_scaling,
+    own_scaling,
+    sensitivity,
+)
+
+W_V, W_A = Monomial.parse("gamma/(beta*h)"), Monomial.parse("1/(beta*h^2)")
+
+
+@pytest.mark.parametrize("variant", PAPER_VARIANTS)
+@pytest.mark.parametrize("name", FORMS)
+def test_table_2(name, variant):
+    """Every factor of every variant against Table 2, typed again."""
+    beta, gamma, h = 0.3, 0.7, 1e-3
+    left, right = oracles.TABLE_2[name]
+    found = named_scaling(variant, FORMS[name])
+    values = {"beta": beta, "gamma": gamma, "h": h}
+    for side, table, factors in (
+        ("left", left, found.left),
+        ("right", right, found.right),
+    ):
+        for block, factor in factors.items():
+            active = variant in (side, "optimal")
+            expected = table[block](beta, gamma, h) if active and block in table else 1.0
+            assert factor(values) == pytest.approx(expected, rel=1e-14), (side, block)
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_sensitivity_rule_gives_the_orders_of_table_2(name):
+    """Scaling by ∂v/∂u and ∂a/∂u has the powers of h of Table 2, form by form."""
+    by_rule = sensitivity(FORMS[name], W_V, W_A)
+    table = named_scaling("optimal", FORMS[name])
+    for side in ("left", "right"):
+        ours, paper = getattr(by_rule, side), getattr(table, side)
+        assert {b: f.order() for b, f in ours.items()} == {b: f.order() for b, f in paper.items()}
+
+
+@pytest.mark.parametrize("name", ["u-v-a-lambda", "u-v-lambda", "u-lambda", "a-lambda"])
+def test_sensitivity_rule_is_table_2(name):
+    """For forms that keep u, and (a, λ), the rule is Table 2 exactly."""
+    by_rule = sensitivity(FORMS[name], W_V, W_A)
+    table = named_scaling("optimal", FORMS[name])
+    assert (by_rule.left, by_rule.right) == (table.left, table.right)
+
+
+def test_printed_v_row():
+    """The V row as the scan prints it differs from Table 2 in that row alone."""
+    form = FORMS["u-v-a-lambda"]
+    printed, ours = (named_scaling(v, form) for v in ("optimal-printed", "optimal"))
+    assert printed.left["V"] == Monomial()
+    assert printed.right == ours.right
+    assert {r for r in form.rows if printed.left[r] != ours.left[r]} == {"V"}
+
+
+@given(
+    st.dictionaries(st.sampled_from("DC"), st.sampled_from(["h", "beta*h^2", "2/h"])),
+    st.dictionaries(st.sampled_from(["u", "lambda"]), st.sampled_from(["1/h", "3", "h^-2"])),
+)
+def test_labels_say_everything(left, right):
+    """The label of a scaling of one's own reads back to the same scaling."""
+    own = Preconditioning("mine", tuple(left.items()), tuple(right.items()), own=True)
+    back = Preconditioning.parse(own.label)
+    assert back.scaling(FORMS["u-lambda"]) == own.scaling(FORMS["u-lambda"])
+    assert "," not in own.label
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_labels_of_variants(variant):
+    """A variant's label is its name."""
+    assert Preconditioning.parse(Preconditioning(variant).label) == Preconditioning(variant)
+
+
+@pytest.mark.parametrize("label", ["best", "x[up D=h]", "x[left D]", "x[", "[left D=h]"])
+def test_labels_refused(label):
+    """What is no label is refused."""
+    with pytest.raises(ScalingError):
+        Preconditioning.parse(label)
+
+
+def test_blocks_must_exist():
+    """A factor for a row or an unknown that the form lacks is refused by name."""
+    with pytest.raises(ScalingError, match="form u-lambda has no 'V'; it has D, C"):
+        own_scaling("x", FORMS["u-lambda"], {"V": "h"}, {})
+    with pytest.raises(ScalingError, match="form u-lambda has no 'a'"):
+        own_scaling("x", FORMS["u-lambda"], {}, {"a": "h"})
+
+
+def test_table_covers_every_form():
+    """A new form needs its column."""
+    assert set(TABLE_2) == set(FORMS)
