@@ -78,7 +78,7 @@ long march(const double mass[N][N], const int ends[M][2], const double anchors[M
                                         + (1 / (2 * beta) - 1) * an[j]);
         }
         double previous = INFINITY;
-        int settled = 0;
+        int settled = 0; /* corrections in a row in the terminal phase */
         for (int solves = 0; solves < cap; solves++) {
             memcpy(a, constant, sizeof a);
             for (int i = 0; i < N; i++) {
@@ -160,7 +160,7 @@ long march(const double mass[N][N], const int ends[M][2], const double anchors[M
             double norm = sqrt(us + ls);
             if (!isfinite(norm))
                 return -1;
-            if (settled && norm >= previous)
+            if (settled >= 2 && norm >= previous)
                 break;
             previous = norm;
             norms[2 * s] = sqrt(us);
@@ -171,7 +171,7 @@ long march(const double mass[N][N], const int ends[M][2], const double anchors[M
             }
             for (int i = 0; i < M; i++)
                 lambda[i] += right * b[N + i];
-            settled = us < settled_below * settled_below * size;
+            settled = us < settled_below * settled_below * size ? settled + 1 : 0;
             if (norm == 0)
                 break;
         }

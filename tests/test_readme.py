@@ -1,0 +1,42 @@
+"""The README's table and keys against the committed results and the code."""
+
+from pathlib import Path
+
+import pytest
+
+from newmark_cli.report import plot
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.slopes import PASS, collect
+from newmark_cli.study import config, results
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def committed():
+    """Slopes of the committed CSVs."""
+    return collect(ROOT / "results")
+
+
+def test_claims_table_is_that_of_the_results(committed):
+    """What `check --markdown` prints is what stands in the README."""
+    drawn = sorted((s for s in committed if s.figures), key=lambda s: s.figures)
+    table = plot.markdown_table(plot.claims(drawn))
+    begin, end = "<!-- claims: begin -->\n", "<!-- claims: end -->"
+    assert README.split(begin)[1].split(end)[0].strip() == table
+
+
+def test_committed_results_are_complete(committed):
+    """All studies of `reproduce`, all figures, every slope as predicted."""
+    assert {s.study for s in committed} == set(config.REPRODUCED)
+    assert {s.verdict for s in committed} == {PASS}
+    for number in FIGURES:
+        for suffix in ("png", "svg"):
+            assert (ROOT / f"results/figures/figure-{number}.{suffix}").stat().st_size > 5000
+
+
+def test_every_column_and_key_is_explained():
+    """No column of the CSV and no key of a config without a word about it."""
+    for name in (*results.COLUMNS, *config.Case.model_fields, "study", "cases", "description"):
+        assert f"`{name}`" in README or f"\n{name}:" in README, name
