@@ -26,6 +26,16 @@ _RATE_ORDERS = np.array([0, -1, -2])
 INVERSE_ORDERS: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {"u": (2, 2, 0, 0), "v": (1, 0, -1, -1), "a": (0, 0, -2, -2), "lambda": (0, 0, -2, -2)}
 )
+#: The same without damping.  A perturbation of V reaches row D through Y alone:
+#: where Y = 0 it changes v and nothing else.
+UNDAMPED_INVERSE_ORDERS: Mapping[str, tuple[float, ...]] = MappingProxyType(
+    {
+        "u": (2, np.inf, 0, 0),
+        "v": (1, 0, -1, -1),
+        "a": (0, np.inf, -2, -2),
+        "lambda": (0, np.inf, -2, -2),
+    }
+)
 
 
 def min_plus(left: Array, right: Array) -> Array:
@@ -98,10 +108,18 @@ class FormOrders:
         )
 
 
-def form_orders(form: Form) -> FormOrders:
+def form_orders(form: Form, damped: bool = True, stiff: bool = True) -> FormOrders:
     """Orders of a form for any integrator of the family.
 
-    X, Y, M and G are taken to be O(1) and present; the fields and λ are O(1).
+    M and G, and X and Y where present, are taken to be O(1) and in general
+    position: fewer constraints than coordinates, and M⁻¹Y neither tangent to the
+    constraints nor normal to them.  The fields and λ are O(1).  Corrections and
+    condition numbers are the same with and without X and Y; single blocks are not.
+
+    Args:
+        form: The form.
+        damped: Whether Y ≠ 0.
+        stiff: Whether X ≠ 0.
     """
     # Which weights and row entries are there does not depend on h or on the
     # integrator's numbers; their orders are those of the rates.
@@ -113,8 +131,9 @@ def form_orders(form: Form) -> FormOrders:
         "V": np.array([np.inf, 0, 1]),
         "K": np.array([0, np.inf, 2]),
     }
+    dynamic = np.where([stiff, damped, True], 0.0, np.inf)  # X, Y, M
     blocks = {
-        "D": np.append(min_plus(np.zeros((1, 3)), weights)[0], 0),
+        "D": np.append(min_plus(dynamic[None, :], weights)[0], 0),
         "C": np.append(weights[0], np.inf),
     }
     # Residual: f and Gλ beside M times the kept fields in D; fields in V, K; Φ.
@@ -124,11 +143,12 @@ def form_orders(form: Form) -> FormOrders:
         blocks[row] = np.append(in_kept, np.inf)
         residual[row] = float(np.min(in_kept))
 
+    inverse = INVERSE_ORDERS if damped else UNDAMPED_INVERSE_ORDERS
     columns = [ROWS.index(row) for row in form.rows]
     return FormOrders(
         form=form,
         weights=weights,
         jacobian=np.array([blocks[row] for row in form.rows]),
-        inverse=np.array([INVERSE_ORDERS[u] for u in form.unknowns], float)[:, columns],
+        inverse=np.array([inverse[u] for u in form.unknowns], float)[:, columns],
         residual=np.array([residual[row] for row in form.rows]),
     )
