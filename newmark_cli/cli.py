@@ -17,7 +17,9 @@ from newmark_cli import __version__
 from newmark_cli.errors import InputError
 
 if TYPE_CHECKING:
+    from newmark_cli.newmark.scaling import Preconditioning
     from newmark_cli.report.slopes import Slope
+    from newmark_cli.report.tables import Entry
     from newmark_cli.study.config import Study
     from newmark_cli.study.runner import StudyRun
 
@@ -88,7 +90,7 @@ def plot(figures: tuple[str, ...], folder: Path) -> int:
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
 
-    wanted = plotting.numbers(figures)
+    wanted = plotting.names(figures)
     for file in plotting.plot(folder, wanted):
         click.echo(file)
     slopes.write(folder, slopes.collect(folder))
@@ -115,13 +117,7 @@ def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
     found = slopes.collect(folder)
     slopes.write(folder, found)
     if as_json:
-        import json
-
-        rows = [
-            {key: None if value != value else value for key, value in slope.row().items()}
-            for slope in found
-        ]
-        click.echo(json.dumps(rows, indent=2, ensure_ascii=False))
+        click.echo(_json([slope.row() for slope in found]))
     else:
         _show_claims(found, show_all, markdown)
     return _verdict(found)
@@ -145,14 +141,72 @@ def reproduce(folder: Path, jobs: int | None) -> int:
 
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
+    from newmark_cli.report import tables as tabling
 
-    files = plotting.plot(folder, plotting.numbers(()))
+    files = plotting.plot(folder, plotting.names(()))
     click.echo(f"{len(files)} files in {folder / 'figures'}")
     found = slopes.collect(folder, config.REPRODUCED)
     slopes.write(folder, found)
     click.echo()
+    _show_tables(folder, tabling.build(found))
     _show_claims(found)
     return code or _verdict(found)
+
+
+@cli.command()
+@click.option("--form", "form", metavar="FORM", help="One form; all seven when omitted.")
+@click.option(
+    "--preconditioning",
+    "variant",
+    metavar="VARIANT",
+    help="One variant; the paper's four when omitted.",
+)
+@click.option("--config", "file", metavar="CONFIG", help="Forms and scalings of a config.")
+@click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def orders(
+    form: str | None, variant: str | None, file: str | None, derive: bool, as_json: bool
+) -> int:
+    r"""Predict orders in h: blocks of J and its inverse, corrections, condition number.
+
+    Laid out as in Sections 3 and 4 of the paper.  With --derive, finds the least
+    powers of h that make every block O(1), and compares them with Table 2.
+
+    \b
+    Example:
+      newmark-study orders --form u-lambda --preconditioning optimal
+    """
+    from newmark_cli.report import theory
+
+    chosen = _forms_and_scalings(form, variant, file)
+    if derive:
+        found = [theory.derive(name) for name in dict.fromkeys(name for name, _ in chosen)]
+        texts = [theory.derived_as_text(entry) for entry in found]
+    else:
+        found = [theory.predict(name, scaling) for name, scaling in chosen]
+        texts = [theory.as_text(entry) + "\n" for entry in found]
+    click.echo(_json(found) if as_json else "\n".join(texts))
+    return 0
+
+
+@cli.command()
+@_results
+def tables(folder: Path) -> int:
+    r"""Tables 1 and 2 of the paper, every entry predicted beside measured.
+
+    Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
+    and .tex.  Exits with 1 when an entry is not as predicted.
+
+    \b
+    Example:
+      newmark-study tables
+    """
+    from newmark_cli.report import slopes
+    from newmark_cli.report import tables as tabling
+
+    entries = tabling.build(slopes.collect(folder, [tabling.STUDY]))
+    _show_tables(folder, entries)
+    return 1 if tabling.missed(entries) else 0
 
 
 @cli.command("list")
@@ -179,7 +233,7 @@ def list_() -> int:
             (name, " and ".join(sides) or "no scaling") for name, sides in VARIANTS.items()
         ],
         "configs": [(name, config.find(name).description) for name in config.shipped()],
-        "figures": [(str(figure.number), figure.title) for figure in FIGURES.values()],
+        "figures": [(figure.name, figure.title) for figure in FIGURES.values()],
     }
     for title, entries in sections.items():
         click.echo(f"{title}:")
@@ -223,9 +277,9 @@ def _show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bo
     from newmark_cli.report import plot as plotting
     from newmark_cli.report.slopes import PASS
 
-    drawn = sorted((s for s in slopes if s.figures), key=lambda s: s.figures)
-    rest = [s for s in slopes if not s.figures and (show_all or s.verdict != PASS)]
-    table = plotting.claims([*drawn, *rest])
+    claimed = plotting.claimed(slopes)
+    rest = [s for s in slopes if s not in claimed and (show_all or s.verdict != PASS)]
+    table = plotting.claims([*claimed, *rest])
     if len(table) > 1:
         click.echo((plotting.markdown_table if markdown else plotting.text_table)(table))
         click.echo()
@@ -233,10 +287,68 @@ def _show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bo
         click.echo(plotting.summary(slopes))
 
 
-def _verdict(slopes: "Sequence[Slope]") -> int:
-    from newmark_cli.report.slopes import PASS
+def _verdict(found: "Sequence[Slope]") -> int:
+    """1 when a slope, or an entry of the tables, is not as predicted."""
+    from newmark_cli.report import slopes, tables
 
-    return 0 if all(slope.verdict == PASS for slope in slopes) else 1
+    if not all(slope.verdict == slopes.PASS for slope in found):
+        return 1
+    if not any(slope.study == tables.STUDY for slope in found):
+        return 0
+    missed = tables.missed(tables.build(found))
+    for entry in missed:
+        click.echo(
+            f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}: not as predicted"
+        )
+    return 1 if missed else 0
+
+
+def _show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
+    from newmark_cli.report import plot as plotting
+    from newmark_cli.report import tables as tabling
+
+    for title, grid in tabling.grids(entries):
+        click.echo(f"{title}\n\n{plotting.text_table(grid)}\n")
+    click.echo(f"{tabling.worst(entries)}\n")
+    for file in tabling.write(folder, entries):
+        click.echo(file)
+    click.echo()
+
+
+def _forms_and_scalings(
+    form: str | None, variant: str | None, file: str | None
+) -> "list[tuple[str, Preconditioning]]":
+    """Pairs that the options of `orders` choose, in the order of the registries."""
+    from newmark_cli.documents import nearest
+    from newmark_cli.newmark.forms import FORMS
+    from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
+
+    if file is not None:
+        if form is not None or variant is not None:
+            raise click.UsageError("--config already names forms and preconditioning")
+        from newmark_cli.study import config
+
+        cells = config.find(file).cells()
+        return list(dict.fromkeys((cell.form, cell.preconditioning) for cell in cells))
+    if form is not None and form not in FORMS:
+        raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
+    scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
+    return [(name, s) for name in ([form] if form else FORMS) for s in scalings]
+
+
+def _json(value: object) -> str:
+    """JSON for programs; NaN and infinity are null."""
+    import json
+    import math
+
+    def plain(part: object) -> object:
+        if isinstance(part, dict):
+            return {key: plain(item) for key, item in part.items()}
+        if isinstance(part, list):
+            return [plain(item) for item in part]
+        return None if isinstance(part, float) and not math.isfinite(part) else part
+
+    return json.dumps(plain(value), indent=2, ensure_ascii=False)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

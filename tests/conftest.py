@@ -67,3 +67,9 @@ t_end: 1.0
 def quick(cli):
     """A small valid config in the folder of ``cli``."""
     return cli.write("quick.yaml", QUICK)
+
+
+@pytest.fixture(scope="session")
+def committed_folder():
+    """The results of a full run that travel with the project."""
+    return Path(__file__).parents[1] / "results"

@@ -1,5 +1,6 @@
 """Condition numbers against mpmath with 60 digits."""
 
+import numpy as np
 import oracles
 import pytest
 from mpmath import mp
@@ -7,9 +8,10 @@ from mpmath import mp
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.jacobian import condition_number
+from newmark_cli.newmark.jacobian import condition_number, scaled_jacobian
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Terms
 from newmark_cli.problems.registry import problem
 
 H = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -39,6 +41,23 @@ def test_condition_numbers(reference, form):
                 scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
                 found = condition_number(subject, scheme, 0.0, state)
                 assert abs(found / exact - 1) < 1e-9, (h, variant)
+
+
+@pytest.mark.parametrize("variant", PAPER_VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+def test_assembled_jacobian(form, variant):
+    """Every entry of J̄ for X, Y, M, G in general position, against blocks written out."""
+    random = np.random.default_rng(11)
+    n, m, h = 4, 2, 0.3
+    x, y, mass = random.normal(size=(3, n, n))
+    g = random.normal(size=(n, m))
+    terms = Terms(np.zeros(n), np.zeros(m), x, y, g)
+    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+    exact = oracles.scale(
+        form, variant, *oracles.form_jacobian(form, *map(mp.matrix, (x, y, mass, g)), h), h
+    )
+    found = scaled_jacobian(scheme, terms, mass)
+    np.testing.assert_allclose(found, np.array(exact.tolist(), float), rtol=1e-13, atol=1e-14)
 
 
 def test_pendulum_plateau():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from damped import damped
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -75,6 +76,45 @@ def test_engines_agree_per_step(name, form, variant, integrator):
         # What is recorded is rounding, or nothing.
         limits = scheme.right * found + scheme.right * expected
         assert limits[0, -1] < 1e-3 * max(np.linalg.norm(ours.multipliers), 1)
+
+
+SUBJECTS = {"pendulum": 0.1, "andrews": 1e-3, "damped": 0.1}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_engines_converge_alike(name, form, variant):
+    """At large steps, where every block of J counts: Newton takes as long in both engines.
+
+    A wrong sign or factor in a Jacobian leaves the step as it is and makes the
+    iteration linear or worse, so counts tell what end states cannot.
+    """
+    subject = damped() if name == "damped" else problem(name)
+    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), SUBJECTS[name])
+    state = initial_state(subject, Newmark())
+    counts = []
+    for first in range(10):
+        reference = copy(state)
+        _, ours = march(kernel_march, subject, scheme, state, first, 1)
+        _, theirs = march(scipy_march, subject, scheme, reference, first, 1)
+        counts.append((int(ours[0]), int(theirs[0])))
+        state = reference
+    ours, theirs = np.median(np.array(counts), axis=0)
+    assert abs(ours - theirs) <= 1.5, counts
+    assert theirs <= 12, counts
+
+
+@pytest.mark.parametrize("name", ["none", "optimal"])
+@pytest.mark.parametrize("form", FORMS)
+def test_newton_is_quadratic_with_damping(form, name):
+    """With the right Y a step of a linear force on a quadric takes few corrections."""
+    subject = damped()
+    scheme = Scheme(Newmark(), FORMS[form], named_scaling(name, FORMS[form]), 0.1)
+    for engine in (kernel_march, scipy_march):
+        state = initial_state(subject, Newmark())
+        _, iterations = march(engine, subject, scheme, state, 0, 20)
+        assert 0 < np.median(iterations) <= 8
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

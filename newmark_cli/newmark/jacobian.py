@@ -78,26 +78,48 @@ def _balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     )
 
 
+class BalancedJacobian:
+    """J̄ at a state, solved through the balanced matrix whatever the scaling is.
+
+    J̄ without left scaling can be so unevenly scaled that elimination with partial
+    pivoting returns noise (forms that keep row K, h = 1e-8).  The balanced matrix
+    has a moderate condition number; its solution is brought to the scaling asked
+    for factor by factor, which is accurate to rounding.
+    """
+
+    def __init__(self, problem: Problem, scheme: Scheme, t: float, state: State) -> None:
+        terms = problem.evaluate(t, state.fields[0], state.fields[1], state.multipliers)
+        n, m = problem.n, problem.m
+        jacobian = np.block(form_blocks(scheme, terms, problem.M))
+        left, right = _factors(scheme, n, m)
+        row_balance, column_balance = _balancing_factors(scheme, n, m)
+        self.scaled = left[:, None] * jacobian * right[None, :]
+        self._balanced = row_balance[:, None] * jacobian * column_balance[None, :]
+        self._columns = column_balance / right
+        self._rows = row_balance / left
+
+    def solve(self, rhs: Array) -> Array:
+        """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
+        return np.asarray(self._columns * np.linalg.solve(self._balanced, self._rows * rhs))
+
+    def inverse(self) -> Array:
+        """J̄⁻¹; raises numpy.linalg.LinAlgError when J̄ is singular."""
+        inverse = np.linalg.inv(self._balanced)
+        return np.asarray(self._columns[:, None] * inverse * self._rows[None, :])
+
+
 def condition_number(problem: Problem, scheme: Scheme, t: float, state: State) -> float:
     """2-norm condition number ‖J̄‖·‖J̄⁻¹‖ at a state.
 
     One singular value decomposition of J̄ loses the smallest singular value when
-    C exceeds 1/eps.  The inverse is formed from the balanced matrix, whose
-    condition number is moderate, and brought to the scaling asked for factor by
-    factor; a largest singular value is always accurate.
+    C exceeds 1/eps; the largest one of J̄⁻¹ is always accurate.
 
     Returns:
         C; infinite when the matrix is singular.
     """
-    terms = problem.evaluate(t, state.fields[0], state.fields[1], state.multipliers)
-    n, m = problem.n, problem.m
-    jacobian = np.block(form_blocks(scheme, terms, problem.M))
-    left, right = _factors(scheme, n, m)
-    row_balance, column_balance = _balancing_factors(scheme, n, m)
+    jacobian = BalancedJacobian(problem, scheme, t, state)
     try:
-        inverse = np.linalg.inv(row_balance[:, None] * jacobian * column_balance[None, :])
+        inverse = jacobian.inverse()
     except np.linalg.LinAlgError:
         return np.inf
-    scaled = left[:, None] * jacobian * right[None, :]
-    scaled_inverse = (column_balance / right)[:, None] * inverse * (row_balance / left)[None, :]
-    return float(np.linalg.norm(scaled, 2) * np.linalg.norm(scaled_inverse, 2))
+    return float(np.linalg.norm(jacobian.scaled, 2) * np.linalg.norm(inverse, 2))

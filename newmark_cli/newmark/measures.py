@@ -4,6 +4,7 @@ The march returns, for each step, the norms of the recorded correction's blocks
 in the unknowns the solver sees.  What becomes of them is decided here.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,7 @@ class Measurement:
     measure: str
     role: str
     statistics: Statistics
+    row_block: str = ""
 
 
 def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Measurement]:
@@ -93,6 +95,20 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
 def condition(values: Array) -> Measurement:
     """Measurement of condition numbers at the sampled states; shape (samples,)."""
     return Measurement("jacobian", "condition", "primary", statistics(values))
+
+
+def sensitivities(samples: Sequence[Mapping[tuple[str, str], float]]) -> list[Measurement]:
+    """Measurements of `newmark_cli.newmark.sensitivity` at the sampled states."""
+    return [
+        Measurement(
+            unknown,
+            "sensitivity",
+            "primary",
+            statistics(np.array([sample[row, unknown] for sample in samples])),
+            row,
+        )
+        for row, unknown in (samples[0] if samples else ())
+    ]
 
 
 def sample_steps(steps: int, samples: int) -> IndexArray:

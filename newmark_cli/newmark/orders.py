@@ -152,3 +152,42 @@ def form_orders(form: Form, damped: bool = True, stiff: bool = True) -> FormOrde
         inverse=np.array([inverse[u] for u in form.unknowns], float)[:, columns],
         residual=np.array([residual[row] for row in form.rows]),
     )
+
+
+def derive_scaling(orders: FormOrders) -> tuple[dict[str, int], dict[str, int]]:
+    """Least powers of h that make every block of J̄ and J̄⁻¹ O(1), from orders alone.
+
+    With ℓ_i the power of row i and r_j that of unknown j, every block asks for
+
+        −ord(J)_ij ≤ ℓ_i + r_j ≤ ord(J⁻¹)_ji,
+
+    a system of difference constraints in ℓ and −r.  Row C keeps ℓ = 0 as in
+    Table 2, which fixes the common factor that a scaling is free to have; the
+    least solution is then found by relaxation, as longest paths are.
+
+    Args:
+        orders: Orders of a form.
+
+    Returns:
+        Row block → ℓ and unknown → r.
+
+    Raises:
+        ValueError: When no powers do it.
+    """
+    rows, unknowns = orders.form.rows, orders.form.unknowns
+    low, high = -orders.jacobian, orders.inverse.T
+    left = np.array([0.0 if row == "C" else -np.inf for row in rows])
+    shrink = np.full(len(unknowns), -np.inf)  # −r
+    for _ in range(len(rows) + len(unknowns) + 1):
+        new_shrink = np.maximum(shrink, np.max(left[:, None] - high, axis=0))
+        new_left = np.maximum(left, np.max(low + new_shrink[None, :], axis=1))
+        if np.array_equal(new_left, left) and np.array_equal(new_shrink, shrink):
+            break
+        left, shrink = new_left, new_shrink
+    powers = left[:, None] - shrink[None, :]
+    if left[rows.index("C")] != 0 or np.any(powers < low) or np.any(powers > high):
+        raise ValueError(f"no powers of h make the blocks of {orders.form.name} O(1)")
+    return (
+        {row: int(power) for row, power in zip(rows, left, strict=True)},
+        {unknown: -int(power) for unknown, power in zip(unknowns, shrink, strict=True)},
+    )

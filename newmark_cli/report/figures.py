@@ -15,7 +15,7 @@ class OrderFigure:
     """A quantity against the step size on logarithmic axes, a series for each variant.
 
     Attributes:
-        number: Number in the paper.
+        name: Number in the paper, or a word.
         title: What it shows.
         study: Study whose CSV it reads.
         problem, form, quantity, measure: Which rows.
@@ -23,7 +23,7 @@ class OrderFigure:
         variants: Series, in the order of the legend.
     """
 
-    number: int
+    name: str
     title: str
     study: str
     problem: str
@@ -39,52 +39,82 @@ class MechanismFigure:
     """A mechanism in its initial position; read from the problem's definition.
 
     Attributes:
-        number: Number in the paper.
+        name: Number in the paper, or a word.
         title: What it shows.
         problem: Which mechanism.
     """
 
-    number: int
+    name: str
     title: str
     problem: str
 
 
-FIGURES: Mapping[int, OrderFigure | MechanismFigure] = MappingProxyType(
+@dataclass(frozen=True)
+class SensitivityFigure:
+    """Sensitivities to each row block, a panel for each row block and unknown.
+
+    Attributes:
+        name: A word.
+        title: What it shows.
+        study: Study whose CSV it reads.
+        problem, form: Which rows.
+        tolerance: Largest |fitted − predicted slope|.
+        variants: Series of each panel.
+        measure: Which rows.
+    """
+
+    name: str
+    title: str
+    study: str
+    problem: str
+    form: str
+    tolerance: float
+    variants: tuple[str, ...] = ("none", "optimal")
+    measure: str = "sensitivity"
+
+
+Figure = OrderFigure | MechanismFigure | SensitivityFigure
+
+FIGURES: Mapping[str, Figure] = MappingProxyType(
     {
-        figure.number: figure
+        figure.name: figure
         for figure in (
             OrderFigure(
-                1, "Pendulum, (u, λ) form: displacements",
+                "1", "Pendulum, (u, λ) form: displacements",
                 "pendulum-u", "pendulum", "u-lambda", "u", "correction", 0.15,
             ),
             OrderFigure(
-                2, "Pendulum, (u, λ) form: multiplier",
+                "2", "Pendulum, (u, λ) form: multiplier",
                 "pendulum-u", "pendulum", "u-lambda", "lambda", "correction", 0.15,
             ),
             OrderFigure(
-                3, "Pendulum, (u, λ) form: condition number",
+                "3", "Pendulum, (u, λ) form: condition number",
                 "pendulum-u", "pendulum", "u-lambda", "jacobian", "condition", 0.02,
             ),
             OrderFigure(
-                4, "Pendulum, (v, λ) form: velocities",
+                "4", "Pendulum, (v, λ) form: velocities",
                 "pendulum-v", "pendulum", "v-lambda", "v", "correction", 0.15,
             ),
             OrderFigure(
-                5, "Pendulum, (a, λ) form: accelerations",
+                "5", "Pendulum, (a, λ) form: accelerations",
                 "pendulum-a", "pendulum", "a-lambda", "a", "correction", 0.15,
             ),
-            MechanismFigure(6, "Andrews' squeezing mechanism, initial position", "andrews"),
+            MechanismFigure("6", "Andrews' squeezing mechanism, initial position", "andrews"),
             OrderFigure(
-                7, "Andrews' mechanism, (u, λ) form: displacements",
+                "7", "Andrews' mechanism, (u, λ) form: displacements",
                 "andrews-u", "andrews", "u-lambda", "u", "correction", 0.1,
             ),
             OrderFigure(
-                8, "Andrews' mechanism, (u, λ) form: multipliers",
+                "8", "Andrews' mechanism, (u, λ) form: multipliers",
                 "andrews-u", "andrews", "u-lambda", "lambda", "correction", 0.1,
             ),
             OrderFigure(
-                9, "Andrews' mechanism, (u, λ) form: condition number",
+                "9", "Andrews' mechanism, (u, λ) form: condition number",
                 "andrews-u", "andrews", "u-lambda", "jacobian", "condition", 0.05,
+            ),
+            SensitivityFigure(
+                "sensitivity", "Andrews' mechanism: sensitivity of each unknown to each row",
+                "sensitivity", "andrews", "u-v-a-lambda", 0.05,
             ),
         )
     }

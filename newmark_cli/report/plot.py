@@ -3,51 +3,59 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
-from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure
-from newmark_cli.report.slopes import PASS, Slope, collect, format_fit, format_order
+from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
+from newmark_cli.report.slopes import (
+    PASS,
+    Slope,
+    collect,
+    format_fit,
+    format_order,
+    in_figure_order,
+)
 from newmark_cli.study.results import ResultsError
 
 
-def numbers(given: Iterable[str]) -> list[int]:
+def names(given: Iterable[str]) -> list[str]:
     """Figures asked for; all when none is named.
 
     Raises:
         InputError: For a figure that does not exist.
     """
-    wanted = []
-    for text in given:
-        if not text.isdecimal() or int(text) not in FIGURES:
-            allowed = ", ".join(map(str, FIGURES))
-            raise InputError(f"unknown figure {text!r}; allowed: {allowed}")
-        wanted.append(int(text))
-    return wanted or list(FIGURES)
+    given = list(given)
+    for name in given:
+        if name not in FIGURES:
+            raise InputError(f"unknown figure {name!r}{nearest(name, FIGURES)}")
+    return given or list(FIGURES)
 
 
-def series(figure: OrderFigure, slopes: Sequence[Slope], folder: Path) -> list[Slope]:
+def series(
+    figure: OrderFigure | SensitivityFigure, slopes: Sequence[Slope], folder: Path
+) -> list[Slope]:
     """Series of a figure, in the order of its legend.
 
     Raises:
         ResultsError: When the results lack one.
     """
-    by_variant = {s.preconditioning: s for s in slopes if figure.number in s.figures}
-    missing = [variant for variant in figure.variants if variant not in by_variant]
+    drawn = [slope for slope in slopes if figure.name in slope.figures]
+    missing = [v for v in figure.variants if v not in {slope.preconditioning for slope in drawn}]
     if missing:
         raise ResultsError(
-            f"{folder / figure.study}.csv: figure {figure.number} needs {', '.join(missing)}; "
+            f"{folder / figure.study}.csv: figure {figure.name} needs {', '.join(missing)}; "
             f"run 'newmark-study run {figure.study}' again"
         )
-    return [by_variant[variant] for variant in figure.variants]
+    return sorted(drawn, key=lambda slope: figure.variants.index(slope.preconditioning))
 
 
-def plot(folder: Path, wanted: Sequence[int]) -> list[Path]:
+def plot(folder: Path, wanted: Sequence[str]) -> list[Path]:
     """Draw figures into ``figures`` below the results folder.
 
     Nothing is written unless all of them can be drawn.
 
     Args:
         folder: Results folder with the CSVs.
-        wanted: Numbers of figures.
+        wanted: Names of figures.
 
     Returns:
         The files.
@@ -55,10 +63,12 @@ def plot(folder: Path, wanted: Sequence[int]) -> list[Path]:
     Raises:
         ResultsError: When results are missing or cannot be used.
     """
-    entries = [FIGURES[number] for number in wanted]
-    studies = dict.fromkeys(e.study for e in entries if isinstance(e, OrderFigure))
+    entries = [FIGURES[name] for name in wanted]
+    studies = dict.fromkeys(e.study for e in entries if not isinstance(e, MechanismFigure))
     slopes = collect(folder, studies)
-    data = {e.number: series(e, slopes, folder) for e in entries if isinstance(e, OrderFigure)}
+    data = {
+        e.name: series(e, slopes, folder) for e in entries if not isinstance(e, MechanismFigure)
+    }
 
     from newmark_cli.problems.registry import problem
     from newmark_cli.report import draw
@@ -67,9 +77,11 @@ def plot(folder: Path, wanted: Sequence[int]) -> list[Path]:
     for entry in entries:
         if isinstance(entry, MechanismFigure):
             drawing = draw.mechanism_figure(entry, problem(entry.problem).drawing)
+        elif isinstance(entry, SensitivityFigure):
+            drawing = draw.sensitivity_figure(entry, data[entry.name])
         else:
-            drawing = draw.order_figure(entry, data[entry.number])
-        files += draw.save(drawing, folder / "figures" / f"figure-{entry.number}")
+            drawing = draw.order_figure(entry, data[entry.name])
+        files += draw.save(drawing, folder / "figures" / f"figure-{entry.name}")
     return files
 
 
@@ -85,18 +97,25 @@ _HEADINGS = (
 )
 
 
+def claimed(slopes: Sequence[Slope]) -> list[Slope]:
+    """Slopes that the paper's figures show, in their order."""
+    return [
+        slope
+        for slope in in_figure_order(slopes)
+        if any(isinstance(FIGURES[name], OrderFigure) for name in slope.figures)
+    ]
+
+
 def claims(slopes: Sequence[Slope]) -> list[tuple[str, ...]]:
     """Rows of the table of claims, headings first."""
     rows: list[tuple[str, ...]] = [_HEADINGS]
     for slope in slopes:
-        symbol = {"lambda": "λ", "jacobian": "C"}.get(slope.quantity, slope.quantity)
-        unit = " (physical)" if slope.measure == "physical_correction" else ""
         where = slope.study if slope.figures else f"{slope.study} {slope.problem} {slope.form}"
         rows.append(
             (
-                " ".join(map(str, slope.figures)),
+                " ".join(slope.figures),
                 where,
-                f"{symbol}{unit}" if slope.measure == "condition" else f"Δ{symbol}{unit}",
+                _quantity(slope),
                 slope.preconditioning,
                 format_order(slope.expected),
                 format_fit(slope.fit),
@@ -105,6 +124,16 @@ def claims(slopes: Sequence[Slope]) -> list[tuple[str, ...]]:
             )
         )
     return rows
+
+
+def _quantity(slope: Slope) -> str:
+    symbol = {"lambda": "λ", "jacobian": "C"}.get(slope.quantity, slope.quantity)
+    return {
+        "correction": f"Δ{symbol}",
+        "physical_correction": f"Δ{symbol} (physical)",
+        "condition": symbol,
+        "sensitivity": f"∂{symbol}/∂b_{slope.row_block}",
+    }[slope.measure]
 
 
 def text_table(rows: Sequence[Sequence[str]]) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from newmark_cli.newmark import kernel, kernel_march, measures
+from newmark_cli.newmark import kernel, kernel_march, measures, sensitivity
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -17,7 +17,7 @@ from newmark_cli.problems.registry import problem
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "singular", "diverged", "failed")
-#: Steps between two signs of life where no condition number is due.
+#: Steps between two signs of life where no state is sampled.
 _STRETCH = 5_000
 _ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
 
@@ -78,16 +78,24 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     state = initial_state(subject, cell.integrator)
     norms = np.zeros((cell.steps, len(form.unknowns)))
     iterations = np.zeros(cell.steps, np.int64)
-    conditions = []
-    ending, done = kernel.COMPLETED, 0
+    conditions: list[float] = []
+    sensitivities: list[dict[tuple[str, str], float]] = []
 
+    def sample() -> None:
+        time = subject.t0 + done * cell.h
+        if "condition" in cell.measure:
+            conditions.append(condition_number(subject, scheme, time, state))
+        if "sensitivity" in cell.measure:
+            sensitivities.append(sensitivity.sensitivities(subject, scheme, time, state))
+
+    sampled = bool({"condition", "sensitivity"} & set(cell.measure))
+    stops = measures.sample_steps(
+        cell.steps, cell.samples if sampled else 1 + cell.steps // _STRETCH
+    )
+    ending, done = kernel.COMPLETED, 0
     if cell.steps == 0:
-        conditions.append(condition_number(subject, scheme, subject.t0, state))
-    with_condition = "condition" in cell.measure
-    if with_condition:
-        stops = measures.sample_steps(cell.steps, cell.samples)
-    else:
-        stops = measures.sample_steps(cell.steps, 1 + cell.steps // _STRETCH)
+        sample()
+        on_steps(1)
     for stop in stops:
         stretch = slice(done, int(stop))
         ending, taken = kernel_march.march(
@@ -97,17 +105,15 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         on_steps(taken)
         if ending != kernel.COMPLETED:
             break
-        if with_condition:
-            time = subject.t0 + done * cell.h
-            conditions.append(condition_number(subject, scheme, time, state))
-    if cell.steps == 0:
-        on_steps(1)
+        sample()
 
     found: list[Measurement] = []
     if "correction" in cell.measure:
         found += measures.corrections(scheme, norms[:done], iterations[:done])
     if "condition" in cell.measure:
         found.append(measures.condition(np.array(conditions)))
+    if "sensitivity" in cell.measure:
+        found += measures.sensitivities(sensitivities)
     not_converged = int(np.count_nonzero(iterations[:done] < 0))
     return Outcome(
         measurements=found,

@@ -16,10 +16,10 @@ from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.study.cell import Cell
 
-MEASURES = ("correction", "condition")
+MEASURES = ("correction", "condition", "sensitivity")
 
 #: Shipped configs that `reproduce` runs.
-REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms")
+REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _MOST_STEPS = 20_000_000
 
@@ -155,12 +155,12 @@ class Case(StrictModel):
         None, description="steps to take, in place of t_end; 0: measure at the initial state"
     )
     integrator: IntegratorConfig = Field(IntegratorConfig(), description="default: trapezoidal")
-    measure: Measures = Field(MEASURES, description="what is measured")
+    measure: Measures = Field(("correction", "condition"), description="what is measured")
     iteration_cap: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
         50, description="most Newton corrections in a step"
     )
     samples: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
-        32, description="most steps at which a condition number is computed"
+        32, description="most steps at which J is evaluated for condition and sensitivity"
     )
 
     @model_validator(mode="after")

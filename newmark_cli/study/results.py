@@ -17,6 +17,7 @@ COLUMNS = (
     "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
     "linear_solver", "h", "t_end", "steps", "quantity", "measure", "role", "rms", "max",
     "median", "last", "zeros", "not_converged", "newton_iterations", "status",
+    "row_block",
 )  # fmt: skip
 
 
@@ -51,7 +52,12 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
             statistics = found.statistics
             table.append(
                 common
-                | {"quantity": found.quantity, "measure": found.measure, "role": found.role}
+                | {
+                    "quantity": found.quantity,
+                    "measure": found.measure,
+                    "role": found.role,
+                    "row_block": found.row_block,
+                }
                 | vars(statistics)
             )
         if not outcome.measurements:

@@ -1,0 +1,57 @@
+"""Section 2 of the paper as an experiment: what a perturbed residual does.
+
+At convergence the residual is rounding.  A perturbation of size ε in one row
+block changes the Newton correction by the corresponding block column of J⁻¹
+times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of J⁻¹.
+"""
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.jacobian import BalancedJacobian
+from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem
+
+#: Size of the perturbation; a power of two, so that dividing by it is exact.
+EPSILON = 2.0**-20
+_SEED = 20061012
+
+
+def perturbation(row: str, size: int) -> Array:
+    """(size,) the seeded unit vector that perturbs a row block; the same at every h."""
+    vector = np.random.default_rng([_SEED, ord(row)]).normal(size=size)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def sensitivities(
+    problem: Problem, scheme: Scheme, t: float, state: State
+) -> dict[tuple[str, str], float]:
+    """‖δq̄‖/ε of each unknown for a perturbation of each row block of b̄.
+
+    Args:
+        problem: The problem.
+        scheme: Form, scaling, integrator and step size; the perturbation and what
+            it does are those of the scaled system J̄ q̄ = −b̄.
+        t: Time (s).
+        state: State at which J̄ is evaluated.
+
+    Returns:
+        (row block, unknown) → ‖δq̄‖/ε.
+
+    Raises:
+        numpy.linalg.LinAlgError: When J̄ is singular.
+    """
+    n, m = problem.n, problem.m
+    jacobian = BalancedJacobian(problem, scheme, t, state)
+    form = scheme.form
+    ends = [n * (k + 1) for k in range(len(form.rows) - 1)]
+    found = {}
+    for i, row in enumerate(form.rows):
+        rhs = np.zeros(len(jacobian.scaled))
+        size = m if row == "C" else n
+        rhs[i * n : i * n + size] = -EPSILON * perturbation(row, size)
+        change = np.split(jacobian.solve(rhs), ends)
+        for unknown, block in zip(form.unknowns, change, strict=True):
+            found[row, unknown] = float(np.linalg.norm(block)) / EPSILON
+    return found

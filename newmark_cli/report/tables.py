@@ -1,0 +1,286 @@
+"""Tables 1 and 2 of the paper: every entry predicted beside measured.
+
+Measured values come from the slopes of the study `all-forms`:
+
+- Table 1: physical corrections and condition numbers without preconditioning.
+- Table 2: a left factor's power of h is the order in which the unknowns, scaled by
+  the right factors, react to a perturbation of that row; a right factor's is the
+  order in which that unknown reacts to perturbations of the rows scaled by the
+  left factors.  With just that power more the reaction would be O(1).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from newmark_cli.newmark.forms import FORMS, ROWS
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.monomial import Monomial
+from newmark_cli.newmark.orders import derive_scaling, form_orders
+from newmark_cli.newmark.scaling import TABLE_2
+from newmark_cli.report.fits import Fit, power_law
+from newmark_cli.report.slopes import PASS, Slope, format_fit, format_order
+from newmark_cli.study import results
+from newmark_cli.study.results import ResultsError
+
+#: Study that the tables read.
+STUDY = "all-forms"
+
+#: Largest |measured − predicted| of a factor's power; the sensitivities are not noisy.
+_FACTOR_TOLERANCE = 0.05
+
+COLUMNS = (
+    "table", "entry", "form", "problem", "factor", "predicted", "measured", "stderr",
+    "eliminated", "verdict",
+)  # fmt: skip
+
+_ENTRY = {"lambda": "λ", "jacobian": "C"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of a table, for one problem.
+
+    Attributes:
+        table: 1 or 2.
+        entry: Row of the table: "Δu" … "C" of Table 1, "D_L D" … "D_R λ" of Table 2.
+        form: Column of the table.
+        problem: Where it was measured.
+        factor: Table 2's factor; empty in Table 1.
+        predicted: Order in h.
+        fit: Fitted order.
+        eliminated: Whether the field is recovered rather than an unknown.
+        verdict: pass, miss or incomplete.
+    """
+
+    table: int
+    entry: str
+    form: str
+    problem: str
+    factor: str
+    predicted: float
+    fit: Fit
+    eliminated: bool
+    verdict: str
+
+
+def build(slopes: Iterable[Slope]) -> list[Entry]:
+    """Entries of both tables from the slopes of `all-forms`.
+
+    Raises:
+        ResultsError: When the study lacks a series.
+    """
+    ours = [slope for slope in slopes if slope.study == STUDY]
+    problems = list(dict.fromkeys(slope.problem for slope in ours))
+    if not problems:
+        raise ResultsError(f"no results of {STUDY}; run 'newmark-study run {STUDY}' first")
+    entries = [e for problem in problems for e in _table_1(ours, problem)]
+    return entries + [e for problem in problems for e in _table_2(ours, problem)]
+
+
+def missed(entries: Iterable[Entry]) -> list[Entry]:
+    """Entries that are not as predicted."""
+    return [entry for entry in entries if entry.verdict != PASS]
+
+
+def _table_1(slopes: Sequence[Slope], problem: str) -> Iterable[Entry]:
+    for quantity in (*FIELDS, "lambda", "jacobian"):
+        measure = "condition" if quantity == "jacobian" else "physical_correction"
+        for form in FORMS:
+            slope = _one(slopes, problem, form, "none", quantity, measure)
+            yield Entry(
+                table=1,
+                entry="C" if measure == "condition" else f"Δ{_ENTRY.get(quantity, quantity)}",
+                form=form,
+                problem=problem,
+                factor="",
+                predicted=slope.expected,
+                fit=slope.fit,
+                eliminated=slope.role == "recovered",
+                verdict=slope.verdict,
+            )
+
+
+def _table_2(slopes: Sequence[Slope], problem: str) -> Iterable[Entry]:
+    derived = {name: derive_scaling(form_orders(form)) for name, form in FORMS.items()}
+    for side, blocks in (("left", ROWS), ("right", (*FIELDS, "lambda"))):
+        other = "right" if side == "left" else "left"
+        for block in blocks:
+            for name in FORMS:
+                powers = derived[name][0 if side == "left" else 1]
+                if block not in powers:
+                    continue
+                reactions = [
+                    slope
+                    for slope in slopes
+                    if (slope.problem, slope.form, slope.measure) == (problem, name, "sensitivity")
+                    and slope.preconditioning == other
+                    and block == (slope.row_block if side == "left" else slope.quantity)
+                ]
+                if not reactions:
+                    raise ResultsError(
+                        f"{STUDY}: no sensitivities of {problem}, {name}, {other}; "
+                        f"run 'newmark-study run {STUDY}' again"
+                    )
+                strongest = np.max([slope.values for slope in reactions], axis=0)
+                fit = power_law(reactions[0].h, strongest)
+                factor = TABLE_2[name][side][block]
+                agrees = Monomial.parse(factor).order() == powers[block]
+                within = agrees and abs(fit.slope - powers[block]) <= _FACTOR_TOLERANCE
+                yield Entry(
+                    table=2,
+                    entry=f"D_{side[0].upper()} {_ENTRY.get(block, block)}",
+                    form=name,
+                    problem=problem,
+                    factor=factor,
+                    predicted=powers[block],
+                    fit=fit,
+                    eliminated=False,
+                    verdict=PASS if within else "miss",
+                )
+
+
+def _one(
+    slopes: Sequence[Slope], problem: str, form: str, variant: str, quantity: str, measure: str
+) -> Slope:
+    for slope in slopes:
+        if (slope.problem, slope.form, slope.preconditioning, slope.quantity, slope.measure) == (
+            problem, form, variant, quantity, measure,
+        ):  # fmt: skip
+            return slope
+    raise ResultsError(
+        f"{STUDY}: no {measure} of {problem}, {form}, {variant}, {quantity}; "
+        f"run 'newmark-study run {STUDY}' again"
+    )
+
+
+def grids(entries: Sequence[Entry]) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """The tables as grids of text: a title, and rows with headings first.
+
+    A form is a row, an entry of the paper's tables a column, so that they fit a
+    terminal.  An entry reads "predicted: measured ± standard error", with * where
+    the field is eliminated and ! where it is not as predicted.
+    """
+    titles = {
+        1: "Table 1: orders of corrections and condition number, no preconditioning",
+        2: "Table 2: powers of h in the factors of the optimal scaling",
+    }
+    found = []
+    for table, title in titles.items():
+        for problem in dict.fromkeys(e.problem for e in entries):
+            ours = [e for e in entries if (e.table, e.problem) == (table, problem)]
+            cells = {(e.entry, e.form): e for e in ours}
+            columns = list(dict.fromkeys(e.entry for e in ours))
+            if not columns:
+                continue
+            rows: list[tuple[str, ...]] = [("form", *columns)]
+            rows += [
+                (_form_heading(form), *(_cell(cells.get((column, form))) for column in columns))
+                for form in FORMS
+            ]
+            found.append((f"{title} ({problem})", rows))
+    return found
+
+
+def _factors() -> tuple[str, list[tuple[str, ...]]]:
+    """Table 2 as the code has it: the factors themselves."""
+    blocks = [("left", block) for block in ROWS] + [("right", f) for f in (*FIELDS, "lambda")]
+    rows: list[tuple[str, ...]] = [
+        ("form", *(f"D_{side[0].upper()} {_ENTRY.get(block, block)}" for side, block in blocks))
+    ]
+    rows += [
+        (_form_heading(form), *(TABLE_2[form][side].get(block, "–") for side, block in blocks))
+        for form in FORMS
+    ]
+    return "Table 2: factors of the optimal scaling", rows
+
+
+def _form_heading(form: str) -> str:
+    return "(" + ", ".join(_ENTRY.get(u, u) for u in FORMS[form].unknowns) + ")"
+
+
+def _cell(entry: Entry | None) -> str:
+    if entry is None:
+        return "–"
+    mark = ("*" if entry.eliminated else "") + ("" if entry.verdict == PASS else " !")
+    return f"{format_order(entry.predicted)}: {format_fit(entry.fit)}{mark}"
+
+
+def write(folder: Path, entries: Sequence[Entry]) -> list[Path]:
+    """Write both tables as Markdown, CSV and LaTeX below ``tables``; returns the files."""
+    files = []
+    for table in (1, 2):
+        ours = [e for e in entries if e.table == table]
+        shown = ([_factors()] if table == 2 else []) + grids(ours)
+        stem = folder / "tables" / f"table-{table}"
+        for suffix, text in (
+            (".md", "\n".join(_markdown(title, rows) for title, rows in shown)),
+            (".tex", "\n".join(_latex(title, rows) for title, rows in shown)),
+            (".csv", results.csv_text(COLUMNS, map(_csv_row, ours))),
+        ):
+            file = stem.with_suffix(suffix)
+            results.write_atomically(file, text)
+            files.append(file)
+    return files
+
+
+def _csv_row(entry: Entry) -> dict[str, object]:
+    return vars(entry) | {
+        "measured": entry.fit.slope,
+        "stderr": entry.fit.stderr,
+        "eliminated": "yes" if entry.eliminated else "no",
+        "predicted": int(entry.predicted),
+    }
+
+
+def _markdown(title: str, rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(cell.replace("*", "\\*") for cell in row) + " |" for row in rows]
+    rule = "|" + " --- |" * len(rows[0])
+    return "\n".join([f"### {title}", "", lines[0], rule, *lines[1:], "", f"{_NOTE}", ""])
+
+
+_NOTE = "Predicted: fitted ± standard error; * eliminated, ! not as predicted."
+
+
+def _latex(title: str, rows: Sequence[Sequence[str]]) -> str:
+    def cell(text: str) -> str:
+        for given, tex in (
+            ("_", "\\_"), ("^", "\\^{}"), ("±", "$\\pm$"), ("−", "$-$"), ("λ", "$\\lambda$"),
+            ("Δ", "$\\Delta$ "), ("–", "--"),
+        ):  # fmt: skip
+            text = text.replace(given, tex)
+        return text
+
+    body = [" & ".join(map(cell, row)) + " \\\\" for row in rows]
+    return "\n".join(
+        [
+            "\\begin{table}",
+            f"  \\caption{{{cell(f'{title}. {_NOTE}')}}}",
+            f"  \\begin{{tabular}}{{l{'l' * (len(rows[0]) - 1)}}}",
+            "    \\hline",
+            f"    {body[0]}",
+            "    \\hline",
+            *(f"    {line}" for line in body[1:]),
+            "    \\hline",
+            "  \\end{tabular}",
+            "\\end{table}",
+            "",
+        ]
+    )
+
+
+def worst(entries: Sequence[Entry]) -> str:
+    """How far the measured orders are from the predicted ones, a line for each kind."""
+    kinds = {
+        "corrections": [e for e in entries if e.table == 1 and e.entry != "C"],
+        "condition numbers": [e for e in entries if e.table == 1 and e.entry == "C"],
+        "factors": [e for e in entries if e.table == 2],
+    }
+    return "\n".join(
+        f"{len(chosen)} {kind}: at most "
+        f"{max(abs(e.fit.slope - e.predicted) for e in chosen):.2g} from the predicted order"
+        for kind, chosen in kinds.items()
+        if chosen
+    )

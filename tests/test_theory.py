@@ -1,0 +1,284 @@
+"""The theory as commands: orders, the derived scaling, tables, the perturbation theorem."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import oracles
+import pytest
+from conftest import QUICK
+from mpmath import mp
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.orders import derive_scaling, form_orders
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.sensitivity import perturbation, sensitivities
+from newmark_cli.problems.registry import problem
+from newmark_cli.report import tables
+from newmark_cli.report.slopes import MISS, PASS, collect
+
+#: Powers of h in Table 2, typed again; the V row is h¹.
+POWERS = {
+    "u-v-a-lambda": ({"D": 2, "V": 1, "K": 0, "C": 0}, {"u": 0, "v": -1, "a": -2, "lambda": -2}),
+    "u-v-lambda": ({"D": 2, "K": 0, "C": 0}, {"u": 0, "v": -1, "lambda": -2}),
+    "u-lambda": ({"D": 2, "C": 0}, {"u": 0, "lambda": -2}),
+    "v-lambda": ({"D": 2, "C": 0}, {"v": -1, "lambda": -2}),
+    "a-lambda": ({"D": 2, "C": 0}, {"a": -2, "lambda": -2}),
+    "u-a-lambda": ({"D": 2, "K": 0, "C": 0}, {"u": 0, "a": -2, "lambda": -2}),
+    "v-a-lambda": ({"D": 2, "V": 1, "C": 0}, {"v": -1, "a": -2, "lambda": -2}),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_derived_scaling_is_table_2(name):
+    """The least powers that balance every block are those of Table 2."""
+    assert derive_scaling(form_orders(FORMS[name])) == POWERS[name]
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_derived_scaling_is_least(name):
+    """No power can be brought nearer to 0 alone, and every block is O(1)."""
+    orders = form_orders(FORMS[name])
+    left, right = (np.array(list(side.values())) for side in derive_scaling(orders))
+
+    def balanced(left, right):
+        powers = left[:, None] + right[None, :]
+        return bool(
+            np.all(orders.jacobian + powers >= 0) and np.all(orders.inverse.T - powers >= 0)
+        )
+
+    assert balanced(left, right)
+    for side in (left, right):
+        for i in np.flatnonzero(side):
+            nearer = side.copy()
+            nearer[i] -= np.sign(nearer[i])
+            pair = (nearer, right) if side is left else (left, nearer)
+            assert not balanced(*pair)
+
+
+def test_no_scaling_is_found_where_there_is_none():
+    """Blocks of J that grow faster than those of J⁻¹ shrink cannot be balanced."""
+    orders = form_orders(FORMS["u-lambda"])
+    impossible = replace(orders, jacobian=orders.jacobian - 1)
+    with pytest.raises(ValueError, match="no powers of h"):
+        derive_scaling(impossible)
+
+
+def test_orders_are_laid_out_as_in_the_paper(cli):
+    """Eqs. 33, 34, 36, 37 in the terminal."""
+    text = cli("orders", "--form", "u-lambda", "--preconditioning", "none").stdout
+    lines = [line.split() for line in text.splitlines()]
+    assert ["J̄", "u", "λ"] in lines
+    assert ["D", "O(h⁻²)", "O(h⁰)"] in lines
+    assert ["C", "O(h⁰)", "0"] in lines
+    assert ["u", "O(h²)", "O(h⁰)"] in lines
+    assert ["λ", "O(h⁰)", "O(h⁻²)"] in lines
+    assert "Δb̄_D O(h⁻²), Δb̄_C O(h⁰)" in text
+    assert "Δu O(h⁰), Δv* O(h⁻¹), Δa* O(h⁻²), Δλ O(h⁻²)" in text
+    assert "C O(h⁻⁴)" in text
+
+
+def test_orders_as_json(cli):
+    """Every form and variant of the paper, structural zeros as null."""
+    found = json.loads(cli("orders", "--json").stdout)
+    assert [(f["form"], f["preconditioning"]) for f in found] == [
+        (form, variant) for form in FORMS for variant in PAPER_VARIANTS
+    ]
+    three = next(f for f in found if f["form"] == "u-v-lambda" and f["preconditioning"] == "none")
+    assert three["jacobian"] == {  # eq. 21
+        "D": {"u": 0, "v": -1, "lambda": 0},
+        "K": {"u": 0, "v": 1, "lambda": None},
+        "C": {"u": 0, "v": None, "lambda": None},
+    }
+    assert three["inverse"] == {  # eq. 23
+        "u": {"D": 2, "K": 0, "C": 0},
+        "v": {"D": 1, "K": -1, "C": -1},
+        "lambda": {"D": 0, "K": -2, "C": -2},
+    }
+    assert three["condition"] == -3
+    assert three["physical_correction"]["a"] == {"order": -2, "role": "recovered"}
+
+
+def test_orders_of_a_config(cli):
+    """A scaling of one's own is predicted without code."""
+    cli.write("own.yaml", QUICK.replace("[none, optimal]", "{name: mine, right: {lambda: 1/h}}"))
+    (found,) = json.loads(cli("orders", "--config", "own.yaml", "--json").stdout)
+    assert found["correction"] == {"u": 0, "lambda": -1}
+    assert found["condition"] == -3
+
+
+def test_derive_in_the_terminal(cli):
+    """All seven forms agree, and the text says which are the paper's."""
+    text = cli("orders", "--derive").stdout
+    assert "NOT" not in text
+    assert text.count("the powers of Table 2") == 10
+    assert text.count("the powers of this project's factors") == 4
+    found = json.loads(cli("orders", "--derive", "--json").stdout)
+    assert {f["form"]: (f["left"], f["right"]) for f in found} == POWERS
+
+
+def test_orders_refuses(cli):
+    """Unknown names and contradicting options."""
+    assert "did you mean 'u-lambda'" in cli.refused("orders", "--form", "u-lamda")
+    assert "unknown preconditioning 'best'" in cli.refused("orders", "--preconditioning", "best")
+    assert "--config already names" in cli.refused("orders", "--form", "u-lambda", "--config", "x")
+
+
+# -- the perturbation theorem ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", oracles.REFERENCES)
+def test_sensitivities_are_columns_of_the_inverse(name, form):
+    """‖δq̄‖/ε against J⁻¹ in 60 digits, also where J̄ is too uneven for plain elimination."""
+    subject, h = problem(name), 1e-8
+    state = initial_state(subject, Newmark())
+    for variant in ("none", "right", "optimal"):
+        scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+        found = sensitivities(subject, scheme, 0.0, state)
+        with mp.workdps(oracles.DIGITS):
+            reference = oracles.REFERENCES[name]()
+            x, g = reference.jacobian_terms(
+                map(float, state.fields[0]), map(float, state.multipliers)
+            )
+            y = mp.zeros(subject.n)
+            blocks = oracles.form_jacobian(form, x, y, reference.mass, g, h)
+            scaled = oracles.scale(form, variant, *blocks, h)
+            _, row_names, column_names = blocks
+            for row in FORMS[form].rows:
+                places = [i for i, r in enumerate(row_names) if r == row]
+                rhs = mp.zeros(scaled.rows, 1)
+                for place, value in zip(places, perturbation(row, len(places)), strict=True):
+                    rhs[place] = mp.mpf(float(value))
+                change = mp.lu_solve(scaled, rhs)
+                for unknown in FORMS[form].unknowns:
+                    block = [change[i] for i, c in enumerate(column_names) if c == unknown[:6]]
+                    exact = float(mp.norm(mp.matrix(block), 2))
+                    got = found[row, unknown]
+                    assert got == pytest.approx(exact, rel=1e-9, abs=0), (row, unknown)
+
+
+def test_perturbations_are_unit_vectors():
+    """Seeded, one for each row, the same at every step size."""
+    for row in "DVKC":
+        assert np.linalg.norm(perturbation(row, 8)) == pytest.approx(1, rel=1e-15)
+        np.testing.assert_array_equal(perturbation(row, 8), perturbation(row, 8))
+    assert not np.array_equal(perturbation("D", 8), perturbation("K", 8))
+
+
+def test_sensitivity_study(cli):
+    """A config with measure: sensitivity runs, is checked and drawn."""
+    cli("run", "sensitivity")
+    found = json.loads(cli("check", "--json").stdout)
+    assert len(found) == 2 * 16
+    by_block = {
+        (r["preconditioning"], r["quantity"], r["row_block"]): (r["slope"], r["expected"])
+        for r in found
+    }
+    assert by_block["none", "u", "D"] == (pytest.approx(2, abs=0.05), 2)
+    assert by_block["none", "lambda", "C"] == (pytest.approx(-2, abs=0.05), -2)
+    assert by_block["optimal", "lambda", "C"] == (pytest.approx(0, abs=0.05), 0)
+    assert by_block["none", "u", "V"] == (None, 2), "exactly 0: Andrews has no damping"
+    cli("plot", "sensitivity")
+    assert (cli.folder / "results/figures/figure-sensitivity.svg").stat().st_size > 5000
+
+
+# -- tables ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def entries(committed_folder):
+    """Entries of both tables from the committed results."""
+    return tables.build(collect(committed_folder, [tables.STUDY]))
+
+
+def test_table_1(entries):
+    """Every form, u v a λ C: predicted as the paper prints, measured within tolerance."""
+    condition = dict(zip(FORMS, (-2, -3, -4, -3, -2, -2, -2), strict=True))
+    ours = [e for e in entries if e.table == 1]
+    assert len(ours) == 2 * 7 * 5
+    for entry in ours:
+        expected = {"Δu": 0, "Δv": -1, "Δa": -2, "Δλ": -2, "C": condition[entry.form]}[entry.entry]
+        assert entry.predicted == expected
+        tolerance = 0.02 if entry.entry == "C" else 0.15
+        assert entry.fit.slope == pytest.approx(expected, abs=tolerance), entry
+        kept = entry.form.split("-")
+        assert entry.eliminated == (
+            entry.entry in ("Δu", "Δv", "Δa") and entry.entry[1] not in kept
+        )
+
+
+def test_table_2(entries):
+    """Every factor's power of h, derived and measured by the reactions of the scaled system."""
+    ours = [e for e in entries if e.table == 2]
+    assert len(ours) == 2 * sum(len(left) + len(right) for left, right in POWERS.values())
+    for entry in ours:
+        side, block = entry.entry[2], entry.entry.split()[1].replace("λ", "lambda")
+        powers = POWERS[entry.form][0 if side == "L" else 1]
+        assert entry.predicted == powers[block]
+        assert entry.fit.slope == pytest.approx(powers[block], abs=0.05)
+        assert entry.verdict == PASS
+
+
+def test_tables_command(cli, committed_folder):
+    """Terminal, Markdown, CSV and LaTeX, from the CSV alone."""
+    (cli.folder / "results").mkdir()
+    (cli.folder / "results/all-forms.csv").write_bytes(
+        (committed_folder / "all-forms.csv").read_bytes()
+    )
+    done = cli("tables")
+    assert "(u, λ)        0: " in done.stdout
+    assert " !" not in done.stdout
+    folder = cli.folder / "results/tables"
+    names = {f"table-{n}.{s}" for n in (1, 2) for s in ("md", "csv", "tex")}
+    assert {file.name for file in folder.iterdir()} == names
+    with (folder / "table-1.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 70
+    chosen = next(
+        r for r in rows if (r["entry"], r["form"], r["problem"]) == ("C", "u-lambda", "andrews")
+    )
+    assert chosen["predicted"] == "-4"
+    assert float(chosen["measured"]) == pytest.approx(-4, abs=0.02)
+    latex = (folder / "table-2.tex").read_text()
+    assert "beta*h\\^{}2" in latex
+    assert latex.count("\\begin{tabular}") == latex.count("\\end{tabular}") == 3
+    for row in latex.splitlines():
+        if row.endswith("\\\\"):
+            assert row.count("&") == 8
+
+
+def test_tables_mark_a_mismatch(cli, committed_folder):
+    """A factor whose power does not fit is marked, and both tables and check fail."""
+    text = (committed_folder / "all-forms.csv").read_text().splitlines()
+    header = text[0].split(",")
+    columns = {name: header.index(name) for name in ("measure", "preconditioning", "h", "median")}
+    spoilt = [text[0]]
+    for line in text[1:]:
+        row = line.split(",")
+        if row[columns["measure"]] == "sensitivity" and row[columns["preconditioning"]] == "left":
+            value = float(row[columns["median"]]) / float(row[columns["h"]])
+            row[columns["median"]] = repr(value)
+        spoilt.append(",".join(row))
+    cli.write("results/all-forms.csv", "\n".join(spoilt) + "\n")
+    assert " !" in cli("tables", code=1).stdout
+    assert "miss" in cli("check", code=1).stdout
+
+
+def test_wrong_table_entry_is_a_mismatch(monkeypatch, committed_folder):
+    """An exponent of Table 2 that theory does not derive is not hidden by measurements."""
+    table = {name: {s: dict(f) for s, f in sides.items()} for name, sides in tables.TABLE_2.items()}
+    table["u-lambda"]["left"]["D"] = "beta*h"
+    monkeypatch.setattr(tables, "TABLE_2", table)
+    found = tables.build(collect(committed_folder, [tables.STUDY]))
+    wrong = {(e.form, e.entry, e.verdict) for e in tables.missed(found)}
+    assert wrong == {("u-lambda", "D_L D", MISS)}
+
+
+def test_tables_need_their_study(cli):
+    """One line that says what to run."""
+    assert "run 'newmark-study run all-forms' first" in cli.refused("tables")
