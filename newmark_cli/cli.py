@@ -23,12 +23,20 @@ if TYPE_CHECKING:
     from newmark_cli.study.config import Study
     from newmark_cli.study.runner import StudyRun
 
+
+def _folder(context: click.Context, option: click.Parameter, given: Path) -> Path:
+    if given == Path():
+        raise click.BadParameter("must name a folder other than the current one")
+    return given
+
+
 _results = click.option(
     "--results",
     "folder",
     type=click.Path(path_type=Path),
     default=Path("results"),
     show_default=True,
+    callback=_folder,
     metavar="DIR",
     help="Results folder.",
 )
@@ -91,9 +99,12 @@ def plot(figures: tuple[str, ...], folder: Path) -> int:
     from newmark_cli.report import slopes
 
     wanted = plotting.names(figures)
-    for file in plotting.plot(folder, wanted):
+    # Read everything before anything is written.
+    found = slopes.collect(folder) if plotting.needs_results(wanted) else []
+    for file in plotting.plot(folder, wanted, found):
         click.echo(file)
-    slopes.write(folder, slopes.collect(folder))
+    if found:
+        slopes.write(folder, found)
     return 0
 
 
@@ -137,15 +148,15 @@ def reproduce(folder: Path, jobs: int | None) -> int:
     """
     from newmark_cli.study import config
 
-    code = _run([config.find(name) for name in config.REPRODUCED], folder, jobs)
+    code = _run([config.load_shipped(name) for name in config.REPRODUCED], folder, jobs)
 
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
     from newmark_cli.report import tables as tabling
 
-    files = plotting.plot(folder, plotting.names(()))
-    click.echo(f"{len(files)} files in {folder / 'figures'}")
     found = slopes.collect(folder, config.REPRODUCED)
+    files = plotting.plot(folder, plotting.names(()), found)
+    click.echo(f"{len(files)} files in {folder / 'figures'}")
     slopes.write(folder, found)
     click.echo()
     _show_tables(folder, tabling.build(found))
@@ -232,7 +243,7 @@ def list_() -> int:
         "preconditioning": [
             (name, " and ".join(sides) or "no scaling") for name, sides in VARIANTS.items()
         ],
-        "configs": [(name, config.find(name).description) for name in config.shipped()],
+        "configs": [(name, config.load_shipped(name).description) for name in config.shipped()],
         "figures": [(figure.name, figure.title) for figure in FIGURES.values()],
     }
     for title, entries in sections.items():
@@ -291,7 +302,7 @@ def _verdict(found: "Sequence[Slope]") -> int:
     """1 when a slope, or an entry of the tables, is not as predicted."""
     from newmark_cli.report import slopes, tables
 
-    if not all(slope.verdict == slopes.PASS for slope in found):
+    if not found or any(slope.verdict != slopes.PASS for slope in found):
         return 1
     if not any(slope.study == tables.STUDY for slope in found):
         return 0
@@ -366,6 +377,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = 2
     except InputError as error:
         _complain(str(error))
+        code = 2
+    except OSError as error:
+        _complain(f"{error.filename or 'output'}: {error.strerror or error}")
         code = 2
     except (click.Abort, KeyboardInterrupt):
         _complain("interrupted")

@@ -117,7 +117,8 @@ def read(path: Path, name: str | None = None) -> Document:
     """
     name = name or str(path)
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
     except OSError as error:
         raise DocumentError(f"{name}: cannot be read: {error.strerror}") from None
     if len(content) > _MOST_BYTES:

@@ -1,7 +1,7 @@
 """A problem with everything in row D: stiffness, damping, a full mass matrix.
 
-Three coordinates on an ellipsoid-like quadric, f linear in u and v with matrices
-in general position.  It is compiled like any problem, but knows no mechanism.
+Three coordinates on an ellipsoid; f is linear in u and v, with matrices in
+general position, and depends on time.  It is compiled like any problem, but knows no mechanism.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         weight = 1.0 + i
         phi[0] += weight * u[i] * u[i] / 2
         g_values[i] = weight * u[i]
-        force[i] = multipliers[0] * weight * u[i]
+        force[i] = multipliers[0] * weight * u[i] + 2.0 * np.sin(3.0 * t + i)
         for j in range(3):
             force[i] -= reals[i, j] * u[j] + reals[3 + i, j] * v[j]
             x_values[3 * i + j] = reals[i, j]

@@ -176,6 +176,45 @@ def test_integrator_parameters_reach_the_run(cli):
     assert label == "newmark beta=0.30249999999999999 gamma=0.59999999999999998"
 
 
+def test_check_prints_what_is_asked_for(cli, pendulum_results):
+    """Figures by default, every slope with --all, Markdown with --markdown."""
+    shutil.copytree(pendulum_results, cli.folder / "results")
+    plain = cli("check").stdout
+    assert plain.splitlines()[1].startswith("------")
+    assert "(physical)" not in plain
+    everything = cli("check", "--all").stdout
+    assert everything.count("(physical)") == 16
+    markdown = cli("check", "--markdown").stdout.splitlines()
+    assert markdown[0].startswith("| figure | config |")
+    assert len(markdown) >= 2 + 12
+
+
+def test_many_threads_in_a_fresh_process(cli):
+    """The first cells of a process arrive at the kernel together and all end well."""
+    cli.write("s.yaml", QUICK.replace("u-lambda", "[u-lambda, v-a-lambda]"))
+    for _ in range(4):
+        assert "8 ok" in cli("run", "s.yaml", "--jobs", 8).stdout
+
+
+def test_failed_cells_fail_the_check(cli):
+    """A step of 1e300 measures nothing; neither run nor check says that all is well."""
+    cli.write(
+        "s.yaml", QUICK.replace("[1e-1, 1e-2]", "[1e300, 1e299]").replace("t_end: 1.0", "steps: 2")
+    )
+    done = cli("run", "s.yaml", code=1)
+    assert done.stderr == ""
+    assert "ok" not in done.stdout
+    assert "incomplete" in cli("check", code=1).stdout
+
+
+def test_names_of_shipped_configs_are_not_taken_from_the_folder(cli):
+    """A folder that is called like a config is in nobody's way."""
+    for name in config.shipped():
+        (cli.folder / name).mkdir()
+    cli("list")
+    cli("run", "pendulum-v", "--results", "pendulum-u")
+
+
 def test_list_names_everything(cli):
     """Problems, forms, variants, configs, figures."""
     text = cli("list").stdout
@@ -266,12 +305,14 @@ def test_two_studies_with_one_name(cli, before):
 
 def test_unknown_figures_and_options(cli, before):
     """Usage errors are one line too."""
-    assert "unknown figure '17'; allowed: 1, 2" in cli.refused("plot", "17")
+    assert "unknown figure '17'" in cli.refused("plot", "17")
     assert "unknown figure 'x'" in cli.refused("plot", "x")
     assert "No such option" in cli.refused("plot", "--resluts", "x")
     assert "No such command" in cli.refused("polt")
     assert "Missing argument" in cli.refused("run")
     assert "--jobs" in cli.refused("run", "quick.yaml", "--jobs", "0")
+    assert "--results" in cli.refused("run", "quick.yaml", "--results", "")
+    assert "File name too long" in cli.refused("check", "--results", "x" * 5000)
     assert snapshot(cli.folder / "results") == before
 
 
@@ -292,7 +333,25 @@ def test_no_results(cli, command):
 
 
 @pytest.mark.parametrize("command", ["plot", "check"])
-@pytest.mark.parametrize("kind", ["cut in a row", "cut in a word", "no rows", "schema", "words"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "cut in a row",
+        "cut in a word",
+        "cut at a line",
+        "no rows",
+        "schema",
+        "words",
+        "twice",
+        "column twice",
+        "long field",
+        "h",
+        "study",
+        "integrator",
+        "quantity",
+        "status",
+    ],
+)
 def test_damaged_csv(cli, pendulum_results, command, kind):
     """A truncated CSV and one of another schema: one line, figures as they were."""
     shutil.copytree(pendulum_results, cli.folder / "results")
@@ -303,6 +362,15 @@ def test_damaged_csv(cli, pendulum_results, command, kind):
         {
             "cut in a row": text[: len(text) // 2].rstrip("\n"),
             "cut in a word": text[:-2],
+            "cut at a line": "".join(lines[:57]),
+            "twice": text + lines[-1],
+            "column twice": text.replace("\n", ",1\n").replace("row_block,1", "row_block,study"),
+            "long field": text + "x" * 200_000 + "\n",
+            "h": text.replace(",0.1,3.0", ",-0.1,3.0"),
+            "study": text.replace("pendulum-u,", "other,", 1),
+            "integrator": text.replace("newmark beta", "bdf beta"),
+            "quantity": text.replace(",u,correction", ",w,correction"),
+            "status": text.replace(",ok,", ",fine,", 1),
             "no rows": lines[0],
             "schema": text.replace("preconditioning", "scaling", 1),
             "words": lines[0] + lines[1].replace(",0.1,", ",wide,", 1) + "".join(lines[2:]),
@@ -310,7 +378,7 @@ def test_damaged_csv(cli, pendulum_results, command, kind):
     )
     before = snapshot(cli.folder / "results")
     line = cli.refused(command, *(["1"] if command == "plot" else []))
-    assert "results/pendulum-u.csv, line " in line
+    assert "results/pendulum-u.csv" in line
     assert snapshot(cli.folder / "results") == before
 
 
@@ -319,6 +387,38 @@ def test_missing_series(cli):
     cli.write("s.yaml", QUICK.replace("study: quick", "study: pendulum-u"))
     cli("run", "s.yaml")
     assert "figure 1 needs left, right" in cli.refused("plot", "1")
+
+
+def test_figure_6_needs_no_results(cli):
+    """It is drawn from the mechanism; nothing is said about missing CSVs."""
+    assert cli("plot", "6").stdout.split() == [
+        f"results/figures/figure-6.{suffix}" for suffix in ("png", "svg")
+    ]
+
+
+def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):
+    """A stray CSV in the folder stops `plot` before it writes."""
+    shutil.copytree(pendulum_results, cli.folder / "results")
+    cli.write("results/notes.csv", "a,b\n1,2\n")
+    before = snapshot(cli.folder / "results")
+    assert "notes.csv, line 1" in cli.refused("plot", "2")
+    assert snapshot(cli.folder / "results") == before
+
+
+@pytest.mark.parametrize("broken", ["os.replace", "os.fsync"])
+def test_interrupted_writes_leave_what_was_there(tmp_path, monkeypatch, broken):
+    """When writing fails at its last moments the old file is whole and no litter stays."""
+    path = tmp_path / "a.csv"
+    path.write_text("old")
+
+    def fail(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(broken, fail)
+    with pytest.raises(results.ResultsError, match="No space left"):
+        results.write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_kill_leaves_the_previous_csv_whole(cli):

@@ -7,7 +7,16 @@ import pytest
 from newmark_cli.problems.registry import problem
 from newmark_cli.report import draw, plot
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure
-from newmark_cli.report.slopes import INCOMPLETE, MISS, PASS, STATISTIC, collect, study_slopes
+from newmark_cli.report.fits import Fit, power_law
+from newmark_cli.report.slopes import (
+    INCOMPLETE,
+    MISS,
+    PASS,
+    STATISTIC,
+    collect,
+    format_fit,
+    study_slopes,
+)
 from newmark_cli.report.table import read_study
 from newmark_cli.study import config, results, runner
 
@@ -47,7 +56,8 @@ def test_order_figures_draw_the_csv(folder, figure):
         drawn = rows[STATISTIC[figure.measure]].to_numpy()
         np.testing.assert_array_equal(line.get_xdata(), rows["h"][drawn > 0])
         np.testing.assert_array_equal(line.get_ydata(), drawn[drawn > 0])
-        assert line.get_label().startswith(f"{slope.preconditioning}: ")
+        fit = power_law(rows["h"].to_numpy(), drawn)
+        assert line.get_label() == f"{slope.preconditioning}: {format_fit(fit)}"
     assert [s.preconditioning for s in slopes] == list(figure.variants)
     # The thin lines have the predicted slopes.
     references = [
@@ -113,7 +123,8 @@ def synthetic(slope, zero_at=None, status="ok"):
     for i, h in enumerate((1e-1, 1e-2, 1e-3, 1e-4)):
         row = dict.fromkeys(results.COLUMNS, 0)
         row |= {
-            "study": "pendulum-u", "problem": "pendulum", "integrator": "newmark",
+            "study": "pendulum-u", "problem": "pendulum",
+            "integrator": "newmark beta=0.25 gamma=0.5",
             "form": "u-lambda", "preconditioning": "optimal", "evaluation": "direct",
             "precision": "float64", "linear_solver": "dense-lu", "h": h, "t_end": 3.0,
             "steps": 30, "quantity": "lambda", "measure": "correction", "role": "primary",
@@ -151,6 +162,22 @@ def test_zeros_are_counted_not_drawn(tmp_path):
     (axes,) = draw.order_figure(FIGURES["2"], slopes).axes
     assert len(axes.get_lines()[0].get_xdata()) == 3
     assert any("1 values are exactly 0" in text.get_text() for text in axes.texts)
+
+
+@pytest.mark.parametrize(
+    ("slope", "stderr", "text"),
+    [
+        (-2.046, 0.0512, "−2.05 ± 0.05"),
+        (-0.001, 0.012, "0.00 ± 0.01"),
+        (-0.0031, 0.0004, "−0.0031 ± 0.0004"),
+        (2.0, 0.0, "2.00 ± 0.00"),
+        (1.0, np.nan, "1.00"),
+        (np.nan, np.nan, "n/a"),
+    ],
+)
+def test_fits_are_written_with_the_decimals_of_their_error(slope, stderr, text):
+    """A true minus sign, no minus zero, no error that rounds away."""
+    assert format_fit(Fit(slope, stderr, 0.0, 4)) == text
 
 
 def test_tolerances_are_the_claims():

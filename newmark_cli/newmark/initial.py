@@ -45,5 +45,7 @@ def initial_state(problem: Problem, integrator: Newmark) -> State:
     a, multipliers = consistent_accelerations(problem, problem.t0, problem.u0, problem.v0)
     fields = np.array([problem.u0, problem.v0, a, a])
     # The past after a step holds new fields; at the start, the initial ones.
-    past = fields[integrator.relations(1.0).advance]
+    advance = integrator.relations(1.0).advance
+    assert advance.max() < len(fields), "older past vectors need a start of their own"
+    past = fields[advance]
     return State(fields, past, multipliers)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from newmark_cli.arrays import Array
+from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.errors import InputError
 
 FIELDS = ("u", "v", "a")
@@ -48,7 +48,7 @@ class Relations:
     u_past: Array
     u_predicted: Array
     acceleration: Array
-    advance: Array
+    advance: IndexArray
     own_past: tuple[int, int, int] = (0, 1, 2)
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, typeof, types
 
-#: How a march ends; the texts are those of the CSV's status column.
+#: How a march ends.
 COMPLETED, SINGULAR, DIVERGED = range(3)
 
 
@@ -27,6 +27,7 @@ class StepTables(NamedTuple):
     weights: np.ndarray  #: (3, p) ∂(u, v, a)/∂(kept)
     past_weights: np.ndarray  #: (3, P) what the past adds to (u, v, a)
     differenced: np.ndarray  #: (3,) 1 where a field is formed from kept − past, else 0
+    own_past: np.ndarray  #: (p,) past vector that holds the old kept field
     dynamic_weights: np.ndarray  #: (p,) ∂v'/∂(kept) in row D
     dynamic_past: np.ndarray  #: (P,) what the past adds to v' in row D
     row_weights: np.ndarray  #: (r, p) rows V, K in the kept fields
@@ -62,9 +63,9 @@ class State(NamedTuple):
     multipliers: np.ndarray  #: (m,) λ
 
 
-def evaluate_type(dtype):
-    """Numba type of a problem's function for arrays of ``dtype``."""
-    scalar = types.float32 if dtype == np.float32 else types.float64
+def evaluate_type():
+    """Numba type of a problem's function."""
+    scalar = types.float64
     vector, table = scalar[::1], scalar[:, ::1]
     return types.FunctionType(
         types.void(
@@ -303,7 +304,7 @@ def _march(
                         for k in range(p):
                             weight = weights[f, k]
                             if weight != 0:
-                                origin = tables.differenced[f] * past[kept[k], i]
+                                origin = tables.differenced[f] * past[tables.own_past[k], i]
                                 value += weight * (fields[kept[k], i] - origin)
                         fields[f, i] = value
 
@@ -332,7 +333,7 @@ def _march(
 
 march_compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
 _compiling = threading.Lock()
-_compiled: set[np.dtype] = set()
+_compiled: list = []
 
 
 def march(
@@ -366,13 +367,12 @@ def march(
         problem, tables, state, scalar(t_start), scalar(h), first, cap,
         scalar(settled_below), norms, iterations,
     )  # fmt: skip
-    if state.fields.dtype not in _compiled:
-        signature = (evaluate_type(state.fields.dtype), *(typeof(a) for a in arguments))
-        with _compiling:
-            # Open to new signatures only here: a call with a jitted function would
-            # otherwise be compiled anew for that one function, in every process.
-            march_compiled.disable_compile(False)
+    with _compiling:
+        if not _compiled:
+            signature = (evaluate_type(), *(typeof(a) for a in arguments))
             march_compiled.compile(signature)
-            march_compiled.disable_compile(True)
-        _compiled.add(state.fields.dtype)
+            # A call with a jitted function would otherwise be compiled anew for that
+            # one function, in every process.
+            march_compiled.disable_compile()
+            _compiled.append(signature)
     return march_compiled(evaluate, *arguments)

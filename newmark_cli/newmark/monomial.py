@@ -6,6 +6,7 @@ of β, γ and h, its order from the exponent of h.
 
 import ast
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from newmark_cli.errors import InputError
 
 SYMBOLS = ("beta", "gamma", "h")
 _LONGEST = 200
+_ALPHABET = re.compile(r"[a-zA-Z0-9.+*/^() -]*", re.ASCII)
 
 
 class MonomialError(InputError):
@@ -47,6 +49,8 @@ class Monomial:
         source = str(text)
         if len(source) > _LONGEST:
             raise MonomialError(f"longer than {_LONGEST} characters")
+        if not _ALPHABET.fullmatch(source):
+            raise MonomialError(f"{source!r}: only numbers, symbols, * / ^ and parentheses")
         try:
             tree = ast.parse(source.replace("^", "**").strip(), mode="eval")
             monomial = _read(tree.body, frozenset(symbols))

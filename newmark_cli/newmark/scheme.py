@@ -88,6 +88,7 @@ class Scheme:
             weights=elimination.weights,
             past_weights=past,
             differenced=differenced,
+            own_past=np.array(relations.own_past)[kept],
             dynamic_weights=new_a * elimination.weights[2],
             dynamic_past=new_a * elimination.past[2] + of_past,
             row_weights=elimination.rows,

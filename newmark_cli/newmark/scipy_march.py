@@ -58,7 +58,7 @@ class _Step:
             fields[field] = self.field_history[field]
             for k, source in enumerate(tables.kept):
                 if weight := tables.weights[field, k]:
-                    origin = self.past[source] if tables.differenced[field] else 0.0
+                    origin = self.past[tables.own_past[k]] if tables.differenced[field] else 0.0
                     fields[field] += weight * (fields[source] - origin)
 
     def residual(self, fields: Array, force: Array, phi: Array) -> list[Array]:

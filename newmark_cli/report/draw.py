@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Arc, Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
@@ -104,7 +105,7 @@ def order_figure(figure: OrderFigure, slopes: Sequence[Slope]) -> Figure:
             )
         _widen(axes, slopes)
         _predicted_lines(axes, slopes)
-        axes.set_xlabel("step size $h$ (s)" if figure.problem != "pendulum" else "step size $h$")
+        axes.set_xlabel(f"step size $h${figure.unit}")
         axes.set_ylabel(axis_label(figure.quantity, figure.measure))
         axes.set_title(figure.title)
         for axis, ticks in ((axes.xaxis, 12), (axes.yaxis, 10)):
@@ -253,15 +254,18 @@ def _widen(axes: Any, slopes: Sequence[Slope], headroom: float = 0.12) -> None:
 
 
 def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
-    """One thin line for each distinct predicted slope, through its series' middle."""
+    """One thin line for each distinct predicted slope, parallel to its series."""
     drawn: dict[float, Array] = {}
+    low, high = np.log10(axes.get_ylim())
+    shift = 0.045 * (high - low)
     for slope in slopes:
         if slope.expected in drawn or slope.fit.points < 1:
             continue
         shown = np.isfinite(slope.values) & (slope.values > 0)
         log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
         ends = np.array([log_h.min(), log_h.max()])
-        drawn[slope.expected] = log_y.mean() + slope.expected * (ends - log_h.mean())
+        # Beside the data, not under them.
+        drawn[slope.expected] = log_y.mean() + slope.expected * (ends - log_h.mean()) + shift
         label = "predicted" if len(drawn) == 1 else None
         axes.plot(
             10**ends,
@@ -326,12 +330,38 @@ def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
                 markeredgewidth=0.8,
             )
             _joint_label(axes, mechanism, name, points)
+        _key(axes, mechanism)
         axes.set_aspect("equal")
         axes.margins(0.1)
         axes.set_xlabel("$x$ (mm)")
         axes.set_ylabel("$y$ (mm)")
         axes.set_title(figure.title)
     return drawing
+
+
+def _key(axes: Any, mechanism: Mechanism) -> None:
+    """What the symbols mean."""
+
+    def symbol(label: str, marker: str, face: str, edge: str) -> Line2D:
+        return Line2D(
+            [],
+            [],
+            linestyle="none",
+            label=label,
+            marker=marker,
+            color=edge,
+            markersize=4,
+            markerfacecolor=face,
+        )
+
+    handles = [symbol("fixed point", "o", "black", "black"), symbol("joint", "o", "white", "black")]
+    if mechanism.bodies:
+        handles.append(symbol("mass centre", "+", "none", "#D55E00"))
+    if mechanism.springs:
+        handles.append(Line2D([], [], label="spring", color="#009E73"))
+    if mechanism.torques:
+        handles.append(Line2D([], [], label="torque, driven body", color="#D55E00", linewidth=2))
+    axes.legend(handles=handles, loc="upper left", fontsize=6, handlelength=1.5)
 
 
 def _places(mechanism: Mechanism) -> dict[str, complex]:
@@ -372,7 +402,9 @@ def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]
         axes.add_patch(
             Polygon(outline, closed=True, fill=False, edgecolor="#0072B2", linewidth=0.7, zorder=2)
         )
-    _line(axes, [start, end], color="#0072B2", linewidth=1.8, solid_capstyle="round", zorder=2)
+    driven = name in {torque.on for torque in mechanism.torques.values()}
+    color, width, order = ("#D55E00", 3.2, 3) if driven else ("#0072B2", 1.8, 2)
+    _line(axes, [start, end], color=color, linewidth=width, solid_capstyle="round", zorder=order)
     axes.plot(
         centre.real,
         centre.imag,
@@ -380,7 +412,7 @@ def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]
         color="#D55E00",
         markersize=4,
         markeredgewidth=0.8,
-        zorder=4,
+        zorder=6,
     )
 
 
@@ -464,14 +496,14 @@ def _ground(axes: Any, place: complex, size: float) -> None:
         _line(axes, [start, start + complex(-0.35, -0.45) * size], color="black", linewidth=0.5)
 
 
-def _zigzag(start: complex, end: complex, amplitude: float, coils: int = 9) -> list[complex]:
+def _zigzag(start: complex, end: complex, amplitude: float, coils: int = 7) -> list[complex]:
     along = end - start
     normal = along / abs(along) * 1j
     inner = [
-        start + along * (0.15 + 0.7 * (k + 0.5) / (2 * coils)) + (-1) ** k * amplitude * normal
+        start + along * (0.2 + 0.6 * (k + 0.5) / (2 * coils)) + (-1) ** k * amplitude * normal
         for k in range(2 * coils)
     ]
-    return [start, start + 0.15 * along, *inner, start + 0.85 * along, end]
+    return [start, start + 0.2 * along, *inner, start + 0.8 * along, end]
 
 
 def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:

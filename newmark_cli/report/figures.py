@@ -33,6 +33,11 @@ class OrderFigure:
     tolerance: float
     variants: tuple[str, ...] = PAPER_VARIANTS
 
+    @property
+    def unit(self) -> str:
+        """Unit of h; the pendulum has unit mass, length and gravity."""
+        return "" if self.problem == "pendulum" else " (s)"
+
 
 @dataclass(frozen=True)
 class MechanismFigure:

@@ -9,7 +9,6 @@ from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, Se
 from newmark_cli.report.slopes import (
     PASS,
     Slope,
-    collect,
     format_fit,
     format_order,
     in_figure_order,
@@ -48,14 +47,20 @@ def series(
     return sorted(drawn, key=lambda slope: figure.variants.index(slope.preconditioning))
 
 
-def plot(folder: Path, wanted: Sequence[str]) -> list[Path]:
+def needs_results(wanted: Iterable[str]) -> bool:
+    """Whether a figure reads a study; a mechanism's reads the problem alone."""
+    return any(not isinstance(FIGURES[name], MechanismFigure) for name in wanted)
+
+
+def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[Path]:
     """Draw figures into ``figures`` below the results folder.
 
     Nothing is written unless all of them can be drawn.
 
     Args:
-        folder: Results folder with the CSVs.
+        folder: Results folder.
         wanted: Names of figures.
+        slopes: Slopes of the results in the folder.
 
     Returns:
         The files.
@@ -64,8 +69,6 @@ def plot(folder: Path, wanted: Sequence[str]) -> list[Path]:
         ResultsError: When results are missing or cannot be used.
     """
     entries = [FIGURES[name] for name in wanted]
-    studies = dict.fromkeys(e.study for e in entries if not isinstance(e, MechanismFigure))
-    slopes = collect(folder, studies)
     data = {
         e.name: series(e, slopes, folder) for e in entries if not isinstance(e, MechanismFigure)
     }
@@ -127,6 +130,8 @@ def claims(slopes: Sequence[Slope]) -> list[tuple[str, ...]]:
 
 
 def _quantity(slope: Slope) -> str:
+    if not slope.measure:
+        return "(failed)"
     symbol = {"lambda": "λ", "jacobian": "C"}.get(slope.quantity, slope.quantity)
     return {
         "correction": f"Δ{symbol}",

@@ -5,6 +5,7 @@ the step size alone.  Predictions come from exponent arithmetic
 (`newmark_cli.newmark.orders`), never from a table of expected numbers.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,13 +16,14 @@ import numpy as np
 import pandas as pd
 
 from newmark_cli.arrays import Array
+from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.orders import FormOrders, form_orders
+from newmark_cli.newmark.orders import UNKNOWNS, FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
 from newmark_cli.report.fits import Fit, power_law
-from newmark_cli.report.table import read_study, study_files
+from newmark_cli.report.table import SERIES, read_study, study_files
 from newmark_cli.study import results
 from newmark_cli.study.results import ResultsError
 
@@ -50,11 +52,6 @@ _TOLERANCE = {
     "sensitivity": 0.15,
 }
 _TOLERANCE_AT_START = {"condition": 0.02, "sensitivity": 0.05}
-
-_SERIES = (
-    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver", "quantity", "measure", "role", "row_block",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,20 +125,19 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
         path: How errors name the file.
     """
     found = []
-    failed = frame["measure"] == ""
-    for _, rows in frame[~failed].groupby([*_SERIES, frame["steps"] == 0], sort=False):
-        first = {column: str(rows[column].iloc[0]) for column in _SERIES}
-        found.append(_slope(first, rows, path))
-    for _, rows in frame[failed].groupby(["problem", "form", "preconditioning"], sort=False):
-        # A cell that failed measured nothing; every series of its form is incomplete.
-        first = {column: str(rows[column].iloc[0]) for column in _SERIES}
-        found = [_incomplete(slope) if _same_cell(slope, first) else slope for slope in found]
+    groups = frame.groupby(["problem", "measure", frame["steps"] == 0])
+    most = {group: rows["h"].nunique() for group, rows in groups}
+    for key, rows in frame.groupby([*SERIES, frame["steps"] == 0], sort=False):
+        first = {column: str(rows[column].iloc[0]) for column in SERIES}
+        points = most[first["problem"], first["measure"], key[-1]]
+        found.append(_slope(first, rows, points, path) if first["measure"] else _failed(first))
     return found
 
 
 def write(folder: Path, slopes: Sequence[Slope]) -> None:
     """Write ``slopes.csv``: series of the figures first."""
-    ordered = in_figure_order(slopes) + [slope for slope in slopes if not slope.figures]
+    rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
+    ordered = in_figure_order(slopes) + rest
     text = results.csv_text(COLUMNS, (slope.row() for slope in ordered))
     results.write_atomically(folder / "slopes.csv", text)
 
@@ -162,7 +158,7 @@ def _draws(figure: OrderFigure | SensitivityFigure, first: dict[str, str]) -> bo
     return first["preconditioning"] in figure.variants and asked.items() <= first.items()
 
 
-def _slope(first: dict[str, str], rows: pd.DataFrame, path: Path) -> Slope:
+def _slope(first: dict[str, str], rows: pd.DataFrame, points: int, path: Path) -> Slope:
     measure = first["measure"]
     if measure not in STATISTIC:
         raise ResultsError(f"{path}: unknown measure {measure!r}; is it from a newer version?")
@@ -175,21 +171,18 @@ def _slope(first: dict[str, str], rows: pd.DataFrame, path: Path) -> Slope:
         for figure in FIGURES.values()
         if not isinstance(figure, MechanismFigure) and _draws(figure, first)
     ]
-    default = (_TOLERANCE_AT_START if at_start else _TOLERANCE)[measure]
+    default = _TOLERANCE_AT_START.get(measure) if at_start else None
+    default = default or _TOLERANCE[measure]
     tolerance = min([figure.tolerance for figure in figures], default=default)
     expected = _predicted(first, path)
     # An exact zero at every h is within any order: a block that this problem lacks.
     absent = measure == "sensitivity" and bool((values == 0).all())
-    usable = absent or fit.points == len(rows) >= 2
+    usable = absent or fit.points == points >= 2
     complete = bool((rows["status"] == "ok").all()) and usable
     within = absent or abs(fit.slope - expected) <= tolerance
     return Slope(
         figures=tuple(figure.name for figure in figures),
-        **{column: first[column] for column in _SERIES[:5]},
-        quantity=first["quantity"],
-        measure=measure,
-        role=first["role"],
-        row_block=first["row_block"],
+        **_described(first),
         h=h,
         values=values,
         fit=fit,
@@ -199,11 +192,34 @@ def _slope(first: dict[str, str], rows: pd.DataFrame, path: Path) -> Slope:
     )
 
 
+def _described(first: dict[str, str]) -> dict[str, str]:
+    """Columns that a `Slope` carries."""
+    return {column: first[column] for column in SERIES if column in Slope.__dataclass_fields__}
+
+
+def _failed(first: dict[str, str]) -> Slope:
+    """A cell that failed measured nothing: an incomplete series without a name."""
+    return Slope(
+        figures=(),
+        **_described(first),
+        h=np.array([]),
+        values=np.array([]),
+        fit=power_law(np.array([]), np.array([])),
+        expected=np.nan,
+        tolerance=np.nan,
+        verdict=INCOMPLETE,
+    )
+
+
 def _predicted(first: dict[str, str], path: Path) -> float:
     form, quantity = first["form"], first["quantity"]
     try:
+        if not first["integrator"].startswith("newmark "):
+            raise ResultsError(f"unknown integrator {first['integrator']!r}; allowed: newmark")
         if form not in FORMS:
-            raise ResultsError(f"unknown form {form!r}")
+            raise ResultsError(f"unknown form {form!r}{nearest(form, FORMS)}")
+        if quantity not in (*UNKNOWNS, "jacobian"):
+            raise ResultsError(f"unknown quantity {quantity!r}{nearest(quantity, UNKNOWNS)}")
         orders = _orders(form)
         scaling = Preconditioning.parse(first["preconditioning"]).scaling(FORMS[form])
         if first["measure"] == "condition":
@@ -223,21 +239,13 @@ def _orders(form: str) -> FormOrders:
     return form_orders(FORMS[form])
 
 
-def _same_cell(slope: Slope, first: dict[str, str]) -> bool:
-    return all(
-        getattr(slope, key) == first[key] for key in ("study", "problem", "form", "preconditioning")
-    )
-
-
-def _incomplete(slope: Slope) -> Slope:
-    return Slope(**{**vars(slope), "verdict": INCOMPLETE})
-
-
 def format_fit(fit: Fit) -> str:
     """Slope ± standard error: two decimals, three where the error asks for them."""
     if np.isnan(fit.slope):
         return "n/a"
-    decimals = 3 if fit.stderr < 0.005 else 2
+    # As many decimals as the error has, at least two: "± 0.000" would claim too much.
+    small = 0 < fit.stderr < 0.005
+    decimals = min(-math.floor(math.log10(fit.stderr)), 6) if small else 2
     slope = f"{round(fit.slope, decimals) + 0.0:.{decimals}f}".replace("-", "−")
     return slope if np.isnan(fit.stderr) else f"{slope} ± {fit.stderr:.{decimals}f}"
 

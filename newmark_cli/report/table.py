@@ -1,6 +1,7 @@
 """Reading the CSVs of studies back, strictly."""
 
 import csv
+import json
 import math
 from pathlib import Path
 
@@ -13,6 +14,12 @@ _NUMBERS = {
     "h", "t_end", "steps", "rms", "max", "median", "last", "zeros", "not_converged",
     "newton_iterations",
 }  # fmt: skip
+
+#: Columns that name a series: rows that differ in the step size alone.
+SERIES = (
+    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
+    "linear_solver", "quantity", "measure", "role", "row_block",
+)  # fmt: skip
 
 #: Files in a results folder that are not studies.
 NOT_STUDIES = ("slopes.csv",)
@@ -48,12 +55,17 @@ def read_study(path: Path) -> pd.DataFrame:
         raise ResultsError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ResultsError(f"{path}, line 1: not a text file in UTF-8") from None
-    lines = list(csv.reader(text.splitlines()))
+    try:
+        lines = list(csv.reader(text.splitlines()))
+    except csv.Error as error:
+        raise ResultsError(f"{path}: not a CSV: {error}") from None
     header = tuple(lines[0]) if lines else ()
     if header[: len(COLUMNS)] != COLUMNS:
         missing = [column for column in COLUMNS if column not in header]
         what = f"lacks {', '.join(missing)}" if missing else "has them in another order"
         raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
+    if len(set(header)) < len(header):
+        raise ResultsError(f"{path}, line 1: a column is named twice")
     if not text.endswith("\n") or len(lines) < 2:
         raise ResultsError(f"{path}, line {len(lines)}: truncated; run the study again")
     for number, line in enumerate(lines[1:], start=2):
@@ -66,12 +78,32 @@ def read_study(path: Path) -> pd.DataFrame:
         frame[column] = [
             _number(path, row, column, given) for row, given in enumerate(frame[column], start=2)
         ]
-    for row, status in enumerate(frame["status"], start=2):
-        if status not in STATUSES:
-            raise ResultsError(
-                f"{path}, line {row}: status {status!r} is none of {', '.join(STATUSES)}"
-            )
+    for column, allowed in (("status", STATUSES), ("study", (path.stem,))):
+        for row, given in enumerate(frame[column], start=2):
+            if given not in allowed:
+                raise ResultsError(
+                    f"{path}, line {row}: {column} is {given!r}; allowed here: {', '.join(allowed)}"
+                )
+    for row, h in enumerate(frame["h"], start=2):
+        if not (math.isfinite(h) and h > 0):
+            raise ResultsError(f"{path}, line {row}: h must be positive, given {h:g}")
+    repeated = frame.duplicated([*SERIES, "h", "steps"])
+    if repeated.any():
+        raise ResultsError(f"{path}, line {int(repeated.argmax()) + 2}: the row is there twice")
+    _require_recorded_rows(path, len(frame))
     return frame
+
+
+def _require_recorded_rows(path: Path, rows: int) -> None:
+    """A CSV that was cut at the end of a line tells by what stands beside it."""
+    try:
+        recorded = json.loads(path.with_suffix(".json").read_text()).get("rows")
+    except (OSError, ValueError, AttributeError):
+        return  # a CSV may travel alone
+    if isinstance(recorded, int) and recorded != rows:
+        raise ResultsError(
+            f"{path}, line {rows + 1}: {rows} rows where {recorded} were written; truncated?"
+        )
 
 
 def _number(path: Path, row: int, column: str, given: str) -> float:

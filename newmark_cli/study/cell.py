@@ -17,7 +17,7 @@ from newmark_cli.problems.registry import problem
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "singular", "diverged", "failed")
-#: Steps between two signs of life where no state is sampled.
+#: Most steps between two signs of life; an interrupt waits for no longer.
 _STRETCH = 5_000
 _ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
 
@@ -88,16 +88,14 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         if "sensitivity" in cell.measure:
             sensitivities.append(sensitivity.sensitivities(subject, scheme, time, state))
 
-    sampled = bool({"condition", "sensitivity"} & set(cell.measure))
-    stops = measures.sample_steps(
-        cell.steps, cell.samples if sampled else 1 + cell.steps // _STRETCH
-    )
+    sampled = set(measures.sample_steps(cell.steps, cell.samples).tolist())
+    stops = sorted(sampled.union(range(_STRETCH, cell.steps, _STRETCH)))
     ending, done = kernel.COMPLETED, 0
     if cell.steps == 0:
         sample()
         on_steps(1)
     for stop in stops:
-        stretch = slice(done, int(stop))
+        stretch = slice(done, stop)
         ending, taken = kernel_march.march(
             subject, scheme, state, done, norms[stretch], iterations[stretch]
         )
@@ -105,7 +103,8 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         on_steps(taken)
         if ending != kernel.COMPLETED:
             break
-        sample()
+        if stop in sampled:
+            sample()
 
     found: list[Measurement] = []
     if "correction" in cell.measure:

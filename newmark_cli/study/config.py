@@ -21,6 +21,7 @@ MEASURES = ("correction", "condition", "sensitivity")
 #: Shipped configs that `reproduce` runs.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_RESERVED = ("slopes",)
 _MOST_STEPS = 20_000_000
 
 
@@ -47,6 +48,8 @@ def _known(kind: str, allowed: tuple[str, ...]) -> AfterValidator:
 def _name(text: str) -> str:
     if not _NAME.fullmatch(text):
         raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
+    if text in _RESERVED:
+        raise ValueError("is the name of a file that 'check' writes; take another name")
     return text
 
 
@@ -284,17 +287,18 @@ def _case(document: Document, shared: Mapping[str, Any], given: Any, index: int)
 def _refuse_repeated_cells(document: Document, study: Study) -> None:
     seen = set()
     for cell in study.cells():
-        key = (
-            cell.problem, cell.integrator, cell.form, cell.preconditioning.label, cell.h,
-            cell.steps == 0, cell.measure,
-        )  # fmt: skip
-        if key in seen:
-            raise document.error(
-                ("cases",),
-                f"two cases have {cell.problem}, {cell.form}, {cell.preconditioning.name}, "
-                f"h = {cell.h:g}",
-            )
-        seen.add(key)
+        for measure in cell.measure:
+            key = (
+                cell.problem, cell.integrator, cell.form, cell.preconditioning.label, cell.h,
+                cell.steps == 0, measure,
+            )  # fmt: skip
+            if key in seen:
+                raise document.error(
+                    ("cases",),
+                    f"two cases have {cell.problem}, {cell.form}, {cell.preconditioning.name}, "
+                    f"h = {cell.h:g}, {measure}",
+                )
+            seen.add(key)
 
 
 def shipped_folder() -> Path:
@@ -309,17 +313,22 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in shipped_folder().glob("*.yaml")))
 
 
+def load_shipped(name: str) -> Study:
+    """The shipped config of this name, whatever lies in the current folder."""
+    return load(shipped_folder() / f"{name}.yaml", f"{name}.yaml")
+
+
 def find(config: str) -> Study:
-    """Study from a file, or from the shipped config of this name.
+    """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name.
 
     Raises:
         DocumentError: When it is neither, or is not valid.
     """
     path = Path(config)
-    if path.suffix in (".yaml", ".yml") or path.exists():
+    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
         return load(path, config)
     if config in shipped():
-        return load(shipped_folder() / f"{config}.yaml", f"{config}.yaml")
+        return load_shipped(config)
     raise DocumentError(
         f"{config}: no such file and no shipped config{documents.nearest(config, shipped())}"
     )

@@ -20,6 +20,7 @@ def record(
     seconds: Sequence[float],
     total: float,
     jobs: int,
+    rows: int,
 ) -> dict[str, Any]:
     """Provenance of one run of a study.
 
@@ -28,6 +29,7 @@ def record(
         cells, outcomes, seconds: Cells, what they found, and their wall times (s).
         total: Wall time of the whole study (s).
         jobs: Threads.
+        rows: Rows of the CSV.
     """
     return {
         "study": study.study,
@@ -43,6 +45,7 @@ def record(
             "machine": platform.machine(),
         },
         "jobs": jobs,
+        "rows": rows,
         "wall_seconds": round(total, 3),
         "cells": [
             {

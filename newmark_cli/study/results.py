@@ -114,8 +114,12 @@ def _umask() -> int:
     return mask
 
 
-def require_writable(folder: Path) -> None:
+def require_writable(folder: Path, names: Iterable[str]) -> None:
     """Refuse a results folder before hours of work rather than after.
+
+    Args:
+        folder: Results folder; made when it does not exist.
+        names: Files that will be written into it.
 
     Raises:
         ResultsError: When the folder cannot be made or written.
@@ -126,6 +130,9 @@ def require_writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from None
+    for name in names:
+        if (folder / name).is_dir():
+            raise ResultsError(f"{folder / name}: cannot be written: it is a folder")
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli.errors import InputError
+from newmark_cli.newmark.forms import FORMS
 from newmark_cli.study import cell as cells_module
 from newmark_cli.study import provenance, results
 from newmark_cli.study.cell import Cell, Outcome
@@ -45,7 +46,6 @@ def run_studies(
     folder: Path,
     jobs: int,
     on_steps: Callable[[int], None] = lambda steps: None,
-    on_study: Callable[[StudyRun], None] = lambda run: None,
 ) -> list[StudyRun]:
     """Run studies and write a CSV and its provenance for each.
 
@@ -57,7 +57,6 @@ def run_studies(
         folder: Results folder.
         jobs: Threads.
         on_steps: Told, from any thread, how many steps were done.
-        on_study: Told when a study is written.
 
     Raises:
         InputError: Two studies have one name, or the folder cannot be written.
@@ -66,7 +65,8 @@ def run_studies(
     for i, name in enumerate(names):
         if name in names[:i]:
             raise InputError(f"two studies are named {name!r}; each needs a CSV of its own")
-    results.require_writable(folder)
+    files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
+    results.require_writable(folder, files)
 
     stopped = threading.Event()
 
@@ -98,7 +98,6 @@ def run_studies(
                     found = [done[s][i] for i in range(expected[s])]
                     total = time.perf_counter() - start
                     runs[s] = _write(studies[s], folder, found, total, jobs)
-                    on_study(runs[s])
         except BaseException:
             stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)
@@ -113,13 +112,14 @@ def total_weight(studies: Sequence[Study]) -> int:
 
 def _cost(cell: Cell) -> int:
     # The elimination dominates: unknowns cubed.
-    return cell.weight * (cell.form.count("-") + 1) ** 3
+    return cell.weight * len(FORMS[cell.form].unknowns) ** 3
 
 
 def _guarded(cell: Cell, on_steps: Callable[[int], None]) -> Outcome:
     """Run a cell; what goes wrong inside becomes its status."""
     try:
-        return cells_module.run(cell, on_steps)
+        with np.errstate(all="ignore"):  # what is not finite becomes a status
+            return cells_module.run(cell, on_steps)
     except (_Stopped, InputError):
         raise
     except np.linalg.LinAlgError as error:
@@ -140,7 +140,7 @@ def _write(
     seconds = [taken for _, taken in found]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
-    record = provenance.record(study, cells, outcomes, seconds, total, jobs)
+    record = provenance.record(study, cells, outcomes, seconds, total, jobs, len(table))
     results.write_atomically(path, results.csv_text(results.COLUMNS, table))
     results.write_json(path.with_suffix(".json"), record)
     return StudyRun(study.study, path, tuple(outcome.status for outcome in outcomes))

@@ -1,0 +1,43 @@
+"""Cells: which states are sampled, and what is told while they run."""
+
+import pytest
+
+from newmark_cli.newmark import sensitivity
+from newmark_cli.study import cell, config
+
+
+@pytest.mark.parametrize(("samples", "steps"), [(32, 10_000), (3, 10_000), (32, 5), (1, 12_000)])
+def test_sampled_states(monkeypatch, samples, steps):
+    """As many as asked for, evenly spread, each at its own time, the last at the end."""
+    times = []
+
+    def record(subject, scheme, time, state):
+        times.append(time)
+        return 1.0
+
+    monkeypatch.setattr(cell, "condition_number", record)
+    (first, *_) = config.find("pendulum-u").cells()
+    told = []
+    chosen = cell.Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
+    outcome = cell.run(chosen, told.append)
+    assert outcome.status == "ok"
+    assert len(times) == min(samples, steps)
+    assert times[-1] == pytest.approx(steps * 1e-4)
+    gaps = [b - a for a, b in zip([0, *times], times, strict=False)]
+    assert max(gaps) - min(gaps) < 1.5e-4
+    assert sum(told) == steps
+    assert max(told) <= 5_000, "an interrupt waits for no longer"
+
+
+def test_initial_state_is_measured_without_steps(monkeypatch):
+    """steps: 0 samples once, at the initial time."""
+    times = []
+
+    def record(subject, scheme, time, state):
+        times.append(time)
+        return {}
+
+    monkeypatch.setattr(sensitivity, "sensitivities", record)
+    (first, *_) = config.find("sensitivity").cells()
+    assert cell.run(first).measurements == []
+    assert times == [0.0]
