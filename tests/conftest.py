@@ -1,11 +1,18 @@
 """Shared fixtures: the command line as a user runs it, and small helpers."""
 
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The first example of a test may wait for the kernel to be compiled; where nobody
+# watches, the same examples are tried every time.
+settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
+settings.load_profile("project")
 
 #: The console script of the environment that runs the tests.
 SCRIPT = Path(sys.executable).with_name("newmark-study")

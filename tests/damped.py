@@ -30,10 +30,10 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
 
 
 @njit
-def curvature(t, u, v, ints, reals, out):
-    out[0] = 0.0
+def derivatives(t, u, v, ints, reals, rate, curvature):
+    rate[0] = curvature[0] = 0.0
     for i in range(3):
-        out[0] += (1.0 + i) * v[i] * v[i]
+        curvature[0] += (1.0 + i) * v[i] * v[i]
 
 
 def damped():
@@ -47,7 +47,7 @@ def damped():
         t0=0.0,
         constraints=1,
         function=evaluate,
-        curvature_function=curvature,
+        derivatives=derivatives,
         ints=np.zeros((1, 1), np.int64),
         reals=np.concatenate([STIFFNESS, DAMPING]),
         pattern=Pattern(rows, columns, rows, columns, rows, columns, index, zeros),

@@ -17,7 +17,14 @@ from newmark_cli.problems.registry import PROBLEMS, problem
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
-STEP = {"pendulum": 1e-2, "andrews": 1e-5, "damped": 1e-2}
+STEP = {
+    "pendulum": 1e-2,
+    "andrews": 1e-5,
+    "damped": 1e-2,
+    "double-pendulum": 1e-2,
+    "four-bar": 1e-3,
+    "slider-crank": 1e-3,
+}
 INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6)]
 
 

@@ -86,8 +86,9 @@ def test_series_can_be_told_apart():
 )
 def test_mechanism_figures_show_every_joint(figure):
     """All points are labelled, fixed ones filled, at their initial positions in mm."""
-    mechanism = problem(figure.problem).drawing
-    drawing = draw.mechanism_figure(figure, mechanism)
+    subject = problem(figure.problem)
+    mechanism = subject.drawing
+    drawing = draw.mechanism_figure(figure.title, subject, subject.u0)
     (axes,) = drawing.axes
     labels = {text.get_text() for text in axes.texts}
     assert set("OABCDEFGH") | set(mechanism.bodies) <= labels

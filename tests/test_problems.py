@@ -9,7 +9,12 @@ from mpmath import mp
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
-from newmark_cli.newmark.initial import consistent_accelerations
+from newmark_cli.newmark import kernel_march, scipy_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import consistent_accelerations, initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import elements, planar
 from newmark_cli.problems.registry import PROBLEMS, problem
 
@@ -195,7 +200,9 @@ def test_tangents_of_all_elements(double):
         ("stiffness: 7", "stifness: 7", 12, "did you mean 'stiffness'?"),
         ("on: two, torque", "on: tow, torque", 15, "unknown body 'tow'; did you mean 'two'?"),
         ("A: {fixed: [0, 0]}", "A: {}", 2, "needs either 'fixed' or 'at'"),
-        ("from: P, to: Q", "from: A, to: A", 12, "do not move apart"),
+        ("from: P, to: Q", "from: A, to: A", 12, "joins A with itself"),
+        ("from: P, to: Q", "from: P, to: P", 12, "joins P with itself"),
+        ("bars: {}", "bars: {b: {from: A, to: A, length: 1}}", 13, "joins A with itself"),
         ("  B: {at: [0.3, 0.4]", "  B: {at: [0.3]", 3, "missing"),
     ],
 )
@@ -214,3 +221,214 @@ def test_unknown_problem():
     """The nearest name is offered."""
     with pytest.raises(InputError, match="did you mean 'andrews'"):
         problem("andrew")
+
+
+EVERYTHING = """\
+points:
+  A: {fixed: [0, 0]}
+  W: {fixed: [2, 2]}
+  B: {at: [0.3, 0.4]}
+  C: {at: [0.9, 1.2], mass: 2}
+  S: {at: [1.5, 0.5], mass: 1}
+bodies:
+  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
+  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
+body_points:
+  P: {on: one, at: [0.25, 0.3]}
+  Q: {on: two, at: [0.75, -0.1]}
+bars:
+  fixed on bodies: {from: P, to: S, length: LENGTH}
+sliders:
+  rail: {point: S, through: [1, 0], direction: [1, 1]}
+springs:
+  spring: {from: P, to: Q, stiffness: 7, rest_length: 0.3}
+dampers:
+  damper: {from: W, to: Q, damping: 3}
+  between: {from: P, to: C, damping: 2}
+torques:
+  motor: {on: two, torque: 1.5}
+motions:
+  crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}
+gravity: [1, -9]
+project_velocities: true
+"""
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory):
+    """A mechanism with every element, moving."""
+    path = tmp_path_factory.mktemp("mechanism") / "everything.yaml"
+    along = (0.3 + 0.4j) / 0.5
+    length = abs(1.5 + 0.5j - (0.25 + 0.3j) * along)
+    path.write_text(EVERYTHING.replace("LENGTH", repr(length)))
+    return planar.load(path, "everything")
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-2, 2))
+def test_tangents_with_every_element(everything, seed, t):
+    """X, Y, G of all elements together, at random states and times, by complex steps."""
+    random = np.random.default_rng(seed)
+    u = everything.u0 + 0.2 * random.normal(size=everything.n)
+    v, multipliers = random.normal(size=everything.n), random.normal(size=everything.m)
+    terms = everything.evaluate(t, u, v, multipliers)
+
+    def at(u, v):
+        pattern = everything.pattern
+        force, phi = np.zeros(everything.n, complex), np.zeros(everything.m, complex)
+        values = [
+            np.zeros(len(rows), complex)
+            for rows in (pattern.x_rows, pattern.y_rows, pattern.g_rows)
+        ]
+        elements.evaluate.py_func(
+            t, u, v, multipliers, everything.ints, everything.reals, force, phi, *values
+        )
+        return force, phi
+
+    for j in range(everything.n):
+        step = np.zeros(everything.n, complex)
+        step[j] = 1e-30j
+        force, phi = at(u + step, v.astype(complex))
+        size = np.abs(terms.X).max()
+        np.testing.assert_allclose(terms.X[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
+        np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-13)
+        force, _ = at(u.astype(complex), v + step)
+        size = np.abs(terms.Y).max()
+        np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-2, 2))
+def test_constraint_derivatives(everything, seed, t):
+    """Φ' and Φ'' along a motion without acceleration, against sixth-order differences."""
+    random = np.random.default_rng(seed)
+    u = everything.u0 + 0.2 * random.normal(size=everything.n)
+    v = random.normal(size=everything.n)
+    rate, curvature = everything.constraint_derivatives(t, u, v)
+    step = 1e-3
+    phi = np.array(
+        [everything.constraint_values(t + k * step, u + k * step * v) for k in range(-3, 4)]
+    )
+    first = np.array([-1, 9, -45, 0, 45, -9, 1]) @ phi / (60 * step)
+    second = np.array([2, -27, 270, -490, 270, -27, 2]) @ phi / (180 * step**2)
+    gradient = everything.evaluate(t, u, v, np.zeros(everything.m)).G
+    np.testing.assert_allclose(gradient.T @ v + rate, first, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(curvature, second, rtol=0, atol=1e-6)
+
+
+def test_projected_velocities_fit(everything):
+    """They meet Φ' = 0, with the crank at its rate, and are the nearest to the given ones."""
+    u, v = everything.u0, everything.v0
+    gradient = everything.evaluate(0.0, u, v, np.zeros(everything.m)).G
+    rate, _ = everything.constraint_derivatives(0.0, u, v)
+    np.testing.assert_allclose(gradient.T @ v + rate, 0, atol=1e-13)
+    b, vb = complex(*u[:2]), complex(*v[:2])
+    assert (vb / (1j * b)).real == pytest.approx(2 + 0.1 * 5, rel=1e-12)
+    # Given as zero: the correction is in the range of G.
+    np.testing.assert_allclose(
+        gradient @ np.linalg.lstsq(gradient, v, rcond=None)[0], v, atol=1e-12
+    )
+
+
+def test_assembled_positions_meet_the_constraints():
+    """The four-bar linkage starts from a guess and ends on its bars to rounding."""
+    subject = problem("four-bar")
+    guess = [c for p in subject.drawing.points.values() for c in p.at or ()]
+    assert np.abs(subject.u0 - guess).max() > 1e-4
+    np.testing.assert_allclose(subject.constraint_values(0.0, subject.u0), 0, atol=1e-16)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_starts_are_consistent(name):
+    """Φ, Φ' and Φ'' vanish at the start of every shipped problem."""
+    subject = problem(name)
+    a, multipliers = consistent_accelerations(subject, subject.t0, subject.u0, subject.v0)
+    terms = subject.evaluate(subject.t0, subject.u0, subject.v0, multipliers)
+    rate, curvature = subject.constraint_derivatives(subject.t0, subject.u0, subject.v0)
+    size = np.abs(subject.u0).max()
+    np.testing.assert_allclose(terms.phi, 0, atol=1e-15 * size**2)
+    np.testing.assert_allclose(terms.G.T @ subject.v0 + rate, 0, atol=1e-13)
+    acceleration = terms.G.T @ a
+    np.testing.assert_allclose(acceleration, -curvature, atol=1e-13 * np.abs(a).max())
+    residual = subject.M @ a - terms.force
+    np.testing.assert_allclose(residual, 0, atol=1e-12 * max(np.abs(terms.force).max(), 1))
+
+
+RECTANGLE = """\
+points:
+  A: {fixed: [0, 0]}
+  B: {fixed: [2, 0]}
+  C: {at: [2, 1], mass: 1}
+  D: {at: [0, 1], mass: 1}
+bars:
+  left: {from: A, to: D, length: 1}
+  right: {from: B, to: C, length: 1}
+  top: {from: D, to: C, length: 2}
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "words"),
+    [
+        (
+            ("gravity", "bars:\n", "bars:\n  one: {from: A, to: C, length: 2.23606797749979}\n"
+             "  two: {from: B, to: D, length: 2.23606797749979}\n"),
+            11, "redundant: these constraints depend on each other: bars.one, bars.two",
+        ),
+        (("mass", "C: {at: [2, 1], mass: 1}", "C: {at: [2, 1]}"), 4, "carries no mass"),
+        (
+            ("velocity", "D: {at: [0, 1], mass: 1}", "D: {at: [0, 1], mass: 1, velocity: [0, 1]}"),
+            7, "initial velocities miss this constraint by",
+        ),
+        (
+            ("slider", "bars:", "sliders:\n  s: {point: C, through: [0, 0], direction: [0, 0]}\n"
+             "bars:"), 7, "a slider needs a direction",
+        ),
+        (
+            ("slider", "bars:", "sliders:\n  s: {point: C, through: [0, 0], direction: [1, 0]}\n"
+             "bars:"), 7, "starts 1 m off the line",
+        ),
+        (("guess", "length: 2}", "length: 9}\nassemble: true"), 10, "no position found"),
+        (("motion", "bars:", "motions:\n  m: {point: C}\nbars:"), 7, "needs a point with x or y"),
+        (
+            ("motion", "bars:", "motions:\n  m: {point: C, x: {value: 3}}\nbars:"),
+            7, "the law starts at 3, the mechanism at 2",
+        ),
+        (("motion", "bars:", "motions:\n  m: {point: A, x: {}}\nbars:"), 7, "A is fixed"),
+        (("bars", RECTANGLE[RECTANGLE.index("bars") :], ""), 1, "no constraint"),
+    ],
+)  # fmt: skip
+def test_inconsistent_starts_are_refused(tmp_path, change, line, words):
+    """Singular mass, redundant bars, velocities and positions that do not fit."""
+    _, old, new = change
+    assert old in RECTANGLE
+    path = tmp_path / "r.yaml"
+    path.write_text(RECTANGLE.replace(old, new))
+    with pytest.raises(DocumentError) as caught:
+        planar.load(path, "r")
+    assert f"r.yaml, line {line}: " in str(caught.value), str(caught.value)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_driven_crank_follows_its_law(tmp_path):
+    """A prescribed angle is met at every step, and the driving multiplier balances gravity."""
+    path = tmp_path / "crank.yaml"
+    path.write_text(
+        "points:\n  O: {fixed: [0, 0]}\n  P: {at: [2, 0], mass: 3, velocity: [0, 8]}\n"
+        "bars: {arm: {from: O, to: P, length: 2}}\n"
+        "bodies: {rod: {from: O, to: P, length: 2, mass: 1, centre: [1, 0], inertia: 0.3}}\n"
+        "motions: {drive: {body: rod, angle: {rate: 4}}}\ngravity: [0, -9.81]\n"
+    )
+    with pytest.raises(DocumentError, match=r"redundant.*bodies.rod, bars.arm"):
+        planar.load(path, "crank")
+    path.write_text(path.read_text().replace("bars: {arm: {from: O, to: P, length: 2}}\n", ""))
+    subject, h, steps = planar.load(path, "crank"), 1e-3, 500
+    form = FORMS["u-lambda"]
+    scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
+    for engine in (kernel_march, scipy_march):
+        state = initial_state(subject, Newmark())
+        # M a = f + Gλ at the start: a = −ω² r on the circle.
+        np.testing.assert_allclose(state.fields[2], [-32, 0], atol=1e-12)
+        engine.march(subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64))
+        angle = 4 * h * steps
+        exact = [2 * np.cos(angle), 2 * np.sin(angle)]
+        np.testing.assert_allclose(state.fields[0], exact, rtol=0, atol=1e-15 * 8)

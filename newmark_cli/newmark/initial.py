@@ -34,7 +34,8 @@ def consistent_accelerations(problem: Problem, t: float, u: Array, v: Array) -> 
     matrix[:n, :n] = mass_matrix / size
     matrix[:n, n:] = -terms.G
     matrix[n:, :n] = terms.G.T
-    rhs = np.concatenate([terms.force / size, -problem.curvature(t, u, v)])
+    _, curvature = problem.constraint_derivatives(t, u, v)
+    rhs = np.concatenate([terms.force / size, -curvature])
     solution = np.linalg.solve(matrix, rhs)
     solution += np.linalg.solve(matrix, rhs - matrix @ solution)
     return solution[:n], solution[n:] * size

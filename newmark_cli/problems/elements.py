@@ -8,31 +8,59 @@ with P_k the moving points it depends on, R the quarter turn to the left, and
 Δ0 what the fixed points contribute.  A plain point has (a, b) = (1, 0); a
 body-fixed point is a rotated and stretched combination of the two points that
 carry its body.  Writing C_k = a_k + b_k R, a force F conjugate to Δ loads the
-points with C_kᵀ F, and its tangent T = ∂F/∂Δ enters as C_kᵀ T C_l.
+points with C_kᵀ F, and its tangents ∂F/∂Δ, ∂F/∂Δ' enter as C_kᵀ (…) C_l.
 
 Tables, one row per element:
 
 =========  ==================================================================
 ``ints``   kind, K, first coordinate of each P_k (4 columns), constraint row,
-           first entry in the X values, first entry in the G values
-``reals``  a_1, b_1, …, a_4, b_4, Δ0 (2 columns), two parameters
+           first entry in the X values, in the Y values, in the G values
+``reals``  a_1, b_1, …, a_4, b_4, Δ0 (2 columns), eight parameters
 =========  ==================================================================
 
 A link is a bar between plain points, by far the commonest element: its blocks
 C_kᵀ C_l are multiples of the identity, of which only the diagonal is kept.
 
-The parameters are (L², –) of a bar or link, (stiffness, rest length) of a spring,
-(torque, –) of a torque and the components of a load.
+========  ===================================================================
+kind      parameters
+========  ===================================================================
+LINK      L²;  Φ = (|Δ|² − L²)/2
+BAR       L²;  the same for body-fixed points
+LINE      n_x, n_y, law;  Φ = n·Δ − law(t): a slider, a driven coordinate
+ANGLE     –, –, law;  Φ = n·Δ, n = (−sin, cos) of law(t): a driven angle
+SPRING    stiffness, rest length
+DAMPER    damping of the rate of |Δ|
+TORQUE    torque through the angle of Δ
+LOAD      force, two components, on one point
+========  ===================================================================
+
+A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).
 """
 
 import numpy as np
 from numba import njit
 
-LINK, BAR, SPRING, TORQUE, LOAD = range(5)
+LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD = range(8)
+
+#: Kinds that are a constraint, one row each.
+CONSTRAINTS = (LINK, BAR, LINE, ANGLE)
 
 #: Columns of the integer and the real table.
-KIND, COUNT, DOF, ROW, X_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8, 9
-OFFSET, PARAMETER, REAL_COLUMNS = 8, 10, 12
+KIND, COUNT, DOF, ROW, X_START, Y_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8, 9, 10
+OFFSET, PARAMETER, LAW, REAL_COLUMNS = 8, 10, 12, 18
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _law(t, reals, e, derivative):
+    """A law of time (`LAW` columns of element e), or its first or second derivative."""
+    rate, second = reals[e, LAW + 1], reals[e, LAW + 2]
+    amplitude, frequency = reals[e, LAW + 3], reals[e, LAW + 4]
+    phase = frequency * t + reals[e, LAW + 5]
+    if derivative == 0:
+        return reals[e, LAW] + (rate + second * t / 2) * t + amplitude * np.sin(phase)
+    if derivative == 1:
+        return rate + second * t + amplitude * frequency * np.cos(phase)
+    return second - amplitude * frequency * frequency * np.sin(phase)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -40,14 +68,14 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
     """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
 
     Args:
-        t: Time (s); the elements so far do not depend on it.
+        t: Time (s).
         u, v: (n,) coordinates (m) and velocities (m/s) of the moving points.
         multipliers: (m,) λ.
         ints, reals: Element tables, see the module.
         force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
         phi: (m,) overwritten with Φ(u, t).
         x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
-        y_values: Entries of Y = −∂f/∂v; no element depends on v yet.
+        y_values: Overwritten with the entries of Y = −∂f/∂v.
         g_values: Overwritten with the entries of G = Φ_uᵀ.
     """
     force[:] = 0
@@ -86,18 +114,38 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             dx += a * u[i] - b * u[i + 1]
             dy += b * u[i] + a * u[i + 1]
 
+        if kind in (LINE, ANGLE):
+            # Linear in u: a force along the normal, no tangent.
+            row, g = ints[e, ROW], ints[e, G_START]
+            law = _law(t, reals, e, 0)
+            if kind == LINE:
+                nx, ny = reals[e, PARAMETER], reals[e, PARAMETER + 1]
+                phi[row] = nx * dx + ny * dy - law
+            else:
+                nx, ny = -np.sin(law), np.cos(law)
+                phi[row] = nx * dx + ny * dy
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                g_values[g] = a * nx + b * ny
+                g_values[g + 1] = a * ny - b * nx
+                force[i] += multipliers[row] * g_values[g]
+                force[i + 1] += multipliers[row] * g_values[g + 1]
+                g += 2
+            continue
+
         # (fx, fy) is conjugate to Δ; T = ∂(fx, fy)/∂Δ.
         square = dx * dx + dy * dy
         if kind == BAR:
-            row = ints[e, ROW]
+            row, g = ints[e, ROW], ints[e, G_START]
             multiplier = multipliers[row]
             phi[row] = (square - reals[e, PARAMETER]) / 2
             fx, fy = multiplier * dx, multiplier * dy
             txx, txy, tyx, tyy = multiplier, 0 * multiplier, 0 * multiplier, multiplier
             for k in range(count):
-                g, a, b = ints[e, G_START] + 2 * k, reals[e, 2 * k], reals[e, 2 * k + 1]
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
                 g_values[g] = a * dx + b * dy
                 g_values[g + 1] = a * dy - b * dx
+                g += 2
         elif kind == SPRING:
             length = np.sqrt(square)
             tension_over_length = reals[e, PARAMETER] * (1 - reals[e, PARAMETER + 1] / length)
@@ -107,6 +155,33 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             txy = -rank_one * dx * dy
             tyx = txy
             tyy = -tension_over_length - rank_one * dy * dy
+        elif kind == DAMPER:
+            wx, wy = 0 * dx, 0 * dy
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                wx += a * v[i] - b * v[i + 1]
+                wy += b * v[i] + a * v[i + 1]
+            damping = reals[e, PARAMETER] / square
+            product = dx * wx + dy * wy
+            fx, fy = -damping * product * dx, -damping * product * dy
+            twice = 2 * product / square
+            txx = -damping * (dx * wx + product - twice * dx * dx)
+            txy = -damping * (dx * wy - twice * dx * dy)
+            tyx = -damping * (dy * wx - twice * dy * dx)
+            tyy = -damping * (dy * wy + product - twice * dy * dy)
+            # Y: the tangent for Δ' is −damping Δ Δᵀ.
+            y = ints[e, Y_START]
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                px, py = a * dx + b * dy, a * dy - b * dx
+                for j in range(count):
+                    a, b = reals[e, 2 * j], reals[e, 2 * j + 1]
+                    qx, qy = a * dx + b * dy, a * dy - b * dx
+                    y_values[y] = damping * px * qx
+                    y_values[y + 1] = damping * px * qy
+                    y_values[y + 2] = damping * py * qx
+                    y_values[y + 3] = damping * py * qy
+                    y += 4
         else:  # TORQUE: the virtual work of τ through the angle of Δ
             torque = reals[e, PARAMETER] / square
             fx, fy = -torque * dy, torque * dx
@@ -133,21 +208,40 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def constraint_curvature(t, u, v, ints, reals, curvature):
-    """Second time derivative of Φ along u'' = 0, needed for consistent accelerations.
+def constraint_derivatives(t, u, v, ints, reals, rate, curvature):
+    """What Φ does in time beside Gᵀ v and Gᵀ u'': for consistent starts.
 
     Args:
         t: Time (s).
         u, v: (n,) coordinates (m) and velocities (m/s).
         ints, reals: Element tables, see the module.
+        rate: (m,) overwritten; Φ' = Gᵀ v + rate.
         curvature: (m,) overwritten; Φ'' = Gᵀ u'' + curvature.
     """
     for e in range(ints.shape[0]):
-        if ints[e, KIND] != BAR and ints[e, KIND] != LINK:
-            continue
-        wx, wy = 0 * reals[e, OFFSET], 0 * reals[e, OFFSET]
-        for k in range(ints[e, COUNT]):
-            i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-            wx += a * v[i] - b * v[i + 1]
-            wy += b * v[i] + a * v[i + 1]
-        curvature[ints[e, ROW]] = wx * wx + wy * wy
+        kind, row = ints[e, KIND], ints[e, ROW]
+        if kind == LINE:
+            rate[row] = -_law(t, reals, e, 1)
+            curvature[row] = -_law(t, reals, e, 2)
+        elif kind in (LINK, BAR, ANGLE):
+            dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
+            wx, wy = 0 * dx, 0 * dy
+            for k in range(ints[e, COUNT]):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                dx += a * u[i] - b * u[i + 1]
+                dy += b * u[i] + a * u[i + 1]
+                wx += a * v[i] - b * v[i + 1]
+                wy += b * v[i] + a * v[i + 1]
+            if kind == ANGLE:
+                angle, turn = _law(t, reals, e, 0), _law(t, reals, e, 1)
+                cosine, sine = np.cos(angle), np.sin(angle)
+                along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+                rate[row] = -turn * along
+                curvature[row] = (
+                    -_law(t, reals, e, 2) * along
+                    - turn * turn * across
+                    - 2 * turn * (cosine * wx + sine * wy)
+                )
+            else:
+                rate[row] = 0
+                curvature[row] = wx * wx + wy * wy

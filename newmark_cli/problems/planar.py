@@ -6,18 +6,18 @@ mass matrix is constant, and it brings one distance constraint.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, model_validator
 
 from newmark_cli import documents
 from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, StrictModel
-from newmark_cli.problems import elements
+from newmark_cli.documents import Document, KeyPath, StrictModel, misfit
+from newmark_cli.problems import elements, start
 from newmark_cli.problems.problem import Pattern, Problem
 
 Vector = tuple[FiniteFloat, FiniteFloat]
@@ -74,6 +74,67 @@ class Spring(StrictModel):
     rest_length: NotNegative = Field(description="length without force (m)")
 
 
+class Damper(StrictModel):
+    """A linear damper between two points: it resists the rate of their distance."""
+
+    from_: str = Field(alias="from", description="one end")
+    to: str = Field(description="other end")
+    damping: NotNegative = Field(description="damping (N s/m)")
+
+
+class Slider(StrictModel):
+    """A point that stays on a fixed line."""
+
+    point: str = Field(description="point")
+    through: Vector = Field(description="a point of the line (m)")
+    direction: Vector = Field(description="direction of the line; its length does not matter")
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> "Slider":
+        if math.hypot(*self.direction) == 0:
+            raise misfit("direction", "a slider needs a direction, given [0, 0]")
+        return self
+
+
+class Law(StrictModel):
+    """A law of time: value + rate t + acceleration t²/2 + amplitude sin(frequency t + phase)."""
+
+    value: FiniteFloat | None = Field(
+        None, description="constant term; what the initial position asks for when omitted"
+    )
+    rate: FiniteFloat = Field(0.0, description="constant rate (1/s)")
+    acceleration: FiniteFloat = Field(0.0, description="constant acceleration (1/s²)")
+    amplitude: FiniteFloat = Field(0.0, description="amplitude of the oscillation")
+    frequency: FiniteFloat = Field(0.0, description="angular frequency (rad/s)")
+    phase: FiniteFloat = Field(0.0, description="phase at t = 0 (rad)")
+
+    def parameters(self, initially: float) -> tuple[float, ...]:
+        """c, r, s, A, ω, φ of the element loop, starting from ``initially``."""
+        start = self.amplitude * math.sin(self.phase)
+        value = initially - start if self.value is None else self.value
+        return (value, self.rate, self.acceleration, self.amplitude, self.frequency, self.phase)
+
+
+class Motion(StrictModel):
+    """A prescribed motion: coordinates of a point (m), or the angle of a body (rad)."""
+
+    point: str | None = Field(None, description="driven point")
+    x: Law | None = Field(None, description="law of its first coordinate")
+    y: Law | None = Field(None, description="law of its second coordinate")
+    body: str | None = Field(None, description="driven body")
+    angle: Law | None = Field(
+        None, description="law of the angle from its first to its second point"
+    )
+
+    @model_validator(mode="after")
+    def _drives_one_thing(self) -> "Motion":
+        of_point = self.point is not None and (self.x or self.y) and not (self.body or self.angle)
+        of_body = self.body is not None and self.angle and not (self.point or self.x or self.y)
+        if not (of_point or of_body):
+            raise ValueError("needs a point with x or y, or a body with angle")
+        return self
+
+
 class Torque(StrictModel):
     """A constant torque on a body."""
 
@@ -90,9 +151,16 @@ class Mechanism(StrictModel):
     bodies: dict[str, Body] = {}
     body_points: dict[str, BodyPoint] = {}
     bars: dict[str, Bar] = {}
+    sliders: dict[str, Slider] = {}
+    motions: dict[str, Motion] = {}
     springs: dict[str, Spring] = {}
+    dampers: dict[str, Damper] = {}
     torques: dict[str, Torque] = {}
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
+    assemble: bool = Field(False, description="initial positions are a guess; solve for them")
+    project_velocities: bool = Field(
+        False, description="replace initial velocities by the nearest that fit the constraints"
+    )
 
 
 @dataclass(frozen=True)
@@ -119,10 +187,27 @@ def load(path: Path, name: str) -> Problem:
         name: Name of the problem.
 
     Raises:
-        DocumentError: Names file, line and key of the first mistake.
+        DocumentError: Names file, line and key of the first mistake: of the file
+            itself, or of a mechanism without a consistent start.
     """
     document = documents.read(path)
-    return _Builder(name, document, documents.validate(document, Mechanism)).problem()
+    return build(name, documents.validate(document, Mechanism), document)
+
+
+def build(name: str, mechanism: Mechanism, document: Document | None = None) -> Problem:
+    """Problem from a mechanism.
+
+    Args:
+        name: Name of the problem.
+        mechanism: The mechanism.
+        document: Where it came from, for errors.
+
+    Raises:
+        DocumentError: See `load`.
+    """
+    document = document or Document(name, {}, {})
+    builder = _Builder(name, document, mechanism)
+    return start.consistent(builder.problem(), mechanism, document, builder.constraint_paths)
 
 
 class _Builder:
@@ -150,10 +235,11 @@ class _Builder:
             self.sites[point] = Site({body.from_: 1 - z, body.to: z})
         self.ints: list[list[int]] = []
         self.reals: list[list[float]] = []
+        self.constraint_paths: list[KeyPath] = []
         self.x_entries: list[tuple[int, int]] = []
+        self.y_entries: list[tuple[int, int]] = []
         self.g_entries: list[tuple[int, int]] = []
         self.mass: dict[tuple[int, int], float] = {}
-        self.constraints = 0
 
     def problem(self) -> Problem:
         mechanism = self.mechanism
@@ -175,40 +261,50 @@ class _Builder:
                 self._difference(spring.from_, spring.to, ("springs", name)),
                 (spring.stiffness, spring.rest_length),
             )
+        for name, slider in mechanism.sliders.items():
+            self._slider(slider, ("sliders", name))
+        for name, motion in mechanism.motions.items():
+            self._motion(motion, ("motions", name))
+        for name, damper in mechanism.dampers.items():
+            self._element(
+                elements.DAMPER,
+                self._difference(damper.from_, damper.to, ("dampers", name)),
+                (damper.damping,),
+            )
         for name, torque in mechanism.torques.items():
             body = self._named("bodies", torque.on, ("torques", name, "on"))
             self._element(
                 elements.TORQUE,
                 self._difference(body.from_, body.to, ("torques", name)),
-                (torque.torque, 0.0),
+                (torque.torque,),
             )
         for i in range(0, n, 2):
             if np.any(loads[i : i + 2]):
-                row = [elements.LOAD, 1, i, 0, 0, 0, 0, 0, 0]
-                self.ints.append(row)
-                self.reals.append([0.0] * elements.PARAMETER + [loads[i], loads[i + 1]])
+                self.ints.append([elements.LOAD, 1, i] + [0] * (elements.INT_COLUMNS - 3))
+                self._append_reals([], 0j, (loads[i], loads[i + 1]))
 
-        x = np.array(self.x_entries, np.int64).reshape(-1, 2).T.copy()
-        g = np.array(self.g_entries, np.int64).reshape(-1, 2).T.copy()
-        mass = np.array(sorted(self.mass), np.int64).reshape(-1, 2).T.copy()
-        none = np.zeros(0, np.int64)
+        mass, x, y, g = (
+            np.array(entries, np.int64).reshape(-1, 2).T.copy()
+            for entries in (sorted(self.mass), self.x_entries, self.y_entries, self.g_entries)
+        )
         points = [mechanism.points[name] for name in self.moving]
         return Problem(
             name=self.name,
             u0=np.array([c for point in points for c in point.at or ()]),
             v0=np.array([c for point in points for c in point.velocity]),
             t0=0.0,
-            constraints=self.constraints,
+            constraints=len(self.constraint_paths),
             function=elements.evaluate,
-            curvature_function=elements.constraint_curvature,
+            derivatives=elements.constraint_derivatives,
             ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
-            pattern=Pattern(mass[0], mass[1], x[0], x[1], none, none, g[0], g[1]),
+            pattern=Pattern(*mass, *x, *y, *g),
             mass_values=np.array([self.mass[place] for place in sorted(self.mass)]),
             drawing=mechanism,
+            points=tuple(self.moving),
         )
 
-    def _named(self, kind: str, name: str, path: documents.KeyPath) -> Body:
+    def _named(self, kind: str, name: str, path: KeyPath) -> Body:
         bodies: dict[str, Body] = getattr(self.mechanism, kind)
         if name not in bodies:
             raise self.document.error(
@@ -216,30 +312,93 @@ class _Builder:
             )
         return bodies[name]
 
-    def _site(self, name: str, path: documents.KeyPath) -> Site:
+    def _site(self, name: str, path: KeyPath) -> Site:
         if name not in self.sites:
             raise self.document.error(
                 path, f"unknown point {name!r}{documents.nearest(name, self.sites)}"
             )
         return self.sites[name]
 
-    def _difference(self, start: str, end: str, path: documents.KeyPath) -> dict[str, complex]:
+    def _difference(self, start: str, end: str, path: KeyPath) -> dict[str, complex]:
+        if start == end:
+            raise self.document.error(path, f"joins {start} with itself")
         difference = self._site(end, (*path, "to")).minus(self._site(start, (*path, "from")))
         if not any(name in self.moving for name in difference):
             raise self.document.error(path, f"joins {start} and {end}, which do not move apart")
         return difference
 
-    def _distance(self, start: str, end: str, length: float, path: documents.KeyPath) -> None:
+    def _distance(self, start: str, end: str, length: float, path: KeyPath) -> None:
         difference = self._difference(start, end, path)
-        vector = sum(weight * self._start(name) for name, weight in difference.items())
-        misfit = abs(vector) - length
-        if abs(misfit) > _MISFIT * length:
+        misfit = abs(self._vector(difference)) - length
+        if not self.mechanism.assemble and abs(misfit) > _MISFIT * length:
             raise self.document.error(
-                path, f"{start} and {end} start {abs(vector):.12g} m apart, given length {length:g}"
+                path,
+                f"{start} and {end} start {length + misfit:.12g} m apart, given length "
+                f"{length:g}; correct the positions or set 'assemble: true'",
             )
         plain = all(complex(weight).imag == 0 for weight in difference.values())
         kind = elements.LINK if plain else elements.BAR
-        self._element(kind, difference, (length**2, 0.0), constraint=True)
+        self._element(kind, difference, (length**2,), constraint=path)
+
+    def _slider(self, slider: Slider, path: KeyPath) -> None:
+        along = complex(*slider.direction) / abs(complex(*slider.direction))
+        normal = 1j * along
+        site = self._moving_site(slider.point, (*path, "point"))
+        through = complex(*slider.through)
+        level = (normal.conjugate() * through).real
+        away = (normal.conjugate() * self._vector(site)).real - level
+        if not self.mechanism.assemble and abs(away) > _MISFIT * max(1.0, abs(through)):
+            raise self.document.error(
+                path,
+                f"{slider.point} starts {abs(away):.12g} m off the line; correct its position "
+                "or set 'assemble: true'",
+            )
+        law = (level, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._element(elements.LINE, site, (normal.real, normal.imag, *law), constraint=path)
+
+    def _motion(self, motion: Motion, path: KeyPath) -> None:
+        if motion.point is not None:
+            site = self._moving_site(motion.point, (*path, "point"))
+            place = self._vector(site)
+            for key, law, normal in (("x", motion.x, (1.0, 0.0)), ("y", motion.y, (0.0, 1.0))):
+                if law is not None:
+                    now = place.real if key == "x" else place.imag
+                    parameters = self._fitting(law, now, (*path, key))
+                    self._element(
+                        elements.LINE, site, (*normal, *parameters), constraint=(*path, key)
+                    )
+        else:
+            assert motion.body is not None
+            assert motion.angle is not None
+            body = self._named("bodies", motion.body, (*path, "body"))
+            difference = self._difference(body.from_, body.to, path)
+            vector = self._vector(difference)
+            now = math.atan2(vector.imag, vector.real)
+            parameters = self._fitting(motion.angle, now, (*path, "angle"), 2 * math.pi)
+            self._element(elements.ANGLE, difference, (0.0, 0.0, *parameters), constraint=path)
+
+    def _fitting(
+        self, law: Law, now: float, path: KeyPath, period: float = math.inf
+    ) -> tuple[float, ...]:
+        """Parameters of a law that starts where the mechanism does."""
+        parameters = law.parameters(now)
+        begin = parameters[0] + law.amplitude * math.sin(law.phase)
+        away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
+        if not self.mechanism.assemble and abs(away) > 1e-9 * max(1.0, abs(now)):
+            raise self.document.error(
+                path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}"
+            )
+        return parameters
+
+    def _moving_site(self, name: str, path: KeyPath) -> dict[str, complex]:
+        weights = dict(self._site(name, path).weights)
+        if not any(point in self.moving for point in weights):
+            raise self.document.error(path, f"{name} is fixed")
+        return weights
+
+    def _vector(self, weights: Mapping[str, complex]) -> complex:
+        """Initial value of Σ (a + bR) P."""
+        return sum((weight * self._start(name) for name, weight in weights.items()), 0j)
 
     def _start(self, name: str) -> complex:
         if name in self.fixed:
@@ -252,32 +411,39 @@ class _Builder:
         self,
         kind: int,
         difference: Mapping[str, complex],
-        parameters: tuple[float, float],
-        constraint: bool = False,
+        parameters: tuple[float, ...],
+        constraint: KeyPath | None = None,
     ) -> None:
         offset = sum(
             (w * self.fixed[name] for name, w in difference.items() if name in self.fixed), 0j
         )
         moving = {name: w for name, w in difference.items() if name in self.moving}
         dofs = [self.moving[name] for name in moving]
-        row = self.constraints if constraint else 0
+        row = len(self.constraint_paths) if constraint else 0
         self.ints.append(
             [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
-             len(self.x_entries), len(self.g_entries)]
+             len(self.x_entries), len(self.y_entries), len(self.g_entries)]
         )  # fmt: skip
-        weights = [part for w in moving.values() for part in (complex(w).real, complex(w).imag)]
-        self.reals.append(
-            [*weights, *[0.0] * (8 - len(weights)), offset.real, offset.imag, *parameters]
-        )
-        places = ((0, 0), (1, 1)) if kind == elements.LINK else ((0, 0), (0, 1), (1, 0), (1, 1))
-        self.x_entries += [(i + r, j + c) for i in dofs for j in dofs for r, c in places]
+        self._append_reals(list(moving.values()), offset, parameters)
+        blocks = ((0, 0), (1, 1)) if kind == elements.LINK else ((0, 0), (0, 1), (1, 0), (1, 1))
+        entries = [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
+        if kind not in (elements.LINE, elements.ANGLE):
+            self.x_entries += entries
+        if kind == elements.DAMPER:
+            self.y_entries += entries
         if constraint:
             self.g_entries += [(i + r, row) for i in dofs for r in (0, 1)]
-            self.constraints += 1
+            self.constraint_paths.append(constraint)
 
-    def _body_mass(
-        self, body: Body, loads: Array, gravity: complex, path: documents.KeyPath
+    def _append_reals(
+        self, weights: Sequence[complex], offset: complex, parameters: Sequence[float]
     ) -> None:
+        parts = [part for w in weights for part in (complex(w).real, complex(w).imag)]
+        row = [*parts, *[0.0] * (elements.OFFSET - len(parts)), offset.real, offset.imag]
+        row += parameters
+        self.reals.append(row + [0.0] * (elements.REAL_COLUMNS - len(row)))
+
+    def _body_mass(self, body: Body, loads: Array, gravity: complex, path: KeyPath) -> None:
         for name, key in ((body.from_, "from"), (body.to, "to")):
             self._site(name, (*path, key))
             if name not in self.mechanism.points:

@@ -30,6 +30,16 @@ class Pattern(NamedTuple):
     g_columns: IndexArray  #: constraint of each entry of G
 
 
+class Values(NamedTuple):
+    """What a problem's function produces at one state; matrices as values at the pattern."""
+
+    force: Array  #: (n,) f + Gλ
+    phi: Array  #: (m,) Φ
+    x: Array
+    y: Array
+    g: Array
+
+
 class Terms(NamedTuple):
     """A problem at one state.
 
@@ -59,10 +69,13 @@ class Problem:
         constraints: m.
         function: Compiled ``(t, u, v, λ, ints, reals, force, Φ, X, Y, G)`` that
             overwrites the last five, the matrices as values at ``pattern``.
-        curvature_function: Compiled ``(t, u, v, ints, reals, curvature)``.
+        derivatives: Compiled ``(t, u, v, ints, reals, rate, curvature)``, what Φ does
+            in time beside Gᵀ v and Gᵀ u''.
         ints, reals: Two-dimensional tables handed to the functions.
         pattern: Places of the values.
         mass_values: Values of M.
+        drawing: What a figure of the problem is drawn from, if it has one.
+        points: Moving points of a mechanism, two coordinates each.
     """
 
     name: str
@@ -71,12 +84,13 @@ class Problem:
     t0: float
     constraints: int
     function: Callable[..., None]
-    curvature_function: Callable[..., None]
+    derivatives: Callable[..., None]
     ints: IndexArray
     reals: Array
     pattern: Pattern
     mass_values: Array
     drawing: Any = None
+    points: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -95,26 +109,47 @@ class Problem:
             self.pattern.mass_rows, self.pattern.mass_columns, self.mass_values, (self.n, self.n)
         )
 
-    def evaluate(self, t: float, u: Array, v: Array, multipliers: Array) -> Terms:
-        """All terms at a state; u, v are (n,), multipliers (m,)."""
+    def values(self, t: float, u: Array, v: Array, multipliers: Array) -> Values:
+        """Force, Φ and the values of X, Y, G at a state; u, v are (n,), multipliers (m,)."""
+        pattern = self.pattern
+        values = Values(
+            force=np.empty(self.n),
+            phi=np.empty(self.m),
+            x=np.empty(len(pattern.x_rows)),
+            y=np.empty(len(pattern.y_rows)),
+            g=np.empty(len(pattern.g_rows)),
+        )
+        self.function(t, u, v, multipliers, self.ints, self.reals, *values)
+        return values
+
+    def dense(self, values: Values) -> Terms:
+        """The same with matrices in full."""
         n, m, pattern = self.n, self.m, self.pattern
-        force, phi = np.empty(n), np.empty(m)
-        x, y = np.empty(len(pattern.x_rows)), np.empty(len(pattern.y_rows))
-        g = np.empty(len(pattern.g_rows))
-        self.function(t, u, v, multipliers, self.ints, self.reals, force, phi, x, y, g)
         return Terms(
-            force=force,
-            phi=phi,
-            X=_dense(pattern.x_rows, pattern.x_columns, x, (n, n)),
-            Y=_dense(pattern.y_rows, pattern.y_columns, y, (n, n)),
-            G=_dense(pattern.g_rows, pattern.g_columns, g, (n, m)),
+            force=values.force,
+            phi=values.phi,
+            X=_dense(pattern.x_rows, pattern.x_columns, values.x, (n, n)),
+            Y=_dense(pattern.y_rows, pattern.y_columns, values.y, (n, n)),
+            G=_dense(pattern.g_rows, pattern.g_columns, values.g, (n, m)),
         )
 
-    def curvature(self, t: float, u: Array, v: Array) -> Array:
-        """(m,) second time derivative of Φ along u'' = 0: Φ'' = Gᵀ u'' + curvature."""
-        curvature = np.zeros(self.m)
-        self.curvature_function(t, u, v, self.ints, self.reals, curvature)
-        return curvature
+    def evaluate(self, t: float, u: Array, v: Array, multipliers: Array) -> Terms:
+        """All terms at a state; u, v are (n,), multipliers (m,)."""
+        return self.dense(self.values(t, u, v, multipliers))
+
+    def constraint_values(self, t: float, u: Array) -> Array:
+        """(m,) Φ."""
+        return self.values(t, u, np.zeros(self.n), np.zeros(self.m)).phi
+
+    def point_of(self, coordinate: int) -> str:
+        """Name of the point that a coordinate belongs to, for errors."""
+        return self.points[coordinate // 2] if self.points else f"coordinate {coordinate + 1}"
+
+    def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
+        """(m,) rate and curvature: Φ' = Gᵀ v + rate, Φ'' = Gᵀ u'' + curvature."""
+        rate, curvature = np.zeros(self.m), np.zeros(self.m)
+        self.derivatives(t, u, v, self.ints, self.reals, rate, curvature)
+        return rate, curvature
 
 
 def _dense(rows: IndexArray, columns: IndexArray, values: Array, shape: tuple[int, int]) -> Array:

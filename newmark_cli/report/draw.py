@@ -3,7 +3,7 @@
 import io
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,21 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Arc, Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from PIL import Image
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.problems.planar import Mechanism
-from newmark_cli.report.figures import MechanismFigure, OrderFigure, SensitivityFigure
+from newmark_cli.problems.problem import Problem
+from newmark_cli.report.figures import OrderFigure, SensitivityFigure
 from newmark_cli.report.slopes import Slope, format_fit, format_order
 from newmark_cli.study.results import write_atomically
 
 #: Width of a journal column (inch).
 _WIDTH = 3.5
+
+#: Moving points up to which a mechanism is drawn with all its names and symbols.
+_MOST_LABELS = 30
 
 _STYLE: Any = {
     "font.size": 7.5,
@@ -290,35 +295,88 @@ def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
     axes.set_xlim(left, right * (right / left) ** 0.08)
 
 
-def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
-    """A mechanism in its initial position: bodies, joints, ground, springs, torques."""
+def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
+    """A mechanism at a position: bodies, joints, ground, springs, dampers, torques.
+
+    Args:
+        title: Title of the figure.
+        problem: A problem that is a planar mechanism.
+        u: (n,) position.
+    """
     with mpl.rc_context(_STYLE | {"xtick.top": False, "ytick.right": False}):
-        places = _places(mechanism)
-        # Millimetres: mechanisms of this kind are a hand wide.
-        points = {name: 1e3 * place for name, place in places.items()}
-        size = max(
-            np.ptp([p.real for p in points.values()]), np.ptp([p.imag for p in points.values()])
-        )
-        drawing = Figure(figsize=(_WIDTH, 3.5))
-        axes = drawing.add_axes((0.135, 0.11, 0.845, 0.83))
+        drawing = Figure(figsize=(_WIDTH, 3.9))
+        axes = drawing.add_axes((0.135, 0.205, 0.845, 0.735))
+        factor, unit = _length_unit(places(problem, problem.u0))
+        labelled = len(problem.points) <= _MOST_LABELS
+        draw_mechanism(axes, problem, u, factor, labelled)
+        if labelled:
+            drawing.legend(
+                handles=_key(problem.drawing),
+                loc="lower center",
+                ncols=3,
+                handlelength=1.5,
+                fontsize=6.5,
+                columnspacing=1.5,
+            )
+        axes.set_aspect("equal")
+        axes.margins(0.1)
+        axes.set_xlabel(f"$x$ ({unit})")
+        axes.set_ylabel(f"$y$ ({unit})")
+        axes.set_title(title)
+    return drawing
+
+
+def _length_unit(positions: Mapping[str, complex]) -> tuple[float, str]:
+    """Millimetres for what is a hand wide, metres otherwise."""
+    width = _extent(positions)
+    return (1e3, "mm") if width < 0.5 else (1.0, "m")
+
+
+def _extent(positions: Mapping[str, complex]) -> float:
+    values = list(positions.values())
+    spans = (np.ptp([p.real for p in values]), np.ptp([p.imag for p in values]))
+    return float(max(spans)) or 1.0
+
+
+def draw_mechanism(
+    axes: Any, problem: Problem, u: Array, factor: float, labelled: bool = True
+) -> None:
+    """Draw a mechanism at position u into axes, lengths multiplied by ``factor``."""
+    mechanism: Mechanism = problem.drawing
+    points = {name: factor * place for name, place in places(problem, u).items()}
+    size = factor * _extent(places(problem, problem.u0))
+    if labelled:
         for name in mechanism.bodies:
             _body(axes, mechanism, name, points)
             _body_label(axes, mechanism, name, points, size)
-        for bar in mechanism.bars.values():
-            _line(axes, [points[bar.from_], points[bar.to]], color="black", linewidth=1.6)
-        for spring in mechanism.springs.values():
-            _line(
-                axes,
-                _zigzag(points[spring.from_], points[spring.to], 0.012 * size),
-                color="#009E73",
-                linewidth=0.9,
-            )
-        for torque in mechanism.torques.values():
-            _torque(axes, points[mechanism.bodies[torque.on].from_], 0.11 * size, torque.torque)
-        for name, place in points.items():
-            fixed = name in mechanism.points and mechanism.points[name].fixed is not None
-            if fixed:
-                _ground(axes, place, 0.03 * size)
+    else:
+        for body in mechanism.bodies.values():
+            _line(axes, [points[body.from_], points[body.to]], color="#0072B2", linewidth=0.8)
+    for bar in mechanism.bars.values():
+        _line(
+            axes,
+            [points[bar.from_], points[bar.to]],
+            color="black",
+            linewidth=1.6 if labelled else 0.6,
+        )
+    for slider in mechanism.sliders.values():
+        _guide(axes, points[slider.point], complex(*slider.direction), 0.12 * size)
+    for spring in mechanism.springs.values():
+        _line(
+            axes,
+            _zigzag(points[spring.from_], points[spring.to], 0.012 * size),
+            color="#009E73",
+            linewidth=0.9,
+        )
+    for damper in mechanism.dampers.values():
+        _damper(axes, points[damper.from_], points[damper.to], 0.02 * size)
+    for torque in mechanism.torques.values():
+        _torque(axes, points[mechanism.bodies[torque.on].from_], 0.11 * size, torque.torque)
+    for name, place in points.items():
+        fixed = name in mechanism.points and mechanism.points[name].fixed is not None
+        if fixed:
+            _ground(axes, place, 0.03 * size)
+        if labelled or fixed:
             axes.plot(
                 place.real,
                 place.imag,
@@ -329,18 +387,12 @@ def mechanism_figure(figure: MechanismFigure, mechanism: Mechanism) -> Figure:
                 markerfacecolor="black" if fixed else "white",
                 markeredgewidth=0.8,
             )
+        if labelled:
             _joint_label(axes, mechanism, name, points)
-        _key(axes, mechanism)
-        axes.set_aspect("equal")
-        axes.margins(0.1)
-        axes.set_xlabel("$x$ (mm)")
-        axes.set_ylabel("$y$ (mm)")
-        axes.set_title(figure.title)
-    return drawing
 
 
-def _key(axes: Any, mechanism: Mechanism) -> None:
-    """What the symbols mean."""
+def _key(mechanism: Mechanism) -> list[Line2D]:
+    """What the symbols mean, as handles of a legend."""
 
     def symbol(label: str, marker: str, face: str, edge: str) -> Line2D:
         return Line2D(
@@ -359,21 +411,29 @@ def _key(axes: Any, mechanism: Mechanism) -> None:
         handles.append(symbol("mass centre", "+", "none", "#D55E00"))
     if mechanism.springs:
         handles.append(Line2D([], [], label="spring", color="#009E73"))
+    if mechanism.dampers:
+        handles.append(Line2D([], [], label="damper", color="#CC79A7"))
+    if mechanism.sliders:
+        handles.append(Line2D([], [], label="guide", color="0.4", linewidth=3, alpha=0.35))
     if mechanism.torques:
         handles.append(Line2D([], [], label="torque, driven body", color="#D55E00", linewidth=2))
-    axes.legend(handles=handles, loc="upper left", fontsize=6, handlelength=1.5)
+    return handles
 
 
-def _places(mechanism: Mechanism) -> dict[str, complex]:
-    places = {
-        name: complex(*(point.fixed or point.at or (0, 0)))
+def places(problem: Problem, u: Array) -> dict[str, complex]:
+    """Positions of all points of a mechanism at u, as x + iy (m)."""
+    mechanism: Mechanism = problem.drawing
+    found = {
+        name: complex(*point.fixed)
         for name, point in mechanism.points.items()
+        if point.fixed is not None
     }
+    found |= {name: complex(*u[2 * i : 2 * i + 2]) for i, name in enumerate(problem.points)}
     for name, point in mechanism.body_points.items():
         body = mechanism.bodies[point.on]
-        along = (places[body.to] - places[body.from_]) / body.length
-        places[name] = places[body.from_] + complex(*point.at) * along
-    return places
+        along = (found[body.to] - found[body.from_]) / body.length
+        found[name] = found[body.from_] + complex(*point.at) * along
+    return {name: found[name] for name in (*mechanism.points, *mechanism.body_points)}
 
 
 def _corners(mechanism: Mechanism, name: str) -> list[str]:
@@ -423,6 +483,7 @@ def _body_label(
     body = mechanism.bodies[name]
     start, end = points[body.from_], points[body.to]
     corners = [points[p] for p, given in mechanism.body_points.items() if given.on == name]
+    align = "center"
     if corners:
         place = (start + end + sum(corners)) / (2 + len(corners)) - 0.03j * size
     else:
@@ -444,7 +505,11 @@ def _body_label(
                 ]
         others.append(start + complex(*body.centre) * (end - start) / body.length)
         place = max(sides, key=lambda side: min(abs(side - other) for other in others))
-    axes.text(place.real, place.imag, name, color="#0072B2", fontsize=6, ha="center", va="center")
+        across = (place - (start + end) / 2).real / (0.04 * size)
+        align = "left" if across > 0.5 else "right" if across < -0.5 else "center"
+        nearer = (start + end) / 2 + 0.55 * (place - (start + end) / 2)
+        place = nearer if align != "center" else place
+    axes.text(place.real, place.imag, name, color="#0072B2", fontsize=6, ha=align, va="center")
 
 
 def _joint_label(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
@@ -496,6 +561,26 @@ def _ground(axes: Any, place: complex, size: float) -> None:
         _line(axes, [start, start + complex(-0.35, -0.45) * size], color="black", linewidth=0.5)
 
 
+def _guide(axes: Any, place: complex, direction: complex, half: float) -> None:
+    along = half * direction / abs(direction)
+    _line(axes, [place - along, place + along], color="0.4", linewidth=3, alpha=0.35, zorder=1)
+
+
+def _damper(axes: Any, start: complex, end: complex, width: float) -> None:
+    along = (end - start) / abs(end - start)
+    middle, side = (start + end) / 2, width * along * 1j
+    look = {"color": "#CC79A7", "linewidth": 0.9}
+    _line(axes, [start, middle], **look)
+    _line(axes, [middle - 0.7 * side, middle + 0.7 * side], **look)
+    cup = [middle + 1.5 * width * along - side, middle + 1.5 * width * along + side]
+    _line(
+        axes,
+        [middle - 0.5 * width * along - side, cup[0], cup[1], middle - 0.5 * width * along + side],
+        **look,
+    )
+    _line(axes, [middle + 1.5 * width * along, end], **look)
+
+
 def _zigzag(start: complex, end: complex, amplitude: float, coils: int = 7) -> list[complex]:
     along = end - start
     normal = along / abs(along) * 1j
@@ -534,3 +619,47 @@ def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
             "mutation_scale": 8,
         },
     )
+
+
+def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Path) -> Path:
+    """Write a looping GIF of a mechanism.
+
+    Args:
+        title: Title of every frame.
+        problem: A problem that is a planar mechanism.
+        positions: (n,) position of each frame.
+        stem: File.
+
+    Returns:
+        The file.
+    """
+    with mpl.rc_context(_STYLE | {"xtick.top": False, "ytick.right": False}):
+        drawing = Figure(figsize=(_WIDTH, 3.5), dpi=110)
+        axes = drawing.add_axes((0.135, 0.11, 0.845, 0.83))
+        factor, unit = _length_unit(places(problem, problem.u0))
+        everywhere = [factor * p for u in positions for p in places(problem, u).values()]
+        corners = [part(p) for part in (np.real, np.imag) for p in everywhere]
+        half = len(everywhere)
+        frames = []
+        for u in positions:
+            axes.clear()
+            axes.set_aspect("equal")
+            draw_mechanism(axes, problem, u, factor, labelled=False)
+            for limits, values in (
+                (axes.set_xlim, corners[:half]),
+                (axes.set_ylim, corners[half:]),
+            ):
+                margin = 0.08 * factor * _extent(places(problem, problem.u0))
+                limits(min(values) - margin, max(values) + margin)
+            axes.set_xlabel(f"$x$ ({unit})")
+            axes.set_ylabel(f"$y$ ({unit})")
+            axes.set_title(title)
+            content = io.BytesIO()
+            drawing.savefig(content, format="png", dpi=110)
+            frames.append(Image.open(content).convert("P", palette=Image.Palette.ADAPTIVE))
+    content = io.BytesIO()
+    frames[0].save(
+        content, format="GIF", save_all=True, append_images=frames[1:], duration=40, loop=0
+    )
+    write_atomically(stem, content.getvalue())
+    return stem

@@ -79,7 +79,8 @@ def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[P
     files = []
     for entry in entries:
         if isinstance(entry, MechanismFigure):
-            drawing = draw.mechanism_figure(entry, problem(entry.problem).drawing)
+            subject = problem(entry.problem)
+            drawing = draw.mechanism_figure(entry.title, subject, subject.u0)
         elif isinstance(entry, SensitivityFigure):
             drawing = draw.sensitivity_figure(entry, data[entry.name])
         else:
