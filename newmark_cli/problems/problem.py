@@ -60,22 +60,23 @@ class Terms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """An index-3 problem whose values come from a compiled function.
+    """An index-3 problem whose values come from one function.
 
     Attributes:
         name: Name in configs and CSVs.
         u0, v0: (n,) initial coordinates and velocities.
         t0: Initial time (s).
         constraints: m.
-        function: Compiled ``(t, u, v, λ, ints, reals, force, Φ, X, Y, G)`` that
+        function: ``(t, u, v, λ, ints, reals, force, Φ, X, Y, G)`` that
             overwrites the last five, the matrices as values at ``pattern``.
-        derivatives: Compiled ``(t, u, v, ints, reals, rate, curvature)``, what Φ does
+        derivatives: ``(t, u, v, ints, reals, rate, curvature)``, what Φ does
             in time beside Gᵀ v and Gᵀ u''.
         ints, reals: Two-dimensional tables handed to the functions.
         pattern: Places of the values.
         mass_values: Values of M.
         drawing: What a figure of the problem is drawn from, if it has one.
         points: Moving points of a mechanism, two coordinates each.
+        compiled: Whether ``function`` is compiled, as the kernel needs it.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Problem:
     mass_values: Array
     drawing: Any = None
     points: tuple[str, ...] = ()
+    compiled: bool = True
 
     @property
     def n(self) -> int:

@@ -1,0 +1,352 @@
+"""Problems in Python: any M v' = f(u, v, t) + G(u, t) λ, 0 = Φ(u, t).
+
+A config names a file and a factory in it,
+
+    problem: {python: "car_axis.py:car_axis", args: {rigidity: 1.0}}
+
+and the factory returns a `Definition`, or anything with its attributes.  Code runs
+only with ``--allow-code``.
+"""
+
+import hashlib
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.core.dispatcher import Dispatcher
+
+from newmark_cli.arrays import Array
+from newmark_cli.problems.problem import Pattern, Problem, ProblemError
+
+#: Largest relative difference of a given tangent from its finite differences.
+_TANGENT_TOLERANCE = 1e-5
+_CONSISTENCY = 1e-9
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A problem with n coordinates and m constraints.
+
+    Functions that numba compiled (``@numba.njit``) run through the kernel, plain
+    ones through the SciPy march.  All arrays are float64.
+
+    Attributes:
+        mass_matrix: (n, n) M, constant, symmetric positive definite.
+        u0, v0: (n,) initial coordinates and velocities; they fit the constraints.
+        force: (u, v, t) → (n,) f.
+        constraints: (u, t) → (m,) Φ.
+        gradient: (u, t) → (n, m) G = Φ_uᵀ.
+        stiffness: (u, v, λ, t) → (n, n) X = −∂(f + Gλ)/∂u; by differences if None.
+        damping: (u, v, t) → (n, n) Y = −∂f/∂v; by differences if None.
+        t0: Initial time (s).
+    """
+
+    mass_matrix: Array
+    u0: Array
+    v0: Array
+    force: Callable[..., Array]
+    constraints: Callable[..., Array]
+    gradient: Callable[..., Array]
+    stiffness: Callable[..., Array] | None = None
+    damping: Callable[..., Array] | None = None
+    t0: float = 0.0
+
+
+_FUNCTIONS = ("force", "constraints", "gradient")
+_TANGENTS = ("stiffness", "damping")
+
+
+def load(path: Path, factory: str, arguments: Mapping[str, Any], name: str) -> Problem:
+    """Run a factory and take its problem.
+
+    Args:
+        path: Python file.
+        factory: Function in it.
+        arguments: Keyword arguments of the factory.
+        name: Name of the problem.
+
+    Raises:
+        ProblemError: When the file or the factory fails, or what it returns cannot
+            be used: a wrong shape, a tangent that disagrees with differences, an
+            inconsistent start.
+    """
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise ProblemError(f"{path}: cannot be read: {error.strerror}") from None
+    module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    if spec is None or spec.loader is None:
+        raise ProblemError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ProblemError(f"{path}{_line(error, path)}: {_describe(error)}") from None
+    if not callable(getattr(module, factory, None)):
+        raise ProblemError(f"{path}: has no function {factory!r}")
+    try:
+        given = getattr(module, factory)(**arguments)
+    except Exception as error:
+        raise ProblemError(
+            f"{path}{_line(error, path)}: {factory} failed: {_describe(error)}"
+        ) from None
+    return from_definition(given, name, f"{path}: {factory}")
+
+
+def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
+    """Problem from a `Definition` or anything with its attributes.
+
+    Args:
+        given: The definition.
+        name: Name of the problem.
+        where: How errors name it.
+
+    Raises:
+        ProblemError: See `load`.
+    """
+    missing = [key for key in ("mass_matrix", "u0", "v0", *_FUNCTIONS) if not hasattr(given, key)]
+    if missing:
+        raise ProblemError(f"{where} returned what lacks {', '.join(missing)}")
+    u0, v0 = _array(given.u0, "u0", where, 1), _array(given.v0, "v0", where, 1)
+    n = len(u0)
+    mass_matrix = _array(given.mass_matrix, "mass_matrix", where, 2)
+    _require_shape(v0, (n,), "v0", where)
+    _require_shape(mass_matrix, (n, n), "mass_matrix", where)
+    if not np.allclose(mass_matrix, mass_matrix.T) or np.linalg.eigvalsh(mass_matrix)[0] <= 0:
+        raise ProblemError(f"{where}: mass_matrix is not symmetric and positive definite")
+    t0 = float(getattr(given, "t0", 0.0))
+    functions = {key: getattr(given, key) for key in _FUNCTIONS}
+    tangents = {key: getattr(given, key, None) for key in _TANGENTS}
+    m = len(np.atleast_1d(_called(functions["constraints"], (u0, t0), "constraints", where, None)))
+    force = _called(functions["force"], (u0, v0, t0), "force", where, (n,))
+    gradient = _called(functions["gradient"], (u0, t0), "gradient", where, (n, m))
+    if m == 0 or np.linalg.matrix_rank(gradient) < m:
+        raise ProblemError(f"{where}: gradient has rank below {m}: constraints are redundant")
+
+    _require_gradient(functions, u0, t0, gradient, where)
+    chosen = [f for f in (*functions.values(), *tangents.values()) if f is not None]
+    compiled = all(isinstance(f, Dispatcher) for f in chosen)
+    compile_ = njit if compiled else _as_it_is
+    by_differences = {
+        "stiffness": _stiffness_by_differences(functions, compile_),
+        "damping": _damping_by_differences(functions, compile_),
+    }
+    multipliers = np.linspace(1.0, 2.0, m)
+    for key, call in (("stiffness", (u0, v0, multipliers, t0)), ("damping", (u0, v0, t0))):
+        if tangents[key] is not None:
+            found = _called(tangents[key], call, key, where, (n, n))
+            expected = by_differences[key](*call)
+            # Differences of a force are as good as its rounding over their step.
+            reach = float(np.abs(u0 if key == "stiffness" else v0).max())
+            load = float(np.abs(force).max() + np.abs(gradient @ multipliers).max())
+            noise = 1e-9 * load / max(reach, 1e-3)
+            allowed = noise + _TANGENT_TOLERANCE * float(np.abs(expected).max())
+            worst = np.unravel_index(np.argmax(np.abs(found - expected)), found.shape)
+            if abs(found[worst] - expected[worst]) > allowed:
+                i, j = (int(index) + 1 for index in worst)
+                raise ProblemError(
+                    f"{where}: {key} disagrees with differences in row {i}, column {j}: given "
+                    f"{found[worst]:.9g}, differences say {expected[worst]:.9g}"
+                )
+
+    rows, columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
+    g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
+    problem = Problem(
+        name=name,
+        u0=u0,
+        v0=v0,
+        t0=t0,
+        constraints=m,
+        function=_evaluate(
+            functions,
+            {key: tangents[key] or by_differences[key] for key in _TANGENTS},
+            compile_,
+        ),
+        derivatives=_derivatives(functions),
+        ints=np.zeros((1, 1), np.int64),
+        reals=np.zeros((1, 1)),
+        pattern=Pattern(rows, columns, rows, columns, rows, columns, g_rows, g_columns),
+        mass_values=np.ascontiguousarray(mass_matrix).ravel(),
+        compiled=compiled,
+    )
+    _require_consistent(problem, gradient, where)
+    return problem
+
+
+def _as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function
+
+
+def _evaluate(
+    functions: Mapping[str, Any], tangents: Mapping[str, Any], compile_: Any
+) -> Callable[..., None]:
+    """The function that engines call, in terms of the user's."""
+    force_of, phi_of, gradient_of = (functions[key] for key in _FUNCTIONS)
+    x_of, y_of = (tangents[key] for key in _TANGENTS)
+
+    def evaluate(  # type: ignore[no-untyped-def]
+        t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+    ):
+        gradient = gradient_of(u, t)
+        given = force_of(u, v, t)
+        values = phi_of(u, t)
+        stiffness, damping = x_of(u, v, multipliers, t), y_of(u, v, t)
+        n, m = u.shape[0], multipliers.shape[0]
+        for k in range(m):
+            phi[k] = values[k]
+        for i in range(n):
+            force[i] = given[i]
+            for k in range(m):
+                g_values[i * m + k] = gradient[i, k]
+                force[i] += gradient[i, k] * multipliers[k]
+            for j in range(n):
+                x_values[i * n + j] = stiffness[i, j]
+                y_values[i * n + j] = damping[i, j]
+
+    return compile_(evaluate)  # type: ignore[no-any-return]
+
+
+def _stiffness_by_differences(functions: Mapping[str, Any], compile_: Any) -> Callable[..., Array]:
+    """X by central differences of fourth order."""
+    force_of, gradient_of = functions["force"], functions["gradient"]
+
+    def stiffness(u, v, multipliers, t):  # type: ignore[no-untyped-def]
+        n, m = u.shape[0], multipliers.shape[0]
+        matrix = np.zeros((n, n))
+        for j in range(n):
+            step = 1e-3 * max(abs(u[j]), np.max(np.abs(u)), 1e-8)
+            moved = u.copy()
+            for shift, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
+                moved[j] = u[j] + shift * step
+                force, gradient = force_of(moved, v, t), gradient_of(moved, t)
+                for i in range(n):
+                    value = force[i]
+                    for k in range(m):
+                        value += gradient[i, k] * multipliers[k]
+                    matrix[i, j] -= weight * value / (12 * step)
+        return matrix
+
+    return compile_(stiffness)  # type: ignore[no-any-return]
+
+
+def _damping_by_differences(functions: Mapping[str, Any], compile_: Any) -> Callable[..., Array]:
+    """Y by central differences of fourth order."""
+    force_of = functions["force"]
+
+    def damping(u, v, t):  # type: ignore[no-untyped-def]
+        n = u.shape[0]
+        matrix = np.zeros((n, n))
+        for j in range(n):
+            step = 1e-3 * max(abs(v[j]), np.max(np.abs(v)), 1e-3)
+            moved = v.copy()
+            for shift, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
+                moved[j] = v[j] + shift * step
+                force = force_of(u, moved, t)
+                for i in range(n):
+                    matrix[i, j] -= weight * force[i] / (12 * step)
+        return matrix
+
+    return compile_(damping)  # type: ignore[no-any-return]
+
+
+def _derivatives(functions: Mapping[str, Any]) -> Callable[..., None]:
+    """∂Φ/∂t and the curvature by sixth-order differences; needed once, at the start."""
+    phi_of = functions["constraints"]
+
+    def derivatives(  # type: ignore[no-untyped-def]
+        t, u, v, ints, reals, rate, curvature
+    ):
+        # Steps that move no coordinate by more than a hundredth of its size, and that
+        # balance truncation and rounding for motions of some ten radians a second.
+        speed = np.max(np.abs(v))
+        longest = 1e-2 * np.max(np.abs(u)) / speed if speed > 0 else 1.0
+        shift = range(-3, 4)
+        step = min(1e-3, longest)
+        phi = np.array([np.atleast_1d(phi_of(u, t + k * step)) for k in shift])
+        rate[:] = np.array([-1, 9, -45, 0, 45, -9, 1]) @ phi / (60 * step)
+        step = min(3e-3, longest)
+        phi = np.array([np.atleast_1d(phi_of(u + k * step * v, t + k * step)) for k in shift])
+        curvature[:] = np.array([2, -27, 270, -490, 270, -27, 2]) @ phi / (180 * step**2)
+
+    return derivatives
+
+
+def _require_gradient(
+    functions: Mapping[str, Any], u: Array, t: float, gradient: Array, where: str
+) -> None:
+    size = max(float(np.abs(gradient).max()), 1e-300)
+    step = 1e-3 * float(np.abs(u).max() or 1.0)
+    for i in range(len(u)):
+        change = np.zeros_like(u)
+        change[i] = step
+        phi = [functions["constraints"](u + k * change, t) for k in (-2, -1, 1, 2)]
+        expected = np.array([1, -8, 8, -1]) @ np.array(phi) / (12 * step)
+        wrong = np.abs(gradient[i] - expected) > _TANGENT_TOLERANCE * size
+        if np.any(wrong):
+            k = int(np.argmax(wrong))
+            raise ProblemError(
+                f"{where}: gradient disagrees with differences in row {i + 1}, column {k + 1}: "
+                f"given {gradient[i, k]:.9g}, differences say {expected[k]:.9g}"
+            )
+
+
+def _require_consistent(problem: Problem, gradient: Array, where: str) -> None:
+    phi = problem.constraint_values(problem.t0, problem.u0)
+    rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
+    misfit = gradient.T @ problem.v0 + rate
+    size = float(np.abs(gradient).max())
+    if np.abs(phi).max() > _CONSISTENCY * size * max(np.abs(problem.u0).max(), 1e-300):
+        raise ProblemError(f"{where}: u0 misses the constraints by {np.abs(phi).max():.3g}")
+    speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate).max()) / size, 1e-300)
+    if np.abs(misfit).max() > _CONSISTENCY * size * speed:
+        raise ProblemError(f"{where}: v0 misses the constraints by {np.abs(misfit).max():.3g}")
+
+
+def _called(
+    function: Any, arguments: tuple[Any, ...], key: str, where: str, shape: tuple[int, ...] | None
+) -> Array:
+    try:
+        value = np.asarray(function(*arguments), float)
+    except Exception as error:
+        raise ProblemError(f"{where}: {key} failed: {_describe(error)}") from None
+    if shape is not None:
+        _require_shape(value, shape, key, where)
+    if not np.all(np.isfinite(value)):
+        raise ProblemError(f"{where}: {key} is not finite at the start")
+    return value
+
+
+def _array(given: Any, key: str, where: str, dimensions: int) -> Array:
+    try:
+        array = np.ascontiguousarray(given, float)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"{where}: {key} is no array of numbers: {error}") from None
+    if array.ndim != dimensions or not np.all(np.isfinite(array)):
+        raise ProblemError(f"{where}: {key} must be a finite array of {dimensions} dimension(s)")
+    return array
+
+
+def _require_shape(array: Array, shape: tuple[int, ...], key: str, where: str) -> None:
+    if array.shape != shape:
+        raise ProblemError(f"{where}: {key} has shape {array.shape}, expected {shape}")
+
+
+def _describe(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
+
+
+def _line(error: Exception, path: Path) -> str:
+    """Line of the user's file that an error came from."""
+    if isinstance(error, SyntaxError) and error.lineno is not None:
+        return f", line {error.lineno}"
+    frame, line = error.__traceback__, None
+    while frame is not None:
+        if frame.tb_frame.f_code.co_filename == str(path):
+            line = frame.tb_lineno
+        frame = frame.tb_next
+    return "" if line is None else f", line {line}"

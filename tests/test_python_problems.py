@@ -1,0 +1,167 @@
+"""Problems in Python: a published reference, engines, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import linregress
+
+from newmark_cli.newmark import kernel, kernel_march, scipy_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import python_problem
+from newmark_cli.problems.problem import ProblemError
+
+CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+
+#: IVP test set, t = 3: x_l, y_l, x_r, y_r and their rates.
+REFERENCE = np.array(
+    [0.493455784275402809122e-1, 0.496989460230171153861, 0.104174252488542151681e1,
+     0.373911027265361256927]
+)  # fmt: skip
+REFERENCE_RATES = np.array(
+    [-0.770583684040972357970e-1, 0.744686658723778553466e-2, 0.175568157537232222276e-1,
+     0.770341043779251976443]
+)  # fmt: skip
+
+
+def march(engine, subject, h, t_end, form="u-lambda"):
+    form = FORMS[form]
+    scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
+    state = initial_state(subject, Newmark())
+    steps = round(t_end / h)
+    norms = np.zeros((steps, len(form.unknowns)))
+    iterations = np.zeros(steps, np.int64)
+    assert engine.march(subject, scheme, state, 0, norms, iterations) == (kernel.COMPLETED, steps)
+    assert np.all(iterations > 0)
+    return state
+
+
+@pytest.fixture(scope="module")
+def car_axis():
+    """The example, compiled and plain."""
+    return {
+        compiled: python_problem.load(CAR_AXIS, "car_axis", {"compiled": compiled}, "car axis")
+        for compiled in (True, False)
+    }
+
+
+def test_car_axis_converges_to_the_published_reference(car_axis):
+    """Φ depends on time; positions and velocities at t = 3 converge at order 2."""
+    h = np.array([1e-3, 5e-4, 2.5e-4])
+    errors = []
+    for step in h:
+        state = march(kernel_march, car_axis[True], step, 3.0)
+        errors.append(
+            [np.abs(state.fields[0] - REFERENCE).max(),
+             np.abs(state.fields[1] - REFERENCE_RATES).max()]
+        )  # fmt: skip
+    for error in np.array(errors).T:
+        assert linregress(np.log(h), np.log(error)).slope == pytest.approx(2.0, abs=0.05)
+    assert errors[-1][0] < 2e-5
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_plain_and_compiled_functions_march_alike(car_axis, form):
+    """The SciPy march with plain Python, the kernel with compiled functions: one motion."""
+    plain = march(scipy_march, car_axis[False], 1e-2, 0.3, form)
+    compiled = march(kernel_march, car_axis[True], 1e-2, 0.3, form)
+    for field, size in zip(range(3), (1, 1e3, 1e6), strict=True):
+        np.testing.assert_allclose(
+            plain.fields[field], compiled.fields[field], rtol=0, atol=1e-14 * size
+        )
+
+
+def test_tangents_by_differences_are_good(car_axis):
+    """Analytic tangents, written here, against the differences that stand in for them."""
+    subject = car_axis[False]
+    u, v = subject.u0 + 0.01, subject.v0
+    multipliers, t, step = np.array([0.3, -0.2]), 0.1, 1e-20
+    terms = subject.evaluate(t, u, v, multipliers)
+    spec = {}
+    exec(CAR_AXIS.read_text(), spec)
+    force, _, gradient = spec["functions"](lambda function: function)
+    for j in range(4):
+        moved = u.astype(complex)
+        moved[j] += 1j * step
+        total = force(moved, v, t) + gradient(moved, t) @ multipliers
+        np.testing.assert_allclose(terms.X[:, j], -total.imag / step, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(terms.Y, 0, atol=1e-12)
+
+
+GOOD = """
+import numpy as np
+class Problem:
+    mass_matrix = np.eye(2)
+    u0 = np.array([1.0, 0.0])
+    v0 = np.array([0.0, 0.0])
+    def force(self, u, v, t): return np.array([0.0, -1.0])
+    def constraints(self, u, t): return np.array([(u @ u - 1) / 2])
+    def gradient(self, u, t): return u[:, None]
+    def stiffness(self, u, v, multipliers, t): return -multipliers[0] * np.eye(2)
+    def damping(self, u, v, t): return np.zeros((2, 2))
+def factory(scale=1.0):
+    return Problem()
+"""
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    return path
+
+
+def test_any_object_with_the_attributes_serves(tmp_path):
+    """No base class is asked for; the pendulum of the package takes the same steps."""
+    from newmark_cli.problems.registry import problem
+
+    mine = python_problem.load(write(tmp_path, GOOD), "factory", {"scale": 2}, "mine")
+    assert not mine.compiled
+    ours, theirs = (march(scipy_march, s, 1e-2, 1.0) for s in (mine, problem("pendulum")))
+    np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("return Problem()", "raise KeyError('oops')", "line 13: factory failed: KeyError: 'oops'"),
+        ("return Problem()", "return 3", "returned what lacks mass_matrix, u0"),
+        ("def factory", "def other", "has no function 'factory'"),
+        ("import numpy", "import nmpy", "line 2: ModuleNotFoundError"),
+        ("class Problem:", "class Problem", "line 3: SyntaxError"),
+        ("np.array([0.0, -1.0])", "np.zeros(3)", "force has shape (3,), expected (2,)"),
+        ("np.array([0.0, -1.0])", "1 / 0", "force failed: ZeroDivisionError"),
+        ("np.array([0.0, -1.0])", "np.array([np.nan, 0.0])", "force is not finite"),
+        ("u[:, None]", "u", "gradient has shape (2,), expected (2, 1)"),
+        ("u[:, None]", "2 * u[:, None]", "gradient disagrees with differences in row 1, column 1"),
+        ("u[:, None]", "0 * u[:, None]", "redundant"),
+        ("-multipliers[0] * np.eye", "multipliers[0] * np.eye", "stiffness disagrees with"),
+        ("np.zeros((2, 2))", "np.ones((2, 2))", "damping disagrees with differences in row 1"),
+        ("np.eye(2)\n    u0", "np.zeros((2, 2))\n    u0", "not symmetric and positive definite"),
+        ("np.eye(2)\n    u0", "np.eye(3)\n    u0", "mass_matrix has shape (3, 3)"),
+        ("u0 = np.array([1.0, 0.0])", "u0 = 'here'", "u0 is no array of numbers"),
+        ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 misses the constraints"),
+        ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 misses the constraints"),
+    ],
+)
+def test_mistakes_are_named(tmp_path, old, new, words):
+    """One line that says which file, which function, what was given."""
+    assert old in GOOD
+    with pytest.raises(ProblemError) as caught:
+        python_problem.load(write(tmp_path, GOOD.replace(old, new, 1)), "factory", {}, "mine")
+    text = str(caught.value)
+    assert "mine.py" in text
+    assert words in text, text
+    assert "\n" not in text
+
+
+def test_unknown_arguments_and_missing_files(tmp_path):
+    """The factory's own signature speaks."""
+    path = write(tmp_path, GOOD)
+    with pytest.raises(ProblemError, match="unexpected keyword argument 'size'"):
+        python_problem.load(path, "factory", {"size": 1}, "mine")
+    with pytest.raises(ProblemError, match="cannot be read"):
+        python_problem.load(tmp_path / "none.py", "factory", {}, "mine")
