@@ -305,7 +305,7 @@ def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
     """
     with mpl.rc_context(_STYLE | {"xtick.top": False, "ytick.right": False}):
         drawing = Figure(figsize=(_WIDTH, 3.9))
-        axes = drawing.add_axes((0.135, 0.205, 0.845, 0.735))
+        axes = drawing.add_axes((0.155, 0.205, 0.825, 0.735))
         factor, unit = _length_unit(places(problem, problem.u0))
         labelled = len(problem.points) <= _MOST_LABELS
         draw_mechanism(axes, problem, u, factor, labelled)
@@ -364,12 +364,16 @@ def draw_mechanism(
     for spring in mechanism.springs.values():
         _line(
             axes,
-            _zigzag(points[spring.from_], points[spring.to], 0.012 * size),
+            _zigzag(points[spring.from_], points[spring.to], 0.018 * size),
             color="#009E73",
             linewidth=0.9,
         )
+    sprung = [{spring.from_, spring.to} for spring in mechanism.springs.values()]
     for damper in mechanism.dampers.values():
-        _damper(axes, points[damper.from_], points[damper.to], 0.02 * size)
+        start, end = points[damper.from_], points[damper.to]
+        beside = 0.045 * size if {damper.from_, damper.to} in sprung else 0.0
+        shift = beside * 1j * (end - start) / abs(end - start)
+        _damper(axes, start + shift, end + shift, 0.02 * size)
     for torque in mechanism.torques.values():
         _torque(axes, points[mechanism.bodies[torque.on].from_], 0.11 * size, torque.torque)
     for name, place in points.items():
@@ -635,7 +639,7 @@ def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Pa
     """
     with mpl.rc_context(_STYLE | {"xtick.top": False, "ytick.right": False}):
         drawing = Figure(figsize=(_WIDTH, 3.5), dpi=110)
-        axes = drawing.add_axes((0.135, 0.11, 0.845, 0.83))
+        axes = drawing.add_axes((0.155, 0.11, 0.825, 0.83))
         factor, unit = _length_unit(places(problem, problem.u0))
         everywhere = [factor * p for u in positions for p in places(problem, u).values()]
         corners = [part(p) for part in (np.real, np.imag) for p in everywhere]
