@@ -1,10 +1,16 @@
 """Consistent initial accelerations and multipliers."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
+from scipy.sparse import csr_array
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.linear import DENSE_UP_TO
+from newmark_cli.newmark.sparse import index_1_solver
 from newmark_cli.problems.problem import Problem
 
 
@@ -25,19 +31,22 @@ def consistent_accelerations(problem: Problem, t: float, u: Array, v: Array) -> 
         numpy.linalg.LinAlgError: When the index-1 matrix is singular.
     """
     n, m = problem.n, problem.m
-    terms = problem.evaluate(t, u, v, np.zeros(m))
+    values = problem.values(t, u, v, np.zeros(m))
     # M of Andrews' mechanism is 1e-5, G 1e-2: scaling the multipliers by ‖M‖
     # keeps the matrix well conditioned.
-    mass_matrix = problem.M
-    size = np.abs(mass_matrix).max()
-    matrix = np.zeros((n + m, n + m))
-    matrix[:n, :n] = mass_matrix / size
-    matrix[:n, n:] = -terms.G
-    matrix[n:, :n] = terms.G.T
+    size = float(np.abs(problem.mass_values).max())
     _, curvature = problem.constraint_derivatives(t, u, v)
-    rhs = np.concatenate([terms.force / size, -curvature])
-    solution = np.linalg.solve(matrix, rhs)
-    solution += np.linalg.solve(matrix, rhs - matrix @ solution)
+    rhs = np.concatenate([values.force / size, -curvature])
+    matrix: Array | csr_array
+    solve: Callable[[Array], Array]
+    if n + m <= DENSE_UP_TO:
+        g = problem.dense(values).G
+        matrix = np.block([[problem.M / size, -g], [g.T, np.zeros((m, m))]])
+        solve = partial(np.linalg.solve, matrix)
+    else:
+        matrix, solve = index_1_solver(problem, values, size)
+    solution = solve(rhs)
+    solution += solve(rhs - matrix @ solution)
     return solution[:n], solution[n:] * size
 
 

@@ -3,15 +3,17 @@
 The engines' own assembly is checked against this literal one.
 """
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.linalg
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
 from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.problem import Problem, Terms
+from newmark_cli.problems.problem import Problem, Terms, Values
 
 Blocks = dict[str, dict[str, Array]]
 
@@ -37,12 +39,15 @@ def four_field(terms: Terms, mass_matrix: Array, relations: Relations) -> Blocks
 def form_blocks(scheme: Scheme, terms: Terms, mass_matrix: Array) -> list[list[Array]]:
     """Blocks of a form's Jacobian: columns combined by its weights, rows selected."""
     full = four_field(terms, mass_matrix, scheme.relations)
-    # (row, column) of the four-field matrix; combining columns is a product with W.
-    rows = [np.stack([full[row][f] for f in FIELDS], axis=-1) for row in scheme.form.rows]
-    combined = [np.moveaxis(row @ scheme.elimination.weights, -1, 0) for row in rows]
+
+    def combined(row: str, weights: Array) -> Array:
+        # Field by field, so that a sparse assembly can add the same numbers alike.
+        u, v, a = (weight * full[row][f] for weight, f in zip(weights, FIELDS, strict=True))
+        return np.asarray(u + v + a)
+
     return [
-        [*columns, full[row]["lambda"]]
-        for row, columns in zip(scheme.form.rows, combined, strict=True)
+        [*(combined(row, weights) for weights in scheme.elimination.weights.T), full[row]["lambda"]]
+        for row in scheme.form.rows
     ]
 
 
@@ -54,17 +59,18 @@ def block_factors(sizes: Sequence[int], factors: Array) -> Array:
 def scaled_jacobian(scheme: Scheme, terms: Terms, mass_matrix: Array) -> Array:
     """J̄ = D_L J D_R as one matrix."""
     n, m = terms.G.shape
-    left, right = _factors(scheme, n, m)
+    left, right = scaling_factors(scheme, n, m)
     jacobian = np.block(form_blocks(scheme, terms, mass_matrix))
     return np.asarray(left[:, None] * jacobian * right[None, :])
 
 
-def _factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
+def scaling_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
+    """D_L and D_R, a factor for each row and each unknown."""
     sizes = [n] * len(scheme.form.kept) + [m]
     return block_factors(sizes, scheme.left), block_factors(sizes, scheme.right)
 
 
-def _balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
+def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """Factors that balance the blocks: by the sensitivities to displacement."""
     relations = scheme.relations
     w_v = relations.v_from_a / relations.u_from_a
@@ -91,8 +97,9 @@ class BalancedJacobian:
         terms = problem.evaluate(t, state.fields[0], state.fields[1], state.multipliers)
         n, m = problem.n, problem.m
         jacobian = np.block(form_blocks(scheme, terms, problem.M))
-        left, right = _factors(scheme, n, m)
-        row_balance, column_balance = _balancing_factors(scheme, n, m)
+        left, right = scaling_factors(scheme, n, m)
+        row_balance, column_balance = balancing_factors(scheme, n, m)
+        self.size = len(jacobian)
         self.scaled = left[:, None] * jacobian * right[None, :]
         self._balanced = row_balance[:, None] * jacobian * column_balance[None, :]
         self._columns = column_balance / right
@@ -107,19 +114,54 @@ class BalancedJacobian:
         inverse = np.linalg.inv(self._balanced)
         return np.asarray(self._columns[:, None] * inverse * self._rows[None, :])
 
+    def condition(self) -> float:
+        """2-norm condition number ‖J̄‖·‖J̄⁻¹‖; infinite when the matrix is singular.
+
+        One singular value decomposition of J̄ loses the smallest singular value
+        when C exceeds 1/eps; the largest one of J̄⁻¹ is always accurate.
+        """
+        try:
+            inverse = self.inverse()
+        except np.linalg.LinAlgError:
+            return np.inf
+        return float(np.linalg.norm(self.scaled, 2) * np.linalg.norm(inverse, 2))
+
+
+def dense_lu(matrix: Array, rhs: Array) -> Array:
+    """Solve by LAPACK's LU factorisation with partial pivoting.
+
+    Raises:
+        numpy.linalg.LinAlgError: When a pivot is exactly zero.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", scipy.linalg.LinAlgWarning)
+        try:
+            factors = scipy.linalg.lu_factor(matrix, check_finite=False)
+        except scipy.linalg.LinAlgWarning as warning:
+            raise np.linalg.LinAlgError(str(warning)) from None
+    return np.asarray(scipy.linalg.lu_solve(factors, rhs, check_finite=False))
+
+
+class DenseSystem:
+    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.LinearSystem`."""
+
+    def __init__(self, problem: Problem, scheme: Scheme) -> None:
+        self.problem, self.scheme = problem, scheme
+        self.mass = problem.M
+
+    def times_mass(self, vector: Array) -> Array:
+        """M times (n,)."""
+        return np.asarray(self.mass @ vector)
+
+    def solve(self, values: Values, rhs: Array) -> Array:
+        """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
+        return dense_lu(scaled_jacobian(self.scheme, self.problem.dense(values), self.mass), rhs)
+
+    def balanced(self, t: float, state: State) -> BalancedJacobian:
+        """J̄ at a state, to be solved accurately."""
+        return BalancedJacobian(self.problem, self.scheme, t, state)
+
 
 def condition_number(problem: Problem, scheme: Scheme, t: float, state: State) -> float:
-    """2-norm condition number ‖J̄‖·‖J̄⁻¹‖ at a state.
-
-    One singular value decomposition of J̄ loses the smallest singular value when
-    C exceeds 1/eps; the largest one of J̄⁻¹ is always accurate.
-
-    Returns:
-        C; infinite when the matrix is singular.
-    """
-    jacobian = BalancedJacobian(problem, scheme, t, state)
-    try:
-        inverse = jacobian.inverse()
-    except np.linalg.LinAlgError:
-        return np.inf
-    return float(np.linalg.norm(jacobian.scaled, 2) * np.linalg.norm(inverse, 2))
+    """2-norm condition number at a state; see `BalancedJacobian.condition`."""
+    return BalancedJacobian(problem, scheme, t, state).condition()

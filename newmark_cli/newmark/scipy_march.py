@@ -1,48 +1,30 @@
 """The Newton march in plain SciPy: the same algorithm as the kernel, easy to read.
 
-It is the reference that the kernel is tested against, and the place to put
-another linear solver.
+It is the reference that the kernel is tested against, and the march of problems
+whose linear systems are not solved by the kernel.
 """
 
-import warnings
-from collections.abc import Callable
-
 import numpy as np
-import scipy.linalg
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import scaled_jacobian
+from newmark_cli.newmark.jacobian import DenseSystem
 from newmark_cli.newmark.kernel import COMPLETED, DIVERGED, SINGULAR, State
+from newmark_cli.newmark.linear import LinearSystem
 from newmark_cli.newmark.scheme import SETTLED_BELOW, Scheme
 from newmark_cli.problems.problem import Problem
-
-#: Solves a linear system; raises LinAlgError when it cannot.
-Solver = Callable[[Array, Array], Array]
-
-
-def dense_lu(matrix: Array, rhs: Array) -> Array:
-    """Solve by LAPACK's LU factorisation with partial pivoting."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", scipy.linalg.LinAlgWarning)
-        try:
-            factors = scipy.linalg.lu_factor(matrix, check_finite=False)
-        except scipy.linalg.LinAlgWarning as warning:
-            raise np.linalg.LinAlgError(str(warning)) from None
-    return np.asarray(scipy.linalg.lu_solve(factors, rhs, check_finite=False))
 
 
 class _Step:
     """One time step: what is fixed while Newton iterates."""
 
-    def __init__(self, problem: Problem, scheme: Scheme, past: Array) -> None:
-        self.problem = problem
+    def __init__(self, scheme: Scheme, system: LinearSystem, past: Array) -> None:
         self.scheme = scheme
+        self.system = system
         self.past = past
         tables = scheme.tables
-        self.mass_matrix = problem.M
         self.field_history = tables.past_weights @ past
-        self.dynamic_history = self.mass_matrix @ (tables.dynamic_past @ past)
+        self.dynamic_history = system.times_mass(tables.dynamic_past @ past)
         self.row_history = tables.row_past @ past
 
     def predicted(self) -> Array:
@@ -65,8 +47,12 @@ class _Step:
         """Row blocks of b: D, the kept ones of V and K, C."""
         tables = self.scheme.tables
         kept = fields[tables.kept]
-        dynamics = self.mass_matrix @ (tables.dynamic_weights @ kept) + self.dynamic_history
-        return [dynamics - force, *(tables.row_weights @ kept + self.row_history), phi]
+        dynamics = self.system.times_mass(tables.dynamic_weights @ kept)
+        return [
+            dynamics + self.dynamic_history - force,
+            *(tables.row_weights @ kept + self.row_history),
+            phi,
+        ]
 
 
 def march(
@@ -76,7 +62,7 @@ def march(
     first: int,
     norms: Array,
     iterations: IndexArray,
-    solve: Solver = dense_lu,
+    system: LinearSystem | None = None,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps; the arguments are the kernel's.
 
@@ -88,25 +74,26 @@ def march(
             correction's blocks, in the scaled unknowns.
         iterations: (steps,) overwritten with the corrections computed, negative
             where the step did not converge.
-        solve: Linear solver.
+        system: Linear system of the scheme on the problem; dense when omitted.
 
     Returns:
         How the march ended and the steps done.
     """
+    system = system or DenseSystem(problem, scheme)
     tables, n = scheme.tables, problem.n
     splits = [n * (k + 1) for k in range(len(tables.kept))]
     fields, multipliers = state.fields, state.multipliers
     for s in range(len(norms)):
         t = problem.t0 + (first + s + 1) * scheme.h
-        step = _Step(problem, scheme, state.past.copy())
+        step = _Step(scheme, system, state.past.copy())
         fields[:3] = step.predicted()
         previous, settled, solves = np.inf, 0, 0
         while solves < scheme.iteration_cap:
-            terms = problem.evaluate(t, fields[0], fields[1], multipliers)
-            b = step.residual(fields, terms.force, terms.phi)
+            values = problem.values(t, fields[0], fields[1], multipliers)
+            b = step.residual(fields, values.force, values.phi)
             rhs = -np.concatenate([f * row for f, row in zip(scheme.left, b, strict=True)])
             try:
-                correction = solve(scaled_jacobian(scheme, terms, step.mass_matrix), rhs)
+                correction = system.solve(values, rhs)
             except np.linalg.LinAlgError:
                 return SINGULAR, s
             solves += 1

@@ -8,8 +8,9 @@ times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.jacobian import BalancedJacobian
+from newmark_cli.newmark.jacobian import DenseSystem
 from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.linear import LinearSystem
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
 
@@ -25,7 +26,11 @@ def perturbation(row: str, size: int) -> Array:
 
 
 def sensitivities(
-    problem: Problem, scheme: Scheme, t: float, state: State
+    problem: Problem,
+    scheme: Scheme,
+    t: float,
+    state: State,
+    system: LinearSystem | None = None,
 ) -> dict[tuple[str, str], float]:
     """‖δq̄‖/ε of each unknown for a perturbation of each row block of b̄.
 
@@ -35,6 +40,7 @@ def sensitivities(
             it does are those of the scaled system J̄ q̄ = −b̄.
         t: Time (s).
         state: State at which J̄ is evaluated.
+        system: Linear system of the scheme on the problem; dense when omitted.
 
     Returns:
         (row block, unknown) → ‖δq̄‖/ε.
@@ -43,12 +49,12 @@ def sensitivities(
         numpy.linalg.LinAlgError: When J̄ is singular.
     """
     n, m = problem.n, problem.m
-    jacobian = BalancedJacobian(problem, scheme, t, state)
+    jacobian = (system or DenseSystem(problem, scheme)).balanced(t, state)
     form = scheme.form
     ends = [n * (k + 1) for k in range(len(form.rows) - 1)]
     found = {}
     for i, row in enumerate(form.rows):
-        rhs = np.zeros(len(jacobian.scaled))
+        rhs = np.zeros(jacobian.size)
         size = m if row == "C" else n
         rhs[i * n : i * n + size] = -EPSILON * perturbation(row, size)
         change = np.split(jacobian.solve(rhs), ends)
