@@ -230,12 +230,17 @@ def list_() -> int:
     """
     from newmark_cli.newmark.forms import FORMS
     from newmark_cli.newmark.scaling import VARIANTS
+    from newmark_cli.problems.families import FAMILIES
     from newmark_cli.problems.registry import PROBLEMS
     from newmark_cli.report.figures import FIGURES
     from newmark_cli.study import config
 
     sections: dict[str, Sequence[tuple[str, str]]] = {
         "problems": [(name, "") for name in PROBLEMS],
+        "families of problems": [
+            (name, f"{family.title}; size: {', '.join(family.parameters)}")
+            for name, family in FAMILIES.items()
+        ],
         "forms": [
             (f.name, f"unknowns {', '.join(f.unknowns)}; rows {', '.join(f.rows)}")
             for f in FORMS.values()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from newmark_cli import documents
 from newmark_cli.documents import DocumentError
+from newmark_cli.errors import InputError
 from newmark_cli.study import config
 
 
@@ -71,8 +72,37 @@ cases:
   - {problem: andrews, h: 1e-4, steps: 7}
 """
     first, second = load(tmp_path, text).cells()
-    assert (first.problem, first.h, first.steps) == ("pendulum", 1e-2, 100)
-    assert (second.problem, second.h, second.steps) == ("andrews", 1e-4, 7)
+    assert (first.problem.label, first.h, first.steps) == ("pendulum", 1e-2, 100)
+    assert (second.problem.label, second.h, second.steps) == ("andrews", 1e-4, 7)
+
+
+def test_families_take_a_size(tmp_path):
+    """A family stands beside shipped problems, in the CSV's spelling and in its own."""
+    text = QUICK.replace("pendulum", "[pendulum, {chain: {links: 7}}, {four-bars: {windows: 2}}]")
+    study = load(tmp_path, text)
+    labels = list(dict.fromkeys(cell.problem.label for cell in study.cells()))
+    assert labels == ["pendulum", "chain(links=7)", "four-bars(windows=2)"]
+    given = study.model_dump(mode="json")["cases"][0]["problem"]
+    assert given == ["pendulum", {"chain": {"links": 7}}, {"four-bars": {"windows": 2}}]
+
+
+def test_solvers_side_by_side(tmp_path):
+    """Two named solvers may share a grid: the CSV tells them apart."""
+    cases = "cases: [{linear_solver: dense-lu}, {linear_solver: sparse-lu}]"
+    cells = load(tmp_path, QUICK + cases).cells()
+    assert [cell.solver for cell in cells] == ["dense-lu"] * 4 + ["sparse-lu"] * 4
+
+
+def test_size_decides_the_solver(tmp_path):
+    """`auto` is dense for small problems, sparse for large ones; dense has its limit."""
+    text = QUICK.replace("pendulum", "[{chain: {links: 100}}, {chain: {links: 101}}]")
+    assert {c.problem.label: c.solver for c in load(tmp_path, text).cells()} == {
+        "chain(links=100)": "dense-lu",
+        "chain(links=101)": "sparse-lu",
+    }
+    text = QUICK.replace("pendulum", "{chain: {links: 7000}}") + "linear_solver: dense-lu\n"
+    with pytest.raises(InputError, match="21000 unknowns, at most 20000"):
+        _ = load(tmp_path, text).cells()[0].solver
 
 
 def test_own_scaling(tmp_path):
@@ -87,6 +117,29 @@ MISTAKES = [
     ("study: quick", "study: a/b", 1, "study: must be a name"),
     ("study: quick", "study: ''", 1, "study: must be a name"),
     ("problem: pendulum", "problem: pendulm", 2, "did you mean 'pendulum'?"),
+    ("problem: pendulum", "problem: chain", 2, "needs a size: {chain: {links: N}}"),
+    ("problem: pendulum", "problem: {}", 2, "one family with its sizes"),
+    ("problem: pendulum", "problem: {chian: {links: 3}}", 2, "did you mean 'chain'?"),
+    ("problem: pendulum", "problem: {chain: 3}", 2, "problem.chain: must be a mapping"),
+    ("problem: pendulum", "problem: {chain: {}}", 2, "problem.chain.links: missing"),
+    ("problem: pendulum", "problem: {chain: {lnks: 3}}", 2, "problem.chain.lnks: unknown key"),
+    ("problem: pendulum", "problem: {chain: {links: 0}}", 2, "equal to 1, given 0"),
+    ("problem: pendulum", "problem: {chain: {links: 2.5}}", 2, "valid integer, given 2.5"),
+    ("problem: pendulum", "problem: {chain: {links: true}}", 2, "valid integer, given True"),
+    ("problem: pendulum", "problem: {chain: {links: 1e9}}", 2, "links: Input should be a valid"),
+    ("problem: pendulum", "problem: {chain: {links: 1000001}}", 2, "equal to 1000000, given"),
+    (
+        "problem: pendulum",
+        "problem:\n  - pendulum\n  - four-bars:\n      windows: -1",
+        5,
+        "problem[2].four-bars.windows: Input should be greater",
+    ),
+    (
+        "problem: pendulum",
+        "problem: [{chain: {links: 2}}, {chain: {links: 2}}]",
+        2,
+        "given twice: chain(links=2)",
+    ),
     ("form: u-lambda", "form: u_lambda", 3, "did you mean 'u-lambda'?"),
     ("form: u-lambda", "form: [u-lambda, u-lambda]", 3, "given twice: u-lambda"),
     ("[none, optimal]", "[none, best]", 4, "preconditioning[2]: unknown preconditioning 'best'"),
@@ -124,6 +177,13 @@ MISTAKES = [
     ("t_end: 1.0", "t_end: 1\ncases: [3]", 7, "cases[1]: must be a mapping"),
     ("t_end: 1.0", "t_end: 1\ncases: [{h: -1}]", 7, "cases[1].h: Input should be greater than 0"),
     ("t_end: 1.0", "t_end: 1\ncases: [{}, {}]", 7, "two cases have pendulum, u-lambda, none"),
+    ("t_end: 1.0", "t_end: 1\nlinear_solver: dense", 7, "did you mean 'dense-lu'?"),
+    (
+        "t_end: 1.0",
+        "t_end: 1\ncases: [{}, {linear_solver: sparse-lu}]",
+        7,
+        "two cases have pendulum, u-lambda, none",
+    ),
     ("t_end: 1.0", "t_end: [1", 7, "not YAML"),
     ("t_end: 1.0", "t_end: 1\n? [a, b]\n: 2", 7, "a key must be plain text"),
     ("study: quick", "- study: quick", 2, "not YAML"),

@@ -1,14 +1,30 @@
 """Mechanisms of any size: the data of a planar mechanism, made from a few numbers."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field, Strict
+
+from newmark_cli.documents import StrictModel
 from newmark_cli.problems.problem import Problem
 
-#: Largest size: a million links take gigabytes; more is a slip of the finger.
-LARGEST = 1_000_000
+#: A million links take gigabytes; more is a slip of the finger.
+Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
+
+
+class ChainSize(StrictModel):
+    """Size of a chain."""
+
+    links: Size = Field(description="number of links")
+
+
+class FourBarsSize(StrictModel):
+    """Size of a row of four-bar linkages."""
+
+    windows: Size = Field(description="number of four-bar linkages")
 
 
 @dataclass(frozen=True)
@@ -17,13 +33,18 @@ class Family:
 
     Attributes:
         title: One line.
-        parameters: Names of the sizes, each a whole number from 1 to `LARGEST`.
+        size: Its parameters, whole numbers.
         mechanism: Sizes, by name → data of a `planar.Mechanism`.
     """
 
     title: str
-    parameters: tuple[str, ...]
+    size: type[StrictModel]
     mechanism: Callable[..., dict[str, Any]]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(self.size.model_fields)
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
@@ -33,18 +54,28 @@ class Family:
 
 
 def chain(links: int) -> dict[str, Any]:
-    """A chain of point masses and massless bars that falls from the horizontal.
+    """A chain of point masses and massless bars that falls from a straight line.
 
-    Its first end is fixed, its other end free.  Every mass, every bar and gravity
-    are 1, as in the pendulum of Section 5.1 of the paper, which is ``chain(1)``;
-    so the chain is ``links`` long, and its joints start at whole numbers, which
-    meet the constraints exactly at any length.
+    Its first end is fixed, its other end free; it is released at rest.  Every
+    mass, every bar and gravity are 1, as in the pendulum of Section 5.1 of the
+    paper, which ``chain(1)`` is, so that a chain is ``links`` long.
+
+    The line descends by 3 in 5.  From the horizontal all but the first links fall
+    side by side, at whole distances that floating point holds exactly, for as long
+    as the bend takes to travel: Φ evaluates to zero, corrections of u fall below
+    one unit in the last place of it, and corrections of λ die out, or are caught
+    on their way, instead of showing rounding.
     """
     points: dict[str, Any] = {"P0": {"fixed": (0.0, 0.0)}}
     bars: dict[str, Any] = {}
+    x, y = 0.0, 0.0
     for i in range(1, links + 1):
-        points[f"P{i}"] = {"at": (float(i), 0.0), "mass": 1.0}
-        bars[f"bar{i}"] = {"from": f"P{i - 1}", "to": f"P{i}", "length": 1.0}
+        start = x, y
+        x, y = 0.8 * i, -0.6 * i
+        points[f"P{i}"] = {"at": (x, y), "mass": 1.0}
+        # 1 but for the rounding of the ends, so that any length starts assembled.
+        length = math.dist(start, (x, y))
+        bars[f"bar{i}"] = {"from": f"P{i - 1}", "to": f"P{i}", "length": length}
     return {
         "title": f"Falling chain of {links} links",
         "points": points,
@@ -84,7 +115,7 @@ def four_bars(windows: int) -> dict[str, Any]:
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
-        "chain": Family("falling chain of point masses", ("links",), chain),
-        "four-bars": Family("four-bar linkages side by side", ("windows",), four_bars),
+        "chain": Family("falling chain of point masses", ChainSize, chain),
+        "four-bars": Family("four-bar linkages side by side", FourBarsSize, four_bars),
     }
 )

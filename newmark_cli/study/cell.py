@@ -2,23 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from newmark_cli.newmark import kernel, kernel_march, measures, sensitivity
+from newmark_cli.newmark import kernel, kernel_march, linear, measures, scipy_march, sensitivity
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.jacobian import condition_number
 from newmark_cli.newmark.measures import Measurement
 from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.registry import problem
+from newmark_cli.problems.spec import ProblemSpec
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "singular", "diverged", "failed")
 #: Most steps between two signs of life; an interrupt waits for no longer.
-_STRETCH = 5_000
+_STRETCH = {linear.DENSE: 5_000, linear.SPARSE: 20}
 _ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
 
 
@@ -26,7 +26,7 @@ _ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
 class Cell:
     """What one cell computes; steps = 0 measures at the consistent initial state."""
 
-    problem: str
+    problem: ProblemSpec
     integrator: Newmark
     form: str
     preconditioning: Preconditioning
@@ -36,6 +36,12 @@ class Cell:
     measure: tuple[str, ...]
     iteration_cap: int
     samples: int
+    linear_solver: str = linear.AUTO
+
+    @property
+    def solver(self) -> str:
+        """The linear solver that is used; the problem's size decides where it may."""
+        return linear.choose(self.linear_solver, self.problem.load(), FORMS[self.form])
 
     @property
     def weight(self) -> int:
@@ -74,7 +80,14 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     scheme = Scheme(
         cell.integrator, form, cell.preconditioning.scaling(form), cell.h, cell.iteration_cap
     )
-    subject = problem(cell.problem)
+    subject = cell.problem.load()
+    solver = cell.solver
+    system = linear.system(solver, subject, scheme)
+    march = (
+        kernel_march.march
+        if solver == linear.DENSE and subject.compiled
+        else partial(scipy_march.march, system=system)
+    )
     state = initial_state(subject, cell.integrator)
     norms = np.zeros((cell.steps, len(form.unknowns)))
     iterations = np.zeros(cell.steps, np.int64)
@@ -84,21 +97,20 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     def sample() -> None:
         time = subject.t0 + done * cell.h
         if "condition" in cell.measure:
-            conditions.append(condition_number(subject, scheme, time, state))
+            conditions.append(system.balanced(time, state).condition())
         if "sensitivity" in cell.measure:
-            sensitivities.append(sensitivity.sensitivities(subject, scheme, time, state))
+            sensitivities.append(sensitivity.sensitivities(subject, scheme, time, state, system))
 
     sampled = set(measures.sample_steps(cell.steps, cell.samples).tolist())
-    stops = sorted(sampled.union(range(_STRETCH, cell.steps, _STRETCH)))
+    longest = _STRETCH[solver]
+    stops = sorted(sampled.union(range(longest, cell.steps, longest)))
     ending, done = kernel.COMPLETED, 0
     if cell.steps == 0:
         sample()
         on_steps(1)
     for stop in stops:
         stretch = slice(done, stop)
-        ending, taken = kernel_march.march(
-            subject, scheme, state, done, norms[stretch], iterations[stretch]
-        )
+        ending, taken = march(subject, scheme, state, done, norms[stretch], iterations[stretch])
         done += taken
         on_steps(taken)
         if ending != kernel.COMPLETED:

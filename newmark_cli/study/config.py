@@ -4,16 +4,28 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import GenericAlias
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    Strict,
+    TypeAdapter,
+    model_validator,
+)
 
 from newmark_cli import documents
 from newmark_cli.documents import Document, DocumentError, KeyPath, StrictModel, misfit
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import IntegratorError, Newmark
+from newmark_cli.newmark.linear import AUTO, LINEAR_SOLVERS
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
+from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.problems.spec import ProblemSpec, Shipped, Sized
 from newmark_cli.study.cell import Cell
 
 MEASURES = ("correction", "condition", "sensitivity")
@@ -32,7 +44,8 @@ def _as_list(value: Any) -> Any:
 def _without_repeats(values: tuple[Any, ...]) -> tuple[Any, ...]:
     for i, value in enumerate(values):
         if value in values[:i]:
-            raise ValueError(f"given twice: {getattr(value, 'name', value)}")
+            name = getattr(value, "label", getattr(value, "name", value))
+            raise ValueError(f"given twice: {name}")
     return values
 
 
@@ -113,9 +126,30 @@ def _preconditioning(value: Any) -> Any:
     return value
 
 
+def _problem(value: Any) -> ProblemSpec:
+    if isinstance(value, Shipped | Sized):
+        return value
+    if isinstance(value, dict):
+        if len(value) != 1:
+            raise ValueError("must be one family with its sizes, such as {chain: {links: 1000}}")
+        (family,) = value
+        if family not in FAMILIES:
+            raise documents.unknown_name("family of problems", family, FAMILIES)
+        # As a mapping, so that a mistake is found under the family's name.
+        sizes: Any = GenericAlias(dict, (str, FAMILIES[family].size))
+        check: TypeAdapter[dict[str, StrictModel]] = TypeAdapter(sizes)
+        return Sized(family, tuple(check.validate_python(value)[family]))
+    if isinstance(value, str) and value in FAMILIES:
+        sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
+        raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
+    if not isinstance(value, str) or value not in PROBLEMS:
+        raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
+    return Shipped(value)
+
+
 Variant = Annotated[Any, BeforeValidator(_preconditioning)]
 Problems = Annotated[
-    tuple[Annotated[str, _known("problem", PROBLEMS)], ...],
+    tuple[Annotated[Any, BeforeValidator(_problem), PlainSerializer(lambda p: p.given)], ...],
     BeforeValidator(_as_list),
     Field(min_length=1),
     AfterValidator(_without_repeats),
@@ -149,7 +183,7 @@ Measures = Annotated[
 class Case(StrictModel):
     """A full grid: every problem, form, scaling and step size with every other."""
 
-    problem: Problems = Field(description="name of a problem, or a list")
+    problem: Problems = Field(description="name of a problem, a family with its size, or a list")
     form: Forms = Field(description="name of a form, or a list")
     preconditioning: Variants = Field(description="variant or scaling of one's own, or a list")
     h: StepSizes = Field(description="step sizes (s)")
@@ -164,6 +198,10 @@ class Case(StrictModel):
     )
     samples: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
         32, description="most steps at which J is evaluated for condition and sensitivity"
+    )
+
+    linear_solver: Annotated[str, _known("linear solver", LINEAR_SOLVERS)] = Field(
+        AUTO, description="who solves for the corrections; auto: by size"
     )
 
     @model_validator(mode="after")
@@ -216,6 +254,7 @@ class Case(StrictModel):
                             measure=self.measure,
                             iteration_cap=self.iteration_cap,
                             samples=self.samples,
+                            linear_solver=self.linear_solver,
                         )
 
 
@@ -285,20 +324,22 @@ def _case(document: Document, shared: Mapping[str, Any], given: Any, index: int)
 
 
 def _refuse_repeated_cells(document: Document, study: Study) -> None:
-    seen = set()
+    solvers: dict[tuple[Any, ...], list[str]] = {}
     for cell in study.cells():
         for measure in cell.measure:
             key = (
                 cell.problem, cell.integrator, cell.form, cell.preconditioning.label, cell.h,
                 cell.steps == 0, measure,
             )  # fmt: skip
-            if key in seen:
+            others = solvers.setdefault(key, [])
+            # `auto` becomes one of the others.
+            if others and (AUTO in (*others, cell.linear_solver) or cell.linear_solver in others):
                 raise document.error(
                     ("cases",),
-                    f"two cases have {cell.problem}, {cell.form}, {cell.preconditioning.name}, "
-                    f"h = {cell.h:g}, {measure}",
+                    f"two cases have {cell.problem.label}, {cell.form}, "
+                    f"{cell.preconditioning.name}, h = {cell.h:g}, {measure}",
                 )
-            seen.add(key)
+            others.append(cell.linear_solver)
 
 
 def shipped_folder() -> Path:

@@ -49,7 +49,8 @@ def record(
         "wall_seconds": round(total, 3),
         "cells": [
             {
-                "problem": cell.problem,
+                "problem": cell.problem.label,
+                "linear_solver": cell.solver,
                 "form": cell.form,
                 "preconditioning": cell.preconditioning.label,
                 "h": cell.h,

@@ -34,13 +34,13 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     for cell, outcome in zip(cells, outcomes, strict=True):
         common = {
             "study": study,
-            "problem": cell.problem,
+            "problem": cell.problem.label,
             "integrator": cell.integrator.label,
             "form": cell.form,
             "preconditioning": cell.preconditioning.label,
             "evaluation": "direct",
             "precision": "float64",
-            "linear_solver": "dense-lu",
+            "linear_solver": cell.solver,
             "h": cell.h,
             "t_end": cell.t_end,
             "steps": cell.steps,

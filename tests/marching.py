@@ -1,0 +1,64 @@
+"""What tests of marches share: steps, states along a run, what "the same step" means."""
+
+import numpy as np
+
+from newmark_cli.newmark import kernel, kernel_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+
+EPS = np.finfo(float).eps
+#: Step sizes at which Newton converges well and rounding does not yet drown a.
+STEP = {
+    "pendulum": 1e-2,
+    "andrews": 1e-5,
+    "damped": 1e-2,
+    "double-pendulum": 1e-2,
+    "four-bar": 1e-3,
+    "slider-crank": 1e-3,
+}
+INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6)]
+
+
+def copy(state):
+    """The same state, in arrays of its own."""
+    return State(*(array.copy() for array in state))
+
+
+def march(engine, subject, scheme, state, first, steps, **options):
+    """Norms and iterations of steps that are all taken; ``engine`` is a module."""
+    norms = np.zeros((steps, len(scheme.form.unknowns)))
+    iterations = np.zeros(steps, np.int64)
+    ending = engine.march(subject, scheme, state, first, norms, iterations, **options)
+    assert ending == (kernel.COMPLETED, steps)
+    return norms, iterations
+
+
+def states(subject, integrator, h, count=6, apart=25):
+    """States along a run of the (u, λ) form."""
+    form = FORMS["u-lambda"]
+    scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
+    state = initial_state(subject, integrator)
+    for k in range(count):
+        yield k * apart, copy(state)
+        march(kernel_march, subject, scheme, state, k * apart, apart)
+
+
+def assert_same_step(subject, scheme, first, second):
+    """Equal up to rounding of u, and what each update relation makes of it."""
+    h, beta, gamma = scheme.h, scheme.integrator.beta, scheme.integrator.gamma
+    unit = 30 * EPS * np.linalg.norm(first.fields[0])
+    smallest = np.linalg.svd(
+        subject.evaluate(0, *first.fields[:2], first.multipliers).G, compute_uv=False
+    )[-1]
+    to_multiplier = np.linalg.norm(subject.M, 2) / (beta * h**2) / smallest
+    for name, one, other, weight in (
+        ("u", first.fields[0], second.fields[0], 1),
+        ("v", first.fields[1], second.fields[1], gamma / (beta * h)),
+        ("a", first.fields[2], second.fields[2], 1 / (beta * h**2)),
+        ("lambda", first.multipliers, second.multipliers, to_multiplier),
+    ):
+        assert np.linalg.norm(one - other) <= unit * weight, name

@@ -1,0 +1,111 @@
+"""Mechanisms of any size: starts, motion, and what they are at their smallest."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from marching import march
+
+from newmark_cli.newmark import kernel_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import consistent_accelerations, initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.registry import problem
+from newmark_cli.problems.spec import Shipped, Sized
+
+
+def member(family, size):
+    return Sized(family, tuple((name, size) for name in FAMILIES[family].parameters))
+
+
+MEMBERS = [member(family, size) for family in FAMILIES for size in (1, 2, 9)]
+
+
+def weight(subject):
+    """The constant force of gravity."""
+    return subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(subject.m)).force
+
+
+@pytest.mark.parametrize("spec", MEMBERS, ids=lambda spec: spec.label)
+def test_starts_on_the_constraints(spec):
+    """Φ = 0 and Gᵀv = 0 to rounding, and no constraint is redundant."""
+    subject = spec.load()
+    terms = subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(subject.m))
+    assert np.abs(terms.phi).max() <= 1e-14
+    assert np.abs(terms.G.T @ subject.v0).max() <= 1e-14
+    assert np.linalg.matrix_rank(terms.G) == subject.m
+    assert np.linalg.eigvalsh(subject.M)[0] > 0
+
+
+@pytest.mark.parametrize("size", [1, 3])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_energy_is_kept_at_order_2(family, size):
+    """½ vᵀMv − uᵀ(weight): the error of the trapezoidal rule falls by four with h halved."""
+    subject = member(family, size).load()
+    load, form = weight(subject), FORMS["u-lambda"]
+
+    def drift(h):
+        scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
+        state = initial_state(subject, Newmark())
+        energies = []
+        for k in range(round(0.25 / h)):
+            u, v = state.fields[:2]
+            energies.append(v @ subject.M @ v / 2 - u @ load)
+            march(kernel_march, subject, scheme, state, k, 1)
+        return np.ptp(energies)
+
+    coarse, fine = drift(1e-2), drift(5e-3)
+    assert coarse < 1e-2
+    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.2)
+
+
+def test_one_link_is_the_pendulum():
+    """The very tables of the shipped pendulum, from another angle."""
+    link, pendulum = member("chain", 1).load(), problem("pendulum")
+    np.testing.assert_array_equal(link.ints, pendulum.ints)
+    np.testing.assert_array_equal(link.reals, pendulum.reals)
+    np.testing.assert_array_equal(link.M, pendulum.M)
+    moved = dataclasses.replace(pendulum, u0=link.u0)
+    for found, expected in zip(
+        initial_state(link, Newmark()), initial_state(moved, Newmark()), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("links", [1, 5, 400])
+def test_chain_starts_across_its_line(links):
+    """Released from a straight line the masses fall across it, hung by their weights along it.
+
+    The bar above mass i carries the 0.6-fold weight of all masses from i on.
+    """
+    subject = member("chain", links).load()
+    a, multipliers = consistent_accelerations(subject, 0.0, subject.u0, subject.v0)
+    across = -0.8 * np.array([0.6, 0.8])
+    np.testing.assert_allclose(a.reshape(-1, 2), np.tile(across, (links, 1)), atol=1e-12 * links)
+    carried = -0.6 * np.arange(links, 0, -1)
+    np.testing.assert_allclose(multipliers, carried, rtol=1e-9)
+
+
+@pytest.mark.parametrize("windows", [1, 6, 200])
+def test_four_bars_move_as_one_rod(windows):
+    """All rods stay parallel: θ'' of the one degree of freedom, whatever the number of windows."""
+    subject = member("four-bars", windows).load()
+    a, _ = consistent_accelerations(subject, 0.0, subject.u0, subject.v0)
+    # Upright, θ' = 1: the top is drawn inward by θ'², and gravity has no lever.
+    np.testing.assert_allclose(a.reshape(-1, 2), np.tile([0.0, -1.0], (windows + 1, 1)), atol=1e-10)
+    couplers, rods = windows, windows + 1
+    kinetic = subject.v0 @ subject.M @ subject.v0 / 2
+    assert kinetic == pytest.approx((rods / 3 + couplers) / 2, rel=1e-12)
+    assert weight(subject).sum() == pytest.approx(-9.81 * (rods / 2 + couplers), rel=1e-12)
+
+
+def test_specs_are_values():
+    """Equal specs are one problem, built once; labels have no commas."""
+    assert member("chain", 3) == member("chain", 3)
+    assert member("chain", 3).load() is member("chain", 3).load()
+    assert Shipped("andrews").load() is problem("andrews")
+    assert member("chain", 1000).label == "chain(links=1000)"
+    assert not any("," in spec.label for spec in MEMBERS)

@@ -1,0 +1,149 @@
+"""Sparse Jacobians and their march against the dense ones."""
+
+import numpy as np
+import pytest
+from damped import damped
+from marching import EPS, STEP, assert_same_step, copy, march, states
+
+from newmark_cli.newmark import initial as initial_module
+from newmark_cli.newmark import kernel, kernel_march, scipy_march, sensitivity
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
+from newmark_cli.newmark.scaling import VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.sparse import SparseSystem
+from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.problems.spec import Shipped, Sized
+
+CHAIN = Sized("chain", (("links", 6),))
+FOUR_BARS = Sized("four-bars", (("windows", 4),))
+SPECS = [*(Shipped(name) for name in PROBLEMS), CHAIN, FOUR_BARS]
+#: Step sizes; the families' are those of the shipped problems with their time scale.
+STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2}
+SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
+
+
+def scheme_of(form, variant, h):
+    return Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+
+
+def in_motion(subject, seed=3):
+    """A state in general position."""
+    random = np.random.default_rng(seed)
+    state = initial_state(subject, Newmark())
+    state.fields[0] += 0.05 * np.abs(subject.u0).max() * random.normal(size=subject.n)
+    state.fields[1] += random.normal(size=subject.n)
+    state.multipliers[:] += random.normal(size=subject.m)
+    return state
+
+
+@pytest.mark.parametrize("h", [1e-1, 1e-7])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_same_jacobian(name, form, h):
+    """Every entry of J̄, bit by bit, in every variant."""
+    subject = SUBJECTS[name]
+    state = in_motion(subject)
+    values = subject.values(0.0, *state.fields[:2], state.multipliers)
+    for variant in VARIANTS:
+        scheme = scheme_of(form, variant, h)
+        system = SparseSystem(subject, scheme)
+        found = np.zeros((system.size, system.size))
+        found[system.rows, system.columns] = system.scaled_entries(values)
+        expected = scaled_jacobian(scheme, subject.dense(values), subject.M)
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", STEPS)
+def test_marches_agree_per_step(name, form, variant):
+    """Dense kernel and sparse march take the same step, to rounding, along a run."""
+    subject = SUBJECTS[name]
+    scheme = scheme_of(form, variant, STEPS[name])
+    system = SparseSystem(subject, scheme)
+    for first, state in states(subject, Newmark(), scheme.h, count=4):
+        ours, reference = copy(state), copy(state)
+        march(scipy_march, subject, scheme, ours, first, 1, system=system)
+        march(kernel_march, subject, scheme, reference, first, 1)
+        assert_same_step(subject, scheme, ours, reference)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
+    """LU of J̄ of a bent chain at h = 1e-7, in the units of each unknown.
+
+    Orders of elimination that reduce fill alone leave errors of 1 here.
+    """
+    subject = Sized("chain", (("links", 200),)).load()
+    h = 1e-7
+    scheme = scheme_of(form, variant, h)
+    state = in_motion(subject)
+    system = SparseSystem(subject, scheme)
+    values = subject.values(0.0, *state.fields[:2], state.multipliers)
+    unit = {"u": 1.0, "v": 2 / h, "a": 4 / h**2, "lambda": 4 / h**2}
+    sizes = [subject.n] * len(scheme.form.kept) + [subject.m]
+    units = np.repeat([unit[name] for name in scheme.form.unknowns] / scheme.right, sizes)
+    exact = np.random.default_rng(5).normal(size=system.size) * units
+    # In extended precision, so that the error is the solver's and not the product's.
+    product = np.zeros(system.size, np.longdouble)
+    entries = system.scaled_entries(values).astype(np.longdouble)
+    np.add.at(product, system.rows, entries * exact[system.columns])
+    found = system.solve(values, product.astype(float))
+    assert np.max(np.abs(found - exact) / units) < 1e-8
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_condition_estimate(name, form, variant):
+    """Between half the exact 1-norm condition number and all of it, at any h; repeatable."""
+    subject = SUBJECTS[name]
+    state = in_motion(subject)
+    for h in (1e-2, 1e-5, 1e-8):
+        scheme = scheme_of(form, variant, h)
+        dense = BalancedJacobian(subject, scheme, 0.0, state)
+        exact = np.linalg.norm(dense.scaled, 1) * np.linalg.norm(dense.inverse(), 1)
+        system = SparseSystem(subject, scheme)
+        found = system.balanced(0.0, state).condition()
+        assert 0.5 * exact <= found <= exact * (1 + 1e-9), h
+        assert system.balanced(0.0, state).condition() == found
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_same_sensitivities(form):
+    """Columns of J̄⁻¹ through the sparse factors."""
+    subject = SUBJECTS[CHAIN.label]
+    scheme, state = scheme_of(form, "none", 1e-5), in_motion(subject)
+    expected = sensitivity.sensitivities(subject, scheme, 0.0, state)
+    found = sensitivity.sensitivities(subject, scheme, 0.0, state, SparseSystem(subject, scheme))
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_consistent_starts_agree(name, monkeypatch):
+    """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
+    subject = SUBJECTS[name]
+    dense = initial_state(subject, Newmark())
+    monkeypatch.setattr(initial_module, "DENSE_UP_TO", 0)
+    sparse = initial_state(subject, Newmark())
+    for found, expected in ((sparse.fields, dense.fields), (sparse.multipliers, dense.multipliers)):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e3 * EPS * np.abs(expected).max())
+
+
+def test_singular_and_infinite_matrices_end_the_march():
+    """A status, not a traceback, as in the dense engines."""
+    subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "none", 0.1)
+    system = SparseSystem(subject, scheme)
+    norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
+    still = kernel.State(np.zeros((4, 2)), np.zeros((3, 2)), np.zeros(1))
+    ending = scipy_march.march(subject, scheme, still, 0, norms, iterations, system)
+    assert ending == (kernel.SINGULAR, 0)
+    state = initial_state(subject, Newmark())
+    state.past[1] = 1e200
+    with np.errstate(all="ignore"):
+        ending = scipy_march.march(subject, scheme, state, 0, norms, iterations, system)
+    assert ending == (kernel.DIVERGED, 0)
