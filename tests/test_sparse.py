@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from conftest import QUICK
 from damped import damped
 from marching import EPS, STEP, assert_same_step, copy, march, states
 
+from newmark_cli import documents
 from newmark_cli.newmark import initial as initial_module
 from newmark_cli.newmark import kernel, kernel_march, scipy_march, sensitivity
 from newmark_cli.newmark.forms import FORMS
@@ -16,12 +18,14 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import Shipped, Sized
+from newmark_cli.study import cell as cell_module
+from newmark_cli.study import config, results
 
 CHAIN = Sized("chain", (("links", 6),))
 FOUR_BARS = Sized("four-bars", (("windows", 4),))
 SPECS = [*(Shipped(name) for name in PROBLEMS), CHAIN, FOUR_BARS]
-#: Step sizes; the families' are those of the shipped problems with their time scale.
-STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2}
+#: Step sizes at which Newton converges well and rounding does not yet drown a.
+STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2, "damped": 1e-2}
 SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
 
 
@@ -147,3 +151,22 @@ def test_singular_and_infinite_matrices_end_the_march():
     with np.errstate(all="ignore"):
         ending = scipy_march.march(subject, scheme, state, 0, norms, iterations, system)
     assert ending == (kernel.DIVERGED, 0)
+
+
+def test_studies_name_the_solver(tmp_path):
+    """The same grid with both solvers: the CSV tells them apart, the slopes agree."""
+    cases = "cases: [{linear_solver: dense-lu}, {linear_solver: sparse-lu}]\n"
+    study = config.parse(documents.parse(QUICK + "measure: [correction, condition]\n" + cases, "q"))
+    cells = study.cells()
+    table = results.rows("quick", cells, [cell_module.run(cell) for cell in cells])
+    assert {row["status"] for row in table} == {"ok"}
+    solvers = [row["linear_solver"] for row in table]
+    half = len(table) // 2
+    assert solvers == ["dense-lu"] * half + ["sparse-lu"] * half
+    for dense, sparse in zip(table[:half], table[half:], strict=True):
+        assert dense["quantity"] == sparse["quantity"]
+        # In the 1-norm C is within a factor N = 3 of that in the 2-norm.
+        if dense["measure"] == "condition":
+            assert dense["median"] / 3 <= sparse["median"] <= 3 * dense["median"]
+        else:
+            assert sparse["rms"] == pytest.approx(dense["rms"], rel=1)
