@@ -104,7 +104,11 @@ def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", SUBJECTS)
 def test_condition_estimate(name, form, variant):
-    """Between half the exact 1-norm condition number and all of it, at any h; repeatable."""
+    """Between a third of the exact 1-norm condition number and all of it; repeatable.
+
+    ‖J̄‖ is exact; the estimate of ‖J̄⁻¹‖ is a lower bound, almost always within a factor
+    of 3 (Higham and Tisseur, 2000).
+    """
     subject = SUBJECTS[name]
     state = in_motion(subject)
     for h in (1e-2, 1e-5, 1e-8):
@@ -113,7 +117,7 @@ def test_condition_estimate(name, form, variant):
         exact = np.linalg.norm(dense.scaled, 1) * np.linalg.norm(dense.inverse(), 1)
         system = SparseSystem(subject, scheme)
         found = system.balanced(0.0, state).condition()
-        assert 0.5 * exact <= found <= exact * (1 + 1e-9), h
+        assert exact / 3 <= found <= exact * (1 + 1e-9), h
         assert system.balanced(0.0, state).condition() == found
 
 
@@ -124,7 +128,8 @@ def test_same_sensitivities(form):
     scheme, state = scheme_of(form, "none", 1e-5), in_motion(subject)
     expected = sensitivity.sensitivities(subject, scheme, 0.0, state)
     found = sensitivity.sensitivities(subject, scheme, 0.0, state, SparseSystem(subject, scheme))
-    assert found == pytest.approx(expected, rel=1e-9)
+    rounding = 1e-12 * max(expected.values())
+    assert found == pytest.approx(expected, rel=1e-9, abs=rounding)
 
 
 @pytest.mark.parametrize("name", STEPS)
