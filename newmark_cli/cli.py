@@ -4,7 +4,9 @@ Everything heavy is imported inside the commands, so that ``--help`` is quick.
 """
 
 import contextlib
+import math
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -40,6 +42,9 @@ _results = click.option(
     metavar="DIR",
     help="Results folder.",
 )
+_allow_code = click.option(
+    "--allow-code", is_flag=True, help="Let configs name problems in Python, which runs them."
+)
 _jobs = click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
@@ -68,7 +73,8 @@ def cli() -> None:
 @click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
 @_results
 @_jobs
-def run(configs: tuple[str, ...], folder: Path, jobs: int | None) -> int:
+@_allow_code
+def run(configs: tuple[str, ...], folder: Path, jobs: int | None, allow_code: bool) -> int:
     r"""Run studies: YAML files, or names of shipped configs.
 
     Writes DIR/<study>.csv and, beside it, the resolved config, versions and
@@ -80,7 +86,7 @@ def run(configs: tuple[str, ...], folder: Path, jobs: int | None) -> int:
     """
     from newmark_cli.study import config
 
-    return _run([config.find(name) for name in configs], folder, jobs)
+    return _run([config.find(name, allow_code) for name in configs], folder, jobs)
 
 
 @cli.command()
@@ -175,8 +181,14 @@ def reproduce(folder: Path, jobs: int | None) -> int:
 @click.option("--config", "file", metavar="CONFIG", help="Forms and scalings of a config.")
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@_allow_code
 def orders(
-    form: str | None, variant: str | None, file: str | None, derive: bool, as_json: bool
+    form: str | None,
+    variant: str | None,
+    file: str | None,
+    derive: bool,
+    as_json: bool,
+    allow_code: bool,
 ) -> int:
     r"""Predict orders in h: blocks of J and its inverse, corrections, condition number.
 
@@ -189,7 +201,7 @@ def orders(
     """
     from newmark_cli.report import theory
 
-    chosen = _forms_and_scalings(form, variant, file)
+    chosen = _forms_and_scalings(form, variant, file, allow_code)
     if derive:
         found = [theory.derive(name) for name in dict.fromkeys(name for name, _ in chosen)]
         texts = [theory.derived_as_text(entry) for entry in found]
@@ -218,6 +230,79 @@ def tables(folder: Path) -> int:
     entries = tabling.build(slopes.collect(folder, [tabling.STUDY]))
     _show_tables(folder, entries)
     return 1 if tabling.missed(entries) else 0
+
+
+@cli.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@_allow_code
+def validate(files: tuple[str, ...], allow_code: bool) -> int:
+    r"""Check configs and mechanism files without running them.
+
+    Prints a line for each file; exits with 2 when one is not valid.
+
+    \b
+    Example:
+      newmark-study validate my-study.yaml my-mechanism.yaml
+    """
+    from newmark_cli.study import config
+
+    code = 0
+    for name in files:
+        try:
+            click.echo(config.describe(Path(name), name, allow_code))
+        except InputError as error:
+            _complain(str(error))
+            code = 2
+    return code
+
+
+@cli.command()
+@click.argument("problem", metavar="PROBLEM")
+@_results
+@click.option("--at", "time", type=float, default=0.0, metavar="T", help="Time of the drawing (s).")
+@click.option("--h", "step", type=float, metavar="H", help="Step size (s); T/2000 when omitted.")
+@click.option(
+    "--animate",
+    "animated",
+    type=click.Path(path_type=Path),
+    metavar="FILE.gif",
+    help="Write the motion from 0 to T as a looping GIF.",
+)
+@click.option("--frames", type=click.IntRange(2, 1000), default=60, show_default=True)
+def draw(
+    problem: str, folder: Path, time: float, step: float | None, animated: Path | None, frames: int
+) -> int:
+    r"""Draw a mechanism: a shipped problem, a mechanism file, or a family's member.
+
+    Writes DIR/figures/<problem>.png and .svg.
+
+    \b
+    Example:
+      newmark-study draw andrews --at 0.01
+    """
+    from newmark_cli.study import config
+
+    if not (math.isfinite(time) and time >= 0):
+        raise InputError(f"--at: must be zero or positive, given {time:g}")
+    if step is not None and not (math.isfinite(step) and 0 < step <= time):
+        raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
+    if animated is not None and time == 0:
+        raise InputError("--animate: needs --at T, the end of the motion")
+    spec = config.problem_named(problem)
+    subject = spec.load()
+    from newmark_cli.report import draw as drawing
+    from newmark_cli.study import motion
+
+    count = frames if animated else 2
+    places = motion.positions(subject, time, step or time / 2000, count) if time else [subject.u0]
+    title = (subject.drawing.title or spec.label) + (f", t = {time:g} s" if time else "")
+    if animated is not None:
+        click.echo(drawing.animation(title, subject, places, animated))
+        return 0
+    stem = folder / "figures" / re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-")
+    for file in drawing.save(drawing.mechanism_figure(title, subject, places[-1]), stem):
+        click.echo(file)
+    return 0
 
 
 @cli.command("list")
@@ -332,7 +417,7 @@ def _show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
 
 
 def _forms_and_scalings(
-    form: str | None, variant: str | None, file: str | None
+    form: str | None, variant: str | None, file: str | None, allow_code: bool
 ) -> "list[tuple[str, Preconditioning]]":
     """Pairs that the options of `orders` choose, in the order of the registries."""
     from newmark_cli.documents import nearest
@@ -344,7 +429,7 @@ def _forms_and_scalings(
             raise click.UsageError("--config already names forms and preconditioning")
         from newmark_cli.study import config
 
-        cells = config.find(file).cells()
+        cells = config.find(file, allow_code).cells()
         return list(dict.fromkeys((cell.form, cell.preconditioning) for cell in cells))
     if form is not None and form not in FORMS:
         raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")

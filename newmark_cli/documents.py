@@ -104,6 +104,11 @@ def misfit(key: str, message: str) -> PydanticCustomError:
     return PydanticCustomError("own", "{message}", {"message": message, "key": key})
 
 
+def refused(error: InputError) -> PydanticCustomError:
+    """An error of a lower layer for a validator: its text says everything."""
+    return PydanticCustomError("own", "{message}", {"message": str(error)})
+
+
 def read(path: Path, name: str | None = None) -> Document:
     """Parse one YAML file.
 
@@ -160,6 +165,7 @@ def validate(
     model: type[Model],
     data: Any = None,
     locate: Callable[[KeyPath], KeyPath] = lambda path: path,
+    context: Any = None,
 ) -> Model:
     """Check a document against a model.
 
@@ -168,12 +174,13 @@ def validate(
         model: The pydantic model.
         data: What to check in place of the document's data.
         locate: Path in ``data`` → path in the document, where they differ.
+        context: Handed to the validators.
 
     Raises:
         DocumentError: For the first mistake, by line.
     """
     try:
-        return model.model_validate(document.data if data is None else data)
+        return model.model_validate(document.data if data is None else data, context=context)
     except ValidationError as error:
         details = error.errors(include_url=False)
     mistakes = [_located(document, detail, locate) for detail in details]

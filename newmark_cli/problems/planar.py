@@ -179,18 +179,19 @@ class Site:
         }
 
 
-def load(path: Path, name: str) -> Problem:
+def load(path: Path, name: str, spelled: str | None = None) -> Problem:
     """Problem from a mechanism file.
 
     Args:
         path: YAML file.
         name: Name of the problem.
+        spelled: How errors name the file.
 
     Raises:
         DocumentError: Names file, line and key of the first mistake: of the file
             itself, or of a mechanism without a consistent start.
     """
-    document = documents.read(path)
+    document = documents.read(path, spelled)
     return build(name, documents.validate(document, Mechanism), document)
 
 

@@ -11,6 +11,8 @@ Another kind is another such class beside these and a member of `ProblemSpec`.
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 from newmark_cli.problems import registry
 from newmark_cli.problems.families import FAMILIES
@@ -74,4 +76,78 @@ def _sized(spec: Sized) -> Problem:
     return FAMILIES[spec.family].problem(spec.label, dict(spec.sizes))
 
 
-ProblemSpec = Shipped | Sized
+@dataclass(frozen=True)
+class MechanismFile:
+    """A planar mechanism in a YAML file of the user's.
+
+    Attributes:
+        path: The file.
+        spelled: How the user named it.
+    """
+
+    path: Path
+    spelled: str
+
+    @property
+    def label(self) -> str:
+        """Name of the file, without commas."""
+        return self.path.name.replace(",", "_")
+
+    @property
+    def given(self) -> str:
+        """As spelled."""
+        return self.spelled
+
+    def load(self) -> Problem:
+        """The problem; raises DocumentError for a mistake in the file."""
+        return _mechanism(self)
+
+
+@cache
+def _mechanism(spec: MechanismFile) -> Problem:
+    from newmark_cli.problems import planar
+
+    return planar.load(spec.path, spec.label, spec.spelled)
+
+
+@dataclass(frozen=True)
+class PythonFactory:
+    """A problem that a Python function of the user's returns; loading it runs code.
+
+    Attributes:
+        path: Python file.
+        factory: Function in it.
+        arguments: (name, value) pairs.
+        spelled: File and function as the user named them.
+    """
+
+    path: Path
+    factory: str
+    arguments: tuple[tuple[str, Any], ...]
+    spelled: str
+
+    @property
+    def label(self) -> str:
+        """File, function and arguments, such as ``car_axis.py:car_axis(compiled=True)``."""
+        arguments = " ".join(f"{name}={value}" for name, value in self.arguments)
+        text = f"{self.path.name}:{self.factory}" + (f"({arguments})" if arguments else "")
+        return text.replace(",", "_")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """As a config spells it."""
+        return {"python": self.spelled, "args": dict(self.arguments)}
+
+    def load(self) -> Problem:
+        """The problem; raises ProblemError when the code fails or what it returns is unfit."""
+        return _python(self)
+
+
+@cache
+def _python(spec: PythonFactory) -> Problem:
+    from newmark_cli.problems import python_problem
+
+    return python_problem.load(spec.path, spec.factory, dict(spec.arguments), spec.label)
+
+
+ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory

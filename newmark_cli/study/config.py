@@ -3,8 +3,8 @@
 import math
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from types import GenericAlias
 from typing import Annotated, Any
 
 from pydantic import (
@@ -14,18 +14,26 @@ from pydantic import (
     PlainSerializer,
     Strict,
     TypeAdapter,
+    ValidationInfo,
     model_validator,
 )
 
 from newmark_cli import documents
 from newmark_cli.documents import Document, DocumentError, KeyPath, StrictModel, misfit
+from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import IntegratorError, Newmark
 from newmark_cli.newmark.linear import AUTO, LINEAR_SOLVERS
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.registry import PROBLEMS
-from newmark_cli.problems.spec import ProblemSpec, Shipped, Sized
+from newmark_cli.problems.spec import (
+    MechanismFile,
+    ProblemSpec,
+    PythonFactory,
+    Shipped,
+    Sized,
+)
 from newmark_cli.study.cell import Cell
 
 MEASURES = ("correction", "condition", "sensitivity")
@@ -126,25 +134,70 @@ def _preconditioning(value: Any) -> Any:
     return value
 
 
-def _problem(value: Any) -> ProblemSpec:
-    if isinstance(value, Shipped | Sized):
+@dataclass(frozen=True)
+class Surroundings:
+    """What a config's meaning depends on beside its text.
+
+    Attributes:
+        folder: Where files that it names are looked for.
+        allow_code: Whether problems in Python may be loaded.
+    """
+
+    folder: Path = Path()
+    allow_code: bool = False
+
+
+def _problem(value: Any, info: ValidationInfo) -> ProblemSpec:
+    around = info.context or Surroundings()
+    if isinstance(value, ProblemSpec):
         return value
+    if isinstance(value, dict) and "python" in value:
+        return _python_problem(value, around)
     if isinstance(value, dict):
         if len(value) != 1:
             raise ValueError("must be one family with its sizes, such as {chain: {links: 1000}}")
         (family,) = value
         if family not in FAMILIES:
-            raise documents.unknown_name("family of problems", family, FAMILIES)
+            raise documents.unknown_name("family of problems", family, (*FAMILIES, "python"))
         # As a mapping, so that a mistake is found under the family's name.
-        sizes: Any = GenericAlias(dict, (str, FAMILIES[family].size))
-        check: TypeAdapter[dict[str, StrictModel]] = TypeAdapter(sizes)
+        sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
+        check: TypeAdapter[Any] = TypeAdapter(sizes)
         return Sized(family, tuple(check.validate_python(value)[family]))
     if isinstance(value, str) and value in FAMILIES:
         sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
+    if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
+        return _loaded(MechanismFile((around.folder / value).absolute(), value))
     if not isinstance(value, str) or value not in PROBLEMS:
         raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
+
+
+def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
+    unknown = [key for key in value if key not in ("python", "args")]
+    if unknown:
+        raise documents.unknown_name("key", unknown[0], ("python", "args"))
+    file, colon, factory = str(value["python"]).rpartition(":")
+    arguments = value.get("args", {})
+    if not colon or not file or not factory.isidentifier():
+        raise misfit("python", 'must be "file.py:factory"')
+    if not isinstance(arguments, dict):
+        raise misfit("args", "must be a mapping of names to values")
+    if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
+        raise misfit("args", "values must be numbers, words or truth values")
+    if not around.allow_code:
+        raise misfit("python", f"{file} is code, which runs only with --allow-code")
+    path = (around.folder / file).absolute()
+    return _loaded(PythonFactory(path, factory, tuple(arguments.items()), str(value["python"])))
+
+
+def _loaded(spec: ProblemSpec) -> ProblemSpec:
+    """The problem, once it has shown that it can be used."""
+    try:
+        spec.load()
+    except InputError as error:
+        raise documents.refused(error) from None
+    return spec
 
 
 Variant = Annotated[Any, BeforeValidator(_preconditioning)]
@@ -183,7 +236,10 @@ Measures = Annotated[
 class Case(StrictModel):
     """A full grid: every problem, form, scaling and step size with every other."""
 
-    problem: Problems = Field(description="name of a problem, a family with its size, or a list")
+    problem: Problems = Field(
+        description="name of a problem, mechanism file, family with its size, "
+        "Python factory, or a list"
+    )
     form: Forms = Field(description="name of a form, or a list")
     preconditioning: Variants = Field(description="variant or scaling of one's own, or a list")
     h: StepSizes = Field(description="step sizes (s)")
@@ -273,7 +329,7 @@ class Study(StrictModel):
 _STUDY_KEYS = ("study", "description", "cases")
 
 
-def load(path: Path, name: str | None = None) -> Study:
+def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study:
     """Study from a YAML file.
 
     Keys of a case may stand at the top: they hold for every case that does not
@@ -282,14 +338,15 @@ def load(path: Path, name: str | None = None) -> Study:
     Args:
         path: The file.
         name: How errors name it.
+        allow_code: Whether problems in Python may be loaded.
 
     Raises:
         DocumentError: Names file, line and key of the first mistake.
     """
-    return parse(documents.read(path, name))
+    return parse(documents.read(path, name), Surroundings(path.parent, allow_code))
 
 
-def parse(document: Document) -> Study:
+def parse(document: Document, around: Surroundings | None = None) -> Study:
     """Study from a document; see :func:`load`."""
     data = document.data
     if not isinstance(data, dict):
@@ -302,14 +359,17 @@ def parse(document: Document) -> Study:
     given = data.get("cases", [{}])
     if not isinstance(given, list) or not given:
         raise document.error(("cases",), "must be a list of cases, at least one")
-    cases = [_case(document, shared, case, i) for i, case in enumerate(given)]
+    around = around or Surroundings()
+    cases = [_case(document, shared, case, i, around) for i, case in enumerate(given)]
     head = {key: data[key] for key in ("study", "description") if key in data}
     study = documents.validate(document, Study, {**head, "cases": cases})
     _refuse_repeated_cells(document, study)
     return study
 
 
-def _case(document: Document, shared: Mapping[str, Any], given: Any, index: int) -> Case:
+def _case(
+    document: Document, shared: Mapping[str, Any], given: Any, index: int, around: Surroundings
+) -> Case:
     if not isinstance(given, dict):
         raise document.error(("cases", index), "must be a mapping of keys to values")
 
@@ -320,7 +380,7 @@ def _case(document: Document, shared: Mapping[str, Any], given: Any, index: int)
 
     if "t_end" in given or "steps" in given:
         shared = {key: value for key, value in shared.items() if key not in ("t_end", "steps")}
-    return documents.validate(document, Case, {**shared, **given}, locate)
+    return documents.validate(document, Case, {**shared, **given}, locate, around)
 
 
 def _refuse_repeated_cells(document: Document, study: Study) -> None:
@@ -359,7 +419,7 @@ def load_shipped(name: str) -> Study:
     return load(shipped_folder() / f"{name}.yaml", f"{name}.yaml")
 
 
-def find(config: str) -> Study:
+def find(config: str, allow_code: bool = False) -> Study:
     """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name.
 
     Raises:
@@ -367,9 +427,51 @@ def find(config: str) -> Study:
     """
     path = Path(config)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
-        return load(path, config)
+        return load(path, config, allow_code)
     if config in shipped():
         return load_shipped(config)
     raise DocumentError(
         f"{config}: no such file and no shipped config{documents.nearest(config, shipped())}"
     )
+
+
+def problem_named(text: str) -> ProblemSpec:
+    """Problem that a command line names: shipped, a mechanism file, or a label.
+
+    Args:
+        text: Such as ``andrews``, ``my.yaml`` or ``chain(links=20)``.
+
+    Raises:
+        DocumentError: When there is none, or the file is not valid.
+    """
+    match = re.fullmatch(r"([\w-]+)\(([\w= ]*)\)", text)
+    value: Any = text
+    if match:
+        sizes = dict(part.partition("=")[::2] for part in match[2].split())
+        value = {match[1]: {k: int(v) if v.isdecimal() else v for k, v in sizes.items()}}
+    document = Document("command line", {"problem": value}, {("problem",): 1})
+    spec: ProblemSpec = documents.validate(document, _OneProblem).problem
+    return spec
+
+
+class _OneProblem(StrictModel):
+    problem: Annotated[Any, BeforeValidator(_problem)]
+
+
+def describe(path: Path, name: str, allow_code: bool) -> str:
+    """What a valid config or mechanism file holds, in one line.
+
+    Args:
+        path: The file.
+        name: How the line names it.
+        allow_code: Whether problems in Python may be loaded.
+
+    Raises:
+        DocumentError: For the first mistake.
+    """
+    document = documents.read(path, name)
+    if isinstance(document.data, dict) and "points" in document.data:
+        problem = MechanismFile(path.absolute(), name).load()
+        return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
+    study = parse(document, Surroundings(path.parent, allow_code))
+    return f"{name}: study {study.study}, {len(study.cells())} cells"
