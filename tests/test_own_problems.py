@@ -1,0 +1,145 @@
+"""Problems of one's own, from the command line, in an empty folder."""
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.registry import PROBLEMS
+
+EXAMPLES = Path(__file__).parents[1] / "docs/examples"
+
+STUDY = """\
+study: mine
+problem: PROBLEM
+form: [u-lambda, u-v-lambda]
+preconditioning: [none, left, right, optimal]
+h: [1e-2, 1e-3, 1e-4]
+t_end: 0.3
+"""
+
+
+@pytest.fixture
+def hoist(cli):
+    """The example mechanism and a study of it."""
+    cli.write("hoist.yaml", (EXAMPLES / "hoist.yaml").read_text())
+    cli.write("mine.yaml", STUDY.replace("PROBLEM", "hoist.yaml"))
+
+
+def test_a_mechanism_of_ones_own(cli, hoist):
+    """Spring, damper, torque, body-fixed point and slider: runs, is checked and drawn."""
+    assert cli("run", "mine.yaml").stdout == "mine: 24 ok -> results/mine.csv\n"
+    found = json.loads(cli("check", "--json").stdout)
+    assert len(found) == 2 * 4 * (4 + 1) + 4 * (2 + 3)
+    assert {row["verdict"] for row in found} == {"pass"}
+    assert {row["problem"] for row in found} == {"hoist.yaml"}
+    by_series = {(r["form"], r["preconditioning"], r["quantity"], r["measure"]): r for r in found}
+    for variant, slope in (("none", -2), ("left", -2), ("right", 0), ("optimal", 0)):
+        row = by_series["u-lambda", variant, "lambda", "correction"]
+        assert row["slope"] == pytest.approx(slope, abs=0.15)
+    assert by_series["u-lambda", "none", "jacobian", "condition"]["expected"] == -4
+    cli("draw", "hoist.yaml", "--at", "0.1")
+    assert (cli.folder / "results/figures/hoist.png").stat().st_size > 5000
+
+
+def test_files_are_found_beside_the_config(cli, hoist):
+    """A mechanism is looked for in the folder of the config that names it."""
+    (cli.folder / "studies").mkdir()
+    for name in ("hoist.yaml", "mine.yaml"):
+        (cli.folder / name).rename(cli.folder / "studies" / name)
+    assert "24 ok" in cli("run", "studies/mine.yaml").stdout
+
+
+def test_mistakes_in_a_mechanism_stop_the_run(cli, hoist):
+    """Named by file and line of the mechanism, before anything runs."""
+    text = (cli.folder / "hoist.yaml").read_text()
+    cli.write("hoist.yaml", text.replace("to: S, length", "to: T, length"))
+    line = cli.refused("run", "mine.yaml")
+    assert "mine.yaml, line 2: problem" in line
+    assert "hoist.yaml, line 20: bars.link.to: unknown point 'T'" in line
+    assert not (cli.folder / "results").exists()
+
+
+def test_validate(cli, hoist):
+    """A line for each file, exit 2 when one is not valid, nothing is run."""
+    done = cli("validate", "mine.yaml", "hoist.yaml")
+    assert done.stdout.splitlines() == [
+        "mine.yaml: study mine, 24 cells",
+        "hoist.yaml: mechanism, 4 coordinates, 3 constraints",
+    ]
+    cli.write("bad.yaml", STUDY.replace("1e-3", "0").replace("PROBLEM", "pendulum"))
+    done = cli("validate", "bad.yaml", "hoist.yaml", code=2)
+    assert done.stdout.splitlines() == ["hoist.yaml: mechanism, 4 coordinates, 3 constraints"]
+    assert "bad.yaml, line 5: h[2]" in done.stderr
+    assert not (cli.folder / "results").exists()
+
+
+CODE = '{python: "car_axis.py:car_axis", args: {compiled: COMPILED}}'
+
+
+@pytest.mark.parametrize("compiled", ["true", "false"])
+def test_a_problem_in_python(cli, compiled):
+    """Refused without --allow-code; with it, run by kernel or SciPy march, and checked."""
+    cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text())
+    # Of (u, v, λ), C is asymptotic only at much smaller steps, as for Andrews' mechanism.
+    text = STUDY.replace("PROBLEM", CODE.replace("COMPILED", compiled)).replace(", u-v-lambda", "")
+    text = text.replace("1e-4]", "3e-4]").replace("[none, left, right, optimal]", "[none, optimal]")
+    cli.write("mine.yaml", text)
+    line = cli.refused("run", "mine.yaml")
+    assert "mine.yaml, line 2: problem.python: car_axis.py is code, which runs only with" in line
+    assert "--allow-code" in line
+    assert "6 ok" in cli("run", "mine.yaml", "--allow-code").stdout
+    found = json.loads(cli("check", "--json").stdout)
+    assert {row["verdict"] for row in found} == {"pass"}
+
+
+@pytest.mark.parametrize(
+    ("problem", "words"),
+    [
+        ('{python: "car_axis.py"}', 'must be "file.py:factory"'),
+        ('{python: "car_axis.py:car_axis", arg: {}}', "unknown key 'arg'"),
+        ('{python: "car_axis.py:car_axis", args: [1]}', "must be a mapping"),
+        ('{python: "car_axis.py:axis"}', "has no function 'axis'"),
+        ('{python: "none.py:axis"}', "cannot be read"),
+        ('{python: "raises.py:axis"}', "raises.py, line 2: axis failed: ValueError: not today"),
+        ("missing.yaml", "missing.yaml: cannot be read"),
+        ("{chain: {links: 0}}", "greater than or equal to 1"),
+        ("{chian: {links: 3}}", "did you mean 'chain'"),
+    ],
+)
+def test_problems_that_cannot_be_used(cli, problem, words):
+    """One line with the config's file and line, exit 2, no results."""
+    cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text())
+    cli.write("raises.py", "def axis():\n    raise ValueError('not today')\n")
+    cli.write("mine.yaml", STUDY.replace("PROBLEM", problem))
+    line = cli.refused("run", "mine.yaml", "--allow-code")
+    assert "mine.yaml, line 2: problem" in line
+    assert words in line
+    assert not (cli.folder / "results").exists()
+
+
+@pytest.mark.parametrize("name", [*PROBLEMS, "chain(links=40)", "four-bars(windows=3)"])
+def test_every_mechanism_can_be_drawn(cli, name):
+    """Shipped ones and members of every family."""
+    assert set(FAMILIES) == {"chain", "four-bars"}
+    png, svg = cli("draw", name).stdout.split()
+    with Image.open(cli.folder / png) as image:
+        assert image.size[0] == 1050
+    assert (cli.folder / svg).read_text().startswith("<?xml")
+
+
+def test_animation(cli):
+    """A GIF with as many different frames as asked for."""
+    cli("draw", "slider-crank", "--at", "0.3", "--animate", "motion.gif", "--frames", "5")
+    with Image.open(cli.folder / "motion.gif") as image:
+        assert image.n_frames == 5
+
+
+def test_draw_refuses(cli):
+    """Unknown problems, times and steps without sense."""
+    assert "unknown problem 'andrew'; did you mean 'andrews'" in cli.refused("draw", "andrew")
+    assert "--at: must be" in cli.refused("draw", "andrews", "--at", "-1")
+    assert "--h: must be" in cli.refused("draw", "andrews", "--at", "1", "--h", "2")
+    assert "--animate: needs --at" in cli.refused("draw", "andrews", "--animate", "x.gif")
