@@ -6,7 +6,7 @@ package reads the same data from a YAML file and assembles element by element.
 
 from dataclasses import dataclass
 
-from mpmath import atan2, cos, matrix, mp, mpf, sin, sqrt
+from mpmath import cos, matrix, mp, mpf, sin, sqrt
 
 DIGITS = 60
 
@@ -284,8 +284,3 @@ def condition_number(scaled):
     """2-norm condition number from singular values at 60 digits."""
     values = mp.svd_r(scaled, compute_uv=False)
     return values[0] / values[len(values) - 1]
-
-
-def angle_of(x, y):
-    """Angle of a vector."""
-    return atan2(y, x)
