@@ -225,7 +225,7 @@ def _sensitivity_panel(axes: Any, slopes: Sequence[Slope]) -> None:
     axes.yaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_locator(LogLocator(numticks=6))
     axes.xaxis.set_major_formatter(FuncFormatter(_power_of_ten))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.text(
         0.97,
         0.95,
