@@ -13,13 +13,14 @@ import pytest
 from conftest import QUICK, SCRIPT, CommandLine
 
 from newmark_cli import __version__
+from newmark_cli.cli import cli as command_line
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import config, results
 
-COMMANDS = ("run", "plot", "check", "reproduce", "list")
+COMMANDS = tuple(command_line.commands)
 
 
 @pytest.fixture(scope="module")

@@ -200,7 +200,11 @@ def _sensitivity_panel(axes: Any, slopes: Sequence[Slope]) -> None:
             markerfacecolor=look["color"] if look["fill"] else "none",
             label=slope.preconditioning,
         )
-        measured = format_fit(slope.fit).partition(" ±")[0] if shown.any() else "exactly 0"
+        measured = (
+            f"{round(slope.fit.slope, 3) + 0.0:.3f}".replace("-", "−")
+            if shown.any()
+            else "exactly 0"
+        )
         texts.append(f"{slope.preconditioning}: {measured}")
     if any((slope.values > 0).any() for slope in slopes):
         _widen(axes, slopes, headroom=0.4)
