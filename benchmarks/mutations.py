@@ -1,7 +1,7 @@
 """Break the core in one place after another and see that a test fails each time.
 
 Mutations: one more power of h in every entry of Table 2, every weight of every
-form halved, and every sign in the two assemblers turned. Each runs in a copy of
+form halved, and every sign in the three assemblers turned. Each runs in a copy of
 the project, with the tests that should notice it.
 
     python benchmarks/mutations.py
@@ -74,7 +74,7 @@ def weights() -> Iterator[Mutation]:
 
 
 def signs() -> Iterator[Mutation]:
-    """Every sign in the literal assembler and in the kernel's."""
+    """Every sign in the literal assembler, in the kernel's and in the sparse one."""
     engines = ("tests/test_engines.py", "-k", "converge_alike or quadratic or per_step")
     for file, start, stop, tests, changes in (
         (CORE / "jacobian.py", "def four_field", "def form_blocks", ("tests/test_condition.py",
@@ -98,8 +98,19 @@ def signs() -> Iterator[Mutation]:
         )),
         (CORE / "scipy_march.py", "def residual", "def march", engines, (
             ("+ self.dynamic_history", "- self.dynamic_history"),
-            ("dynamics - force", "dynamics + force"),
+            ("- force,", "+ force,"),
             ("+ self.row_history", "- self.row_history"),
+        )),
+        (CORE / "sparse.py", "class SparseSystem", "def scaled_entries",
+         ("tests/test_sparse.py",), (
+            ("relations.acceleration[0] *", "-relations.acceleration[0] *"),
+            ("[1.0, -rel", "[-1.0, -rel"),
+            ("-relations.v_from_a", "relations.v_from_a"),
+            ("-relations.u_from_a", "relations.u_from_a"),
+            ("g_sources, -1.0", "g_sources, 1.0"),
+            ("self._x.values(values.x)", "-self._x.values(values.x)"),
+            ("self._y.values(values.y)", "-self._y.values(values.y)"),
+            ("self._g.values(values.g)", "-self._g.values(values.g)"),
         )),
     ):  # fmt: skip
         text = (ROOT / file).read_text()
