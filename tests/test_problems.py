@@ -21,12 +21,12 @@ from newmark_cli.problems.registry import PROBLEMS, problem
 REFERENCED = [name for name in PROBLEMS if name in oracles.REFERENCES]
 
 
-def complex_terms(subject, u, v, multipliers):
+def complex_terms(subject, u, v, multipliers, t=0.0):
     """f + Gλ and Φ for complex coordinates, from the uncompiled element loop."""
     pattern = subject.pattern
     force, phi = np.zeros(subject.n, complex), np.zeros(subject.m, complex)
     elements.evaluate.py_func(
-        0.0, u, v, multipliers, subject.ints, subject.reals, force, phi,
+        t, u, v, multipliers, subject.ints, subject.reals, force, phi,
         np.zeros(len(pattern.x_rows), complex), np.zeros(len(pattern.y_rows), complex),
         np.zeros(len(pattern.g_rows), complex),
     )  # fmt: skip
@@ -272,26 +272,14 @@ def test_tangents_with_every_element(everything, seed, t):
     v, multipliers = random.normal(size=everything.n), random.normal(size=everything.m)
     terms = everything.evaluate(t, u, v, multipliers)
 
-    def at(u, v):
-        pattern = everything.pattern
-        force, phi = np.zeros(everything.n, complex), np.zeros(everything.m, complex)
-        values = [
-            np.zeros(len(rows), complex)
-            for rows in (pattern.x_rows, pattern.y_rows, pattern.g_rows)
-        ]
-        elements.evaluate.py_func(
-            t, u, v, multipliers, everything.ints, everything.reals, force, phi, *values
-        )
-        return force, phi
-
     for j in range(everything.n):
         step = np.zeros(everything.n, complex)
         step[j] = 1e-30j
-        force, phi = at(u + step, v.astype(complex))
+        force, phi = complex_terms(everything, u + step, v.astype(complex), multipliers, t)
         size = np.abs(terms.X).max()
         np.testing.assert_allclose(terms.X[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
         np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-13)
-        force, _ = at(u.astype(complex), v + step)
+        force, _ = complex_terms(everything, u.astype(complex), v + step, multipliers, t)
         size = np.abs(terms.Y).max()
         np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
 

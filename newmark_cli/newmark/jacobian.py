@@ -4,7 +4,6 @@ The engines' own assembly is checked against this literal one.
 """
 
 import warnings
-from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
@@ -51,11 +50,6 @@ def form_blocks(scheme: Scheme, terms: Terms, mass_matrix: Array) -> list[list[A
     ]
 
 
-def block_factors(sizes: Sequence[int], factors: Array) -> Array:
-    """A factor for each row or column from a factor for each block."""
-    return np.asarray(np.repeat(factors, sizes))
-
-
 def scaled_jacobian(scheme: Scheme, terms: Terms, mass_matrix: Array) -> Array:
     """J̄ = D_L J D_R as one matrix."""
     n, m = terms.G.shape
@@ -67,7 +61,7 @@ def scaled_jacobian(scheme: Scheme, terms: Terms, mass_matrix: Array) -> Array:
 def scaling_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """D_L and D_R, a factor for each row and each unknown."""
     sizes = [n] * len(scheme.form.kept) + [m]
-    return block_factors(sizes, scheme.left), block_factors(sizes, scheme.right)
+    return np.repeat(scheme.left, sizes), np.repeat(scheme.right, sizes)
 
 
 def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
@@ -79,8 +73,8 @@ def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     left = {"D": 1 / w_a, "V": 1 / w_v, "K": 1.0, "C": 1.0}
     sizes = [n] * len(scheme.form.kept) + [m]
     return (
-        block_factors(sizes, np.array([left[row] for row in scheme.form.rows])),
-        block_factors(sizes, np.array([right[unknown] for unknown in scheme.form.unknowns])),
+        np.repeat([left[row] for row in scheme.form.rows], sizes),
+        np.repeat([right[unknown] for unknown in scheme.form.unknowns], sizes),
     )
 
 

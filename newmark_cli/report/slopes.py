@@ -240,7 +240,7 @@ def _orders(form: str) -> FormOrders:
 
 
 def format_fit(fit: Fit) -> str:
-    """Slope ± standard error: two decimals, three where the error asks for them."""
+    """Slope ± standard error: two decimals, more where the error asks for them."""
     if np.isnan(fit.slope):
         return "n/a"
     # As many decimals as the error has, at least two: "± 0.000" would claim too much.

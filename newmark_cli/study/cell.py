@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from newmark_cli.newmark import kernel, kernel_march, linear, measures, scipy_march, sensitivity
+from newmark_cli.newmark import kernel, linear, measures, sensitivity
+from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -83,11 +83,7 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     subject = cell.problem.load()
     solver = cell.solver
     system = linear.system(solver, subject, scheme)
-    march = (
-        kernel_march.march
-        if solver == linear.DENSE and subject.compiled
-        else partial(scipy_march.march, system=system)
-    )
+    march = march_with(solver, subject, system)
     state = initial_state(subject, cell.integrator)
     norms = np.zeros((cell.steps, len(form.unknowns)))
     iterations = np.zeros(cell.steps, np.int64)

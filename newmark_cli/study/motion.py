@@ -6,7 +6,8 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import kernel, linear, scipy_march
+from newmark_cli.newmark import kernel, linear
+from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -35,13 +36,13 @@ def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
     solver = linear.choose(linear.AUTO, problem, form)
-    system = linear.system(solver, problem, scheme)
+    march = march_with(solver, problem, linear.system(solver, problem, scheme))
     state = initial_state(problem, scheme.integrator)
     found, done = [state.fields[0].copy()], 0
     for stop in np.unique(np.round(np.linspace(0, t_end / h, frames)).astype(int))[1:]:
         norms = np.zeros((int(stop) - done, 2))
         iterations = np.zeros(len(norms), np.int64)
-        ending, _ = scipy_march.march(problem, scheme, state, done, norms, iterations, system)
+        ending, _ = march(problem, scheme, state, done, norms, iterations)
         done = int(stop)
         if ending != kernel.COMPLETED or np.any(iterations < 0):
             raise InputError(f"the march fails before t = {done * h:g}; try a smaller --h")
