@@ -41,19 +41,23 @@ SPRING = MECHANISM.springs["spring"]
 TORQUE = MECHANISM.torques["drive"].torque
 
 
+def scheme():
+    """The (u, λ) form, optimally scaled."""
+    form = FORMS["u-lambda"]
+    return Scheme(Newmark(BETA, GAMMA), form, named_scaling("optimal", form), H, CAP)
+
+
 def start():
     """Consistent u, v, a, λ."""
-    state = initial_state(SUBJECT, Newmark())
+    state = initial_state(SUBJECT, scheme())
     return [*(f.copy() for f in state.fields[:3]), state.multipliers.copy()]
 
 
 def kernel(steps):
     """The package's kernel; returns corrections computed and the end state."""
-    form = FORMS["u-lambda"]
-    scheme = Scheme(Newmark(BETA, GAMMA), form, named_scaling("optimal", form), H, CAP)
-    state = initial_state(SUBJECT, Newmark())
+    state = initial_state(SUBJECT, scheme())
     norms, iterations = np.zeros((steps, 2)), np.zeros(steps, np.int64)
-    kernel_march.march(SUBJECT, scheme, state, 0, norms, iterations)
+    kernel_march.march(SUBJECT, scheme(), state, 0, norms, iterations)
     return int(np.abs(iterations).sum()), state.fields[0]
 
 

@@ -41,7 +41,7 @@ def measure(links, steps, rounds):
         start = time.perf_counter()
         subject = Sized("chain", (("links", size),)).load()
         built = time.perf_counter() - start
-        state = initial_state(subject, Newmark())
+        state = initial_state(subject, scheme)
         system = SparseSystem(subject, scheme)
         times, corrections = [], 0
         for k in range(rounds):

@@ -5,7 +5,7 @@ import numpy as np
 from newmark_cli.newmark import kernel, kernel_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
-from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
@@ -20,7 +20,10 @@ STEP = {
     "four-bar": 1e-3,
     "slider-crank": 1e-3,
 }
-INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6)]
+INTEGRATORS = [
+    Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.9), GeneralizedAlpha(0.0), HHT(0.1),
+    BDF1(), BDF2(),
+]  # fmt: skip
 
 
 def copy(state):
@@ -37,11 +40,18 @@ def march(engine, subject, scheme, state, first, steps, **options):
     return norms, iterations
 
 
+def start(subject, integrator=None, h=1e-2):
+    """The consistent initial state."""
+    form = FORMS["u-lambda"]
+    scheme = Scheme(integrator or Newmark(), form, named_scaling("none", form), h)
+    return initial_state(subject, scheme)
+
+
 def states(subject, integrator, h, count=6, apart=25):
     """States along a run of the (u, λ) form."""
     form = FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     for k in range(count):
         yield k * apart, copy(state)
         march(kernel_march, subject, scheme, state, k * apart, apart)
@@ -49,7 +59,8 @@ def states(subject, integrator, h, count=6, apart=25):
 
 def assert_same_step(subject, scheme, first, second):
     """Equal up to rounding of u, and what each update relation makes of it."""
-    h, beta, gamma = scheme.h, scheme.integrator.beta, scheme.integrator.gamma
+    h, symbols = scheme.h, scheme.integrator.symbols(scheme.h)
+    beta, gamma = symbols["beta"], symbols["gamma"]
     unit = 30 * EPS * np.linalg.norm(first.fields[0])
     smallest = np.linalg.svd(
         subject.evaluate(0, *first.fields[:2], first.multipliers).G, compute_uv=False

@@ -21,7 +21,7 @@ def final_state(name, h, t_end, integrator=None):
     integrator = integrator or Newmark()
     scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
     subject = problem(name)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     steps = round(t_end / h)
     ending = kernel_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
@@ -69,7 +69,7 @@ def test_small_steps_feed_an_odd_even_mode(andrews_errors):
     assert andrews_errors[1e-6][1] > 3e-5, "order 2 would give 3.3e-5"
     subject, form, integrator = problem("andrews"), FORMS["u-lambda"], Newmark()
     scheme = Scheme(integrator, form, named_scaling("optimal", form), 1e-6)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     norms, iterations = np.zeros((29_900, 2)), np.zeros(29_900, np.int64)
     kernel_march.march(subject, scheme, state, 0, norms, iterations)
     drifts = []

@@ -23,10 +23,9 @@ from high_precision import (
 )
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from marching import start
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.problems.registry import PROBLEMS, problem
@@ -86,7 +85,7 @@ def systems(draw: st.DrawFn, damped: bool = True, stiff: bool = True) -> System:
 def shipped(name: str) -> System:
     """A shipped problem, linearised at its consistent initial state."""
     mechanism = problem(name)
-    state = initial_state(mechanism, Newmark())
+    state = start(mechanism)
     terms = mechanism.evaluate(mechanism.t0, state.fields[0], state.fields[1], state.multipliers)
     matrices = (mechanism.M, terms.X, terms.Y, terms.G)
     return System.of(*(matrix.tolist() for matrix in matrices))

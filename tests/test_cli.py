@@ -174,7 +174,7 @@ def test_integrator_parameters_reach_the_run(cli):
     cli.write("d.yaml", QUICK + "integrator: {beta: 0.3025, gamma: 0.6}\n")
     cli("run", "d.yaml")
     (label,) = {r["integrator"] for r in rows(cli.folder / "results/quick.csv")}
-    assert label == "newmark beta=0.30249999999999999 gamma=0.59999999999999998"
+    assert label == "newmark beta=0.3025 gamma=0.6"
 
 
 def test_check_prints_what_is_asked_for(cli, pendulum_results):
@@ -365,7 +365,7 @@ def test_damaged_csv(cli, pendulum_results, command, kind):
             "cut in a word": text[:-2],
             "cut at a line": "".join(lines[:57]),
             "twice": text + lines[-1],
-            "column twice": text.replace("\n", ",1\n").replace("row_block,1", "row_block,study"),
+            "column twice": text.replace("\n", ",1\n").replace("met,1", "met,study"),
             "long field": text + "x" * 200_000 + "\n",
             "h": text.replace(",0.1,3.0", ",-0.1,3.0"),
             "study": text.replace("pendulum-u,", "other,", 1),

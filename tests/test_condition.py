@@ -3,10 +3,10 @@
 import numpy as np
 import oracles
 import pytest
+from marching import start
 from mpmath import mp
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import condition_number, scaled_jacobian
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
@@ -22,7 +22,7 @@ def reference(request):
     """Problem, its initial state, and X, G, M there in 60 digits."""
     with mp.workdps(oracles.DIGITS):
         subject = problem(request.param)
-        state = initial_state(subject, Newmark())
+        state = start(subject)
         exact = oracles.REFERENCES[request.param]()
         x, g = exact.jacobian_terms(map(float, state.fields[0]), map(float, state.multipliers))
     return subject, state, x, g, exact.mass
@@ -63,7 +63,7 @@ def test_assembled_jacobian(form, variant):
 def test_pendulum_plateau():
     """Optimal scaling of the four-field pendulum: C = 5.4 at any h; 7e3 … 7e5 as printed."""
     subject, form = problem("pendulum"), FORMS["u-v-a-lambda"]
-    state = initial_state(subject, Newmark())
+    state = start(subject)
 
     def number(variant, h):
         scheme = Scheme(Newmark(), form, named_scaling(variant, form), h)

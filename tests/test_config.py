@@ -163,7 +163,7 @@ MISTAKES = [
     ("[1e-1, 1e-2]", "[1e-9]", 5, "more than 20000000 steps"),
     ("t_end: 1.0", "t_end: 0.05", 6, "t_end: shorter than the step h = 0.1, given 0.05"),
     ("t_end: 1.0", "t_end: 0", 6, "greater than 0"),
-    ("t_end: 1.0", "steps: 0", 6, "no corrections without steps"),
+    ("t_end: 1.0", "steps: 0", 6, "no correction without steps"),
     ("t_end: 1.0", "steps: 2.5", 6, "steps: Input should be a valid integer"),
     ("t_end: 1.0", "t_end: 1\nsteps: 4", 6, "either t_end or steps, given both"),
     ("t_end: 1.0", "", 1, "either t_end or steps, given neither"),

@@ -53,7 +53,7 @@ def test_engines_converge_alike(name, form, variant):
     """
     subject = named(name)
     scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), SUBJECTS[name])
-    state = initial_state(subject, Newmark())
+    state = initial_state(subject, scheme)
     counts = []
     for first in range(10):
         reference = copy(state)
@@ -73,7 +73,7 @@ def test_newton_is_quadratic_with_damping(form, name):
     subject = damped()
     scheme = Scheme(Newmark(), FORMS[form], named_scaling(name, FORMS[form]), 0.1)
     for engine in (kernel_march, scipy_march):
-        state = initial_state(subject, Newmark())
+        state = initial_state(subject, scheme)
         _, iterations = march(engine, subject, scheme, state, 0, 20)
         assert 0 < np.median(iterations) <= 8
 
@@ -89,7 +89,7 @@ def test_engines_record_the_same_statistics(form, variant):
     scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), 1e-5)
     rms = []
     for engine in (kernel_march, scipy_march):
-        state = initial_state(subject, integrator)
+        state = initial_state(subject, scheme)
         norms, iterations = march(engine, subject, scheme, state, 0, 150)
         assert np.all(iterations > 0)
         rms.append(np.sqrt(np.mean(norms**2, axis=0)))
@@ -116,7 +116,7 @@ def test_stretches_join(name):
     """A march in pieces is the march, bit by bit."""
     subject, integrator, form = problem(name), Newmark(), FORMS["u-v-lambda"]
     scheme = Scheme(integrator, form, named_scaling("left", form), STEP[name])
-    whole, pieces = initial_state(subject, integrator), initial_state(subject, integrator)
+    whole, pieces = initial_state(subject, scheme), initial_state(subject, scheme)
     norms, _ = march(kernel_march, subject, scheme, whole, 0, 30)
     first, _ = march(kernel_march, subject, scheme, pieces, 0, 13)
     second, _ = march(kernel_march, subject, scheme, pieces, 13, 17)
@@ -130,7 +130,7 @@ def test_cap_marks_steps_not_converged(engine):
     """Two corrections are not enough at h = 0.1; the count is negative."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("none", form), 0.1, iteration_cap=2)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     _, iterations = march(engine, subject, scheme, state, 0, 5)
     assert list(iterations) == [-2] * 5
 
@@ -140,7 +140,7 @@ def test_terminal_phase_needs_two_small_corrections(engine):
     """The first correction of the pendulum at h = 1e-4 is h²/2, no rounding; never recorded."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("none", form), 1e-4)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     norms, _ = march(engine, subject, scheme, state, 0, 100)
     assert norms[:, 0].max() < 1e-15
 
@@ -150,7 +150,7 @@ def test_singular_jacobian_ends_the_march(engine):
     """Without displacements G vanishes: a status, not a traceback."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
-    state = State(np.zeros((4, 2)), np.zeros((3, 2)), np.zeros(1))
+    state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
     ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
     assert ending == (kernel.SINGULAR, 0)
 
@@ -160,7 +160,7 @@ def test_infinite_numbers_end_the_march(engine):
     """A correction that is not finite ends the march with a status."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):
         ending, done = engine.march(

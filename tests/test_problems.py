@@ -413,7 +413,7 @@ def test_driven_crank_follows_its_law(tmp_path):
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
     for engine in (kernel_march, scipy_march):
-        state = initial_state(subject, Newmark())
+        state = initial_state(subject, scheme)
         # M a = f + Gλ at the start: a = −ω² r on the circle.
         np.testing.assert_allclose(state.fields[2], [-32, 0], atol=1e-12)
         engine.march(subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64))

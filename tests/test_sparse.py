@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import QUICK
 from damped import damped
-from marching import EPS, STEP, assert_same_step, copy, march, states
+from marching import EPS, STEP, assert_same_step, copy, march, start, states
 
 from newmark_cli import documents
 from newmark_cli.newmark import initial as initial_module
@@ -36,7 +36,7 @@ def scheme_of(form, variant, h):
 def in_motion(subject, seed=3):
     """A state in general position."""
     random = np.random.default_rng(seed)
-    state = initial_state(subject, Newmark())
+    state = start(subject)
     state.fields[0] += 0.05 * np.abs(subject.u0).max() * random.normal(size=subject.n)
     state.fields[1] += random.normal(size=subject.n)
     state.multipliers[:] += random.normal(size=subject.m)
@@ -136,9 +136,9 @@ def test_same_sensitivities(form):
 def test_consistent_starts_agree(name, monkeypatch):
     """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
     subject = SUBJECTS[name]
-    dense = initial_state(subject, Newmark())
+    dense = start(subject)
     monkeypatch.setattr(initial_module, "DENSE_UP_TO", 0)
-    sparse = initial_state(subject, Newmark())
+    sparse = start(subject)
     for found, expected in ((sparse.fields, dense.fields), (sparse.multipliers, dense.multipliers)):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e3 * EPS * np.abs(expected).max())
 
@@ -148,10 +148,10 @@ def test_singular_and_infinite_matrices_end_the_march():
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "none", 0.1)
     system = SparseSystem(subject, scheme)
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    still = kernel.State(np.zeros((4, 2)), np.zeros((3, 2)), np.zeros(1))
+    still = kernel.State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
     ending = scipy_march.march(subject, scheme, still, 0, norms, iterations, system)
     assert ending == (kernel.SINGULAR, 0)
-    state = initial_state(subject, Newmark())
+    state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):
         ending = scipy_march.march(subject, scheme, state, 0, norms, iterations, system)

@@ -8,10 +8,10 @@ import numpy as np
 import oracles
 import pytest
 from conftest import QUICK
+from marching import start
 from mpmath import mp
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
@@ -136,7 +136,7 @@ def test_orders_refuses(cli):
 def test_sensitivities_are_columns_of_the_inverse(name, form):
     """‖δq̄‖/ε against J⁻¹ in 60 digits, also where J̄ is too uneven for plain elimination."""
     subject, h = problem(name), 1e-8
-    state = initial_state(subject, Newmark())
+    state = start(subject)
     for variant in ("none", "right", "optimal"):
         scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
         found = sensitivities(subject, scheme, 0.0, state)

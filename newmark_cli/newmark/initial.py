@@ -7,9 +7,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.linear import DENSE_UP_TO
+from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.sparse import index_1_solver
 from newmark_cli.problems.problem import Problem
 
@@ -50,12 +50,20 @@ def consistent_accelerations(problem: Problem, t: float, u: Array, v: Array) -> 
     return solution[:n], solution[n:] * size
 
 
-def initial_state(problem: Problem, integrator: Newmark) -> State:
-    """State of the march at the initial time."""
+def initial_state(problem: Problem, scheme: Scheme) -> State:
+    """State of the march at the initial time, in the scheme's precision.
+
+    Φ is carried from 0 on in compensated evaluation: the start meets the
+    constraints by definition, not just to the rounding of its coordinates.
+    """
     a, multipliers = consistent_accelerations(problem, problem.t0, problem.u0, problem.v0)
     fields = np.array([problem.u0, problem.v0, a, a])
-    # The past after a step holds new fields; at the start, the initial ones.
-    advance = integrator.relations(1.0).advance
-    assert advance.max() < len(fields), "older past vectors need a start of their own"
-    past = fields[advance]
-    return State(fields, past, multipliers)
+    past = scheme.relations.start @ fields[:3]
+    dtype = scheme.dtype
+    return State(
+        fields.astype(dtype),
+        past.astype(dtype),
+        multipliers.astype(dtype),
+        lows=np.zeros((2, problem.n), dtype),
+        phi=np.zeros(problem.m, dtype),
+    )

@@ -1,24 +1,32 @@
 """Integrators of the Newmark family as two update relations.
 
-A one-step scheme of the family ties the new fields by
+A scheme of the family ties the new fields by
 
-    V:  v = γ̃ a + (past),        γ̃ = γ h
+    V:  v = γ̃ a + (past),        γ̃ = γ h for Newmark
     K:  u = β̃ a + (past),        β̃ = β h²
 
 and puts into row D the acceleration v' = c a + (past), c = 1 for Newmark.  The
 past is a short list of vectors that every step renews.  Nothing else in the
 core knows an integrator: another of the family is another set of coefficients
-(`Relations`) and other sensitivities.
+(`Relations`), from which its sensitivities and so its scaling follow.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
 
 FIELDS = ("u", "v", "a")
+
+#: What a past vector may become (`Relations.advance`): a new field, the true
+#: acceleration v', or an increment over the step, w = u − u_n − h v_n, ν = v − v_n.
+NEW_U, NEW_V, NEW_A, TRUE_ACCELERATION, NEW_W, NEW_NU = range(6)
 
 
 class IntegratorError(InputError):
@@ -27,29 +35,78 @@ class IntegratorError(InputError):
 
 @dataclass(frozen=True)
 class Relations:
-    """Update relations at one step size; P past vectors.
+    """Update relations at one step size; P past vectors, the first two u_n and v_n.
+
+    The past part of K begins with u_n + h v_n and that of V with v_n in every
+    scheme; all else in them is as small as the increments w and ν.
 
     Attributes:
-        v_from_a: ∂v/∂a through V (s); γh.
-        u_from_a: ∂u/∂a through K (s²); βh².
+        v_from_a: ∂v/∂a through V (s); γh for Newmark.
+        u_from_a: ∂u/∂a through K (s²); βh² for Newmark.
         v_past: (P,) past part of V.
         u_past: (P,) past part of K.
-        u_predicted: (P,) coefficients of the predictor u_n + h v_n.
         acceleration: (1 + P,) v' in row D from the new a and the past.
-        advance: (P,) what each past vector becomes: 0..3 is the new u, v, a, v',
-            4 + i the old past vector i.
-        own_past: past vector that holds the old u, v, a, each; what a kept
-            field is differenced against when its rates are formed.
+        advance: (P,) what each past vector becomes, `NEW_U` … `NEW_NU`.
+        start: (P, 3) past vectors at the initial time from u0, v0 and a0.
     """
 
     v_from_a: float
     u_from_a: float
     v_past: Array
     u_past: Array
-    u_predicted: Array
     acceleration: Array
     advance: IndexArray
-    own_past: tuple[int, int, int] = (0, 1, 2)
+    start: Array
+
+
+class Integrator(Protocol):
+    """What the core asks of an integrator; a frozen, hashable value."""
+
+    @property
+    def label(self) -> str:
+        """How the CSV names it; `parse` reads it back."""
+
+    @property
+    def order(self) -> int:
+        """Order of u and v on index-3 systems with constant step size."""
+
+    @property
+    def damped(self) -> bool:
+        """Whether errors of a and λ that alternate from step to step die out."""
+
+    def symbols(self, h: float) -> dict[str, float]:
+        """Numbers of the symbols that a scaling may use.
+
+        β and γ are ∂u/∂v' h⁻² and ∂v/∂v' h⁻¹ of the scheme: γ/(βh) = ∂v/∂u and
+        1/(βh²) = ∂v'/∂u, the sensitivities to displacement.
+        """
+
+    def relations(self, h: float) -> Relations:
+        """Coefficients at step size h (s)."""
+
+
+def _alpha_relations(
+    beta: float, gamma: float, alpha_m: float, alpha_f: float, h: float
+) -> Relations:
+    """Newmark's V and K in an auxiliary acceleration a, which v' follows.
+
+    (1 − α_m) a + α_m a_n = (1 − α_f) v' + α_f v'_n,  a_0 = v'_0; the past is
+    (u_n, v_n, a_n, v'_n).
+    """
+    return Relations(
+        v_from_a=gamma * h,
+        u_from_a=beta * h**2,
+        v_past=np.array([0.0, 1.0, (1 - gamma) * h, 0.0]),
+        u_past=np.array([1.0, h, (0.5 - beta) * h**2, 0.0]),
+        acceleration=np.array([1 - alpha_m, 0.0, 0.0, alpha_m, -alpha_f]) / (1 - alpha_f),
+        advance=np.array([NEW_U, NEW_V, NEW_A, TRUE_ACCELERATION]),
+        start=np.eye(3)[[0, 1, 2, 2]],
+    )
+
+
+def _refuse_outside(name: str, value: float, low: float, high: float, why: str) -> None:
+    if not low <= value <= high:
+        raise IntegratorError(f"{name} = {value:g}: must be within [{low:g}, {high:g}]; {why}")
 
 
 @dataclass(frozen=True)
@@ -82,11 +139,21 @@ class Newmark:
 
     @property
     def label(self) -> str:
-        """How the CSV names the integrator."""
-        return f"newmark beta={self.beta:.17g} gamma={self.gamma:.17g}"
+        """Method and both parameters."""
+        return _label("newmark", self)
+
+    @property
+    def order(self) -> int:
+        """Two for γ = 1/2, else one."""
+        return 2 if self.gamma == 0.5 else 1
+
+    @property
+    def damped(self) -> bool:
+        """Whether γ > 1/2."""
+        return self.gamma > 0.5
 
     def symbols(self, h: float) -> dict[str, float]:
-        """Numbers of the symbols that a scaling may use."""
+        """β, γ and h."""
         return {"beta": self.beta, "gamma": self.gamma, "h": h}
 
     def relations(self, h: float) -> Relations:
@@ -97,7 +164,231 @@ class Newmark:
             u_from_a=beta * h**2,
             v_past=np.array([0.0, 1.0, (1 - gamma) * h]),
             u_past=np.array([1.0, h, (0.5 - beta) * h**2]),
-            u_predicted=np.array([1.0, h, 0.0]),
             acceleration=np.array([1.0, 0.0, 0.0, 0.0]),
-            advance=np.array([0, 1, 2]),
+            advance=np.array([NEW_U, NEW_V, NEW_A]),
+            start=np.eye(3),
         )
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """Generalized-α for constrained systems (Chung & Hulbert 1993; Arnold & Brüls 2007).
+
+    Attributes:
+        rho: ρ∞ in [0, 1], the spectral radius at infinite frequency; 1 is the
+            trapezoidal rule, 0 damps an alternating error in one step.
+
+    Raises:
+        IntegratorError: For other ρ∞.
+    """
+
+    rho: float
+
+    def __post_init__(self) -> None:
+        _refuse_outside("rho", self.rho, 0, 1, "beyond 1 the scheme amplifies, below 0 it is none")
+
+    @property
+    def label(self) -> str:
+        """Method and ρ∞."""
+        return _label("generalized-alpha", self)
+
+    @property
+    def order(self) -> int:
+        """Two."""
+        return 2
+
+    @property
+    def damped(self) -> bool:
+        """Whether ρ∞ < 1."""
+        return self.rho < 1
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """β, γ, α_m, α_f: optimal damping for this ρ∞."""
+        alpha_m = (2 * self.rho - 1) / (self.rho + 1)
+        alpha_f = self.rho / (self.rho + 1)
+        gamma = 0.5 + alpha_f - alpha_m
+        return (gamma + 0.5) ** 2 / 4, gamma, alpha_m, alpha_f
+
+    def symbols(self, h: float) -> dict[str, float]:
+        """β and γ per unit of v': Newmark's times (1 − α_f)/(1 − α_m)."""
+        return _alpha_symbols(*self.parameters, h)
+
+    def relations(self, h: float) -> Relations:
+        """Coefficients over the past (u_n, v_n, a_n, v'_n) at step size h (s)."""
+        return _alpha_relations(*self.parameters, h)
+
+
+@dataclass(frozen=True)
+class HHT:
+    """The method of Hilber, Hughes and Taylor (1977): generalized-α with α_m = 0.
+
+    Attributes:
+        alpha: α_f in [0, 1/3]; 0 is the trapezoidal rule.
+
+    Raises:
+        IntegratorError: For other α.
+    """
+
+    alpha: float
+
+    def __post_init__(self) -> None:
+        _refuse_outside("alpha", self.alpha, 0, 1 / 3, "beyond 1/3 the damping grows no more")
+
+    @property
+    def label(self) -> str:
+        """Method and α."""
+        return _label("hht", self)
+
+    @property
+    def order(self) -> int:
+        """Two."""
+        return 2
+
+    @property
+    def damped(self) -> bool:
+        """Whether α > 0."""
+        return self.alpha > 0
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """β, γ, α_m, α_f."""
+        return (1 + self.alpha) ** 2 / 4, 0.5 + self.alpha, 0.0, self.alpha
+
+    def symbols(self, h: float) -> dict[str, float]:
+        """β and γ per unit of v': Newmark's times 1 − α_f."""
+        return _alpha_symbols(*self.parameters, h)
+
+    def relations(self, h: float) -> Relations:
+        """Coefficients over the past (u_n, v_n, a_n, v'_n) at step size h (s)."""
+        return _alpha_relations(*self.parameters, h)
+
+
+def _alpha_symbols(
+    beta: float, gamma: float, alpha_m: float, alpha_f: float, h: float
+) -> dict[str, float]:
+    share = (1 - alpha_f) / (1 - alpha_m)
+    return {"beta": beta * share, "gamma": gamma * share, "h": h}
+
+
+@dataclass(frozen=True)
+class BDF1:
+    """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
+
+    @property
+    def label(self) -> str:
+        """The method."""
+        return _label("bdf1", self)
+
+    @property
+    def order(self) -> int:
+        """One."""
+        return 1
+
+    @property
+    def damped(self) -> bool:
+        """Yes."""
+        return True
+
+    def symbols(self, h: float) -> dict[str, float]:
+        """β = γ = 1."""
+        return {"beta": 1.0, "gamma": 1.0, "h": h}
+
+    def relations(self, h: float) -> Relations:
+        """Coefficients over the past (u_n, v_n) at step size h (s)."""
+        return Relations(
+            v_from_a=h,
+            u_from_a=h**2,
+            v_past=np.array([0.0, 1.0]),
+            u_past=np.array([1.0, h]),
+            acceleration=np.array([1.0, 0.0, 0.0]),
+            advance=np.array([NEW_U, NEW_V]),
+            start=np.eye(3)[:2],
+        )
+
+
+@dataclass(frozen=True)
+class BDF2:
+    """Two-step backward differences (Brenan, Campbell & Petzold 1996, Chapter 3).
+
+    With the increments of the last step, w_n and ν_n, in place of u and v of the
+    step before, u = 4/3 u_n − 1/3 u_n−1 + 2/3 h v and likewise v become
+
+        V:  ν = 2/3 h v' + ν_n/3,        K:  w = (2/3 h)² v' + w_n/3 − h ν_n/9.
+
+    The step before the first is a Taylor expansion backwards from the start.
+    """
+
+    @property
+    def label(self) -> str:
+        """The method."""
+        return _label("bdf2", self)
+
+    @property
+    def order(self) -> int:
+        """Two."""
+        return 2
+
+    @property
+    def damped(self) -> bool:
+        """Yes."""
+        return True
+
+    def symbols(self, h: float) -> dict[str, float]:
+        """β = (2/3)², γ = 2/3."""
+        return {"beta": 4 / 9, "gamma": 2 / 3, "h": h}
+
+    def relations(self, h: float) -> Relations:
+        """Coefficients over the past (u_n, v_n, w_n, ν_n) at step size h (s)."""
+        return Relations(
+            v_from_a=2 / 3 * h,
+            u_from_a=4 / 9 * h**2,
+            v_past=np.array([0.0, 1.0, 0.0, 1 / 3]),
+            u_past=np.array([1.0, h, 1 / 3, -h / 9]),
+            acceleration=np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
+            advance=np.array([NEW_U, NEW_V, NEW_W, NEW_NU]),
+            start=np.array([[1, 0, 0], [0, 1, 0], [0, 0, h**2 / 2], [0, 0, h]]),
+        )
+
+
+#: Integrators by the name of their method; a class's fields are its parameters.
+INTEGRATORS: Mapping[str, type[Newmark | GeneralizedAlpha | HHT | BDF1 | BDF2]] = MappingProxyType(
+    {
+        "newmark": Newmark,
+        "generalized-alpha": GeneralizedAlpha,
+        "hht": HHT,
+        "bdf1": BDF1,
+        "bdf2": BDF2,
+    }
+)
+
+
+def parameters(method: str) -> tuple[str, ...]:
+    """Names of a method's parameters."""
+    return tuple(field.name for field in fields(INTEGRATORS[method]))
+
+
+def _label(method: str, integrator: Integrator) -> str:
+    values = (f" {name}={float(getattr(integrator, name))!r}" for name in parameters(method))
+    return method + "".join(values)
+
+
+def parse(label: str) -> Integrator:
+    """Read a `label`.
+
+    Raises:
+        IntegratorError: When it is none.
+    """
+    method, *given = label.split(" ")
+    if method not in INTEGRATORS:
+        raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
+    pairs = [part.partition("=") for part in given]
+    try:
+        values = {name: float(value) for name, _, value in pairs}
+    except ValueError:
+        raise IntegratorError(f"integrator {label!r}: parameters are numbers") from None
+    if tuple(values) != parameters(method):
+        names = ", ".join(parameters(method)) or "none"
+        raise IntegratorError(f"integrator {label!r}: its parameters are {names}")
+    found: Integrator = INTEGRATORS[method](**values)
+    return found

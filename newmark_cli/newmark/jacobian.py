@@ -11,6 +11,7 @@ import scipy.linalg
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
 from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.scaling import sensitivity
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Terms, Values
 
@@ -66,15 +67,12 @@ def scaling_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
 
 def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """Factors that balance the blocks: by the sensitivities to displacement."""
-    relations = scheme.relations
-    w_v = relations.v_from_a / relations.u_from_a
-    w_a = relations.acceleration[0] / relations.u_from_a
-    right = {"u": 1.0, "v": w_v, "a": w_a, "lambda": w_a}
-    left = {"D": 1 / w_a, "V": 1 / w_v, "K": 1.0, "C": 1.0}
+    balanced = sensitivity(scheme.form)
+    values = scheme.integrator.symbols(scheme.h)
     sizes = [n] * len(scheme.form.kept) + [m]
     return (
-        np.repeat([left[row] for row in scheme.form.rows], sizes),
-        np.repeat([right[unknown] for unknown in scheme.form.unknowns], sizes),
+        np.repeat([balanced.left[row](values) for row in scheme.form.rows], sizes),
+        np.repeat([balanced.right[unknown](values) for unknown in scheme.form.unknowns], sizes),
     )
 
 

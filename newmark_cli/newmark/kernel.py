@@ -10,14 +10,16 @@ import threading
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, typeof, types
+from numba import from_dtype, njit, typeof, types
 
-#: How a march ends.
-COMPLETED, SINGULAR, DIVERGED = range(3)
+#: How a march ends; only a Krylov solver stagnates.
+COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
 
 
 class StepTables(NamedTuple):
     """Form, integrator and scaling at one step size, as numbers.
+
+    In compensated evaluation the increments w and ν stand for u and v.
 
     p is the number of kept fields among (u, v, a), P of past vectors, r of kept
     rows among (V, K), N = p n + m.
@@ -26,15 +28,14 @@ class StepTables(NamedTuple):
     kept: np.ndarray  #: (p,) kept fields, 0 = u, 1 = v, 2 = a
     weights: np.ndarray  #: (3, p) ∂(u, v, a)/∂(kept)
     past_weights: np.ndarray  #: (3, P) what the past adds to (u, v, a)
-    differenced: np.ndarray  #: (3,) 1 where a field is formed from kept − past, else 0
-    own_past: np.ndarray  #: (p,) past vector that holds the old kept field
+    differenced: np.ndarray  #: (3,) 1 where a field is formed from kept − past 0, 1, else 0
     dynamic_weights: np.ndarray  #: (p,) ∂v'/∂(kept) in row D
     dynamic_past: np.ndarray  #: (P,) what the past adds to v' in row D
     row_weights: np.ndarray  #: (r, p) rows V, K in the kept fields
     row_past: np.ndarray  #: (r, P) what the past adds to rows V, K
     predictor: np.ndarray  #: (3, P) u, v, a at the start of Newton's iteration
     acceleration: np.ndarray  #: (1 + P,) v' from the new a and the past
-    advance: np.ndarray  #: (P,) new past: 0..3 = u, v, a, v'; 4 + i = old past i
+    advance: np.ndarray  #: (P,) new past: 0..3 = u, v, a, v'; 4, 5 = increments w, ν
     left: np.ndarray  #: (r + 2,) left factors of rows D, (V, K), C
     right: np.ndarray  #: (p + 1,) right factors of the kept fields and λ
 
@@ -59,13 +60,15 @@ class State(NamedTuple):
     """What one step hands to the next; overwritten by the march."""
 
     fields: np.ndarray  #: (4, n) u, v, a and v'
-    past: np.ndarray  #: (P, n) past vectors of the integrator
+    past: np.ndarray  #: (P, n) past vectors of the integrator, u and v first
     multipliers: np.ndarray  #: (m,) λ
+    lows: np.ndarray  #: (2, n) what u and v have beyond past 0, 1; compensated evaluation
+    phi: np.ndarray  #: (m,) Φ as carried along; compensated evaluation
 
 
-def evaluate_type():
-    """Numba type of a problem's function."""
-    scalar = types.float64
+def evaluate_type(dtype):
+    """Numba type of a problem's function in the arithmetic of a dtype."""
+    scalar = from_dtype(dtype)
     vector, table = scalar[::1], scalar[:, ::1]
     return types.FunctionType(
         types.void(
@@ -92,6 +95,7 @@ def solve_in_place(matrix, rhs, columns, values):
         False when a pivot is zero or not a number.
     """
     size = rhs.shape[0]
+    one = rhs.dtype.type(1)
     for k in range(size):
         pivot, largest = k, abs(matrix[k, k])
         for i in range(k + 1, size):
@@ -111,7 +115,7 @@ def solve_in_place(matrix, rhs, columns, values):
         of_pivot = rhs[pivot]
         rhs[pivot] = rhs[k]
         rhs[k] = of_pivot
-        reciprocal = 1 / matrix[k, k]
+        reciprocal = one / matrix[k, k]
         for i in range(k + 1, size):
             factor = matrix[i, k]
             if factor != 0:
@@ -129,11 +133,55 @@ def solve_in_place(matrix, rhs, columns, values):
     return True
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take_increments(moving, past, lows, h, shift, fields):
+    """u, v and a that the increments lead to; ``shift`` becomes Δ = h v_n + w."""
+    for i in range(shift.shape[0]):
+        shift[i] = h * past[1, i] + (h * lows[1, i] + moving[0, i])
+        fields[0, i] = past[0, i] + (lows[0, i] + shift[i])
+        fields[1, i] = past[1, i] + (lows[1, i] + moving[1, i])
+        fields[2, i] = moving[2, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
+    """Φ = Φ_n + G(u_n + Δ/2)ᵀ Δ; G is affine in u, so its value midway is the mean."""
+    half = phi.dtype.type(0.5)
+    for k in range(phi.shape[0]):
+        phi[k] = phi_old[k]
+    for e in range(g_new.shape[0]):
+        phi[columns[e]] += half * (g_old[e] + g_new[e]) * shift[rows[e]]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_exactly(high, low, increment, total):
+    """High + low + increment as a rounded sum and its rounding error (Knuth's two-sum)."""
+    for i in range(high.shape[0]):
+        added = low[i] + increment[i]
+        total[i] = high[i] + added
+        of_added = total[i] - high[i]
+        low[i] = (high[i] - (total[i] - of_added)) + (added - of_added)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scaled_size(fields, multipliers, kept, right):
+    """Norm of the unknowns as the solver sees them."""
+    square = 0.0
+    for k in range(kept.shape[0]):
+        for i in range(fields.shape[1]):
+            square += (np.float64(fields[kept[k], i]) / right[k]) ** 2
+    for i in range(multipliers.shape[0]):
+        square += (np.float64(multipliers[i]) / right[kept.shape[0]]) ** 2
+    return np.sqrt(square)
+
+
 def _march(
-    evaluate, problem, tables, state, t_start, h, first, cap, settled_below, norms, iterations
-):
+    evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
+    absolute, relative, norms, iterations,
+):  # fmt: skip
     kept, weights, right, left = tables.kept, tables.weights, tables.right, tables.left
     fields, past, multipliers = state.fields, state.past, state.multipliers
+    lows, carried_phi = state.lows, state.phi
     n, m, p = fields.shape[1], multipliers.shape[0], kept.shape[0]
     extra = tables.row_weights.shape[0]
     depth = past.shape[0]
@@ -141,6 +189,9 @@ def _march(
     constraint_row = (1 + extra) * n
 
     dtype = fields.dtype
+    number = dtype.type
+    step = number(h)
+    to_tolerance = absolute > 0 or relative > 0
     constant = np.zeros((size, size), dtype)
     matrix = np.empty((size, size), dtype)
     entries = matrix.ravel()
@@ -154,6 +205,15 @@ def _march(
     dynamic_history = np.empty(n, dtype)
     row_history = np.empty((extra, n), dtype)
     new_past = np.empty_like(past)
+    # What Newton iterates on: the fields, or their increments over the step.
+    moving = np.empty((3, n), dtype) if compensated else fields[:3]
+    shift = np.empty(n, dtype)
+    g_old = np.empty_like(g_values)
+    if compensated:
+        evaluate(
+            number(t_start + first * h), past[0], past[1], multipliers, problem.ints,
+            problem.reals, force, phi, x_values, y_values, g_old,
+        )  # fmt: skip
     is_kept = np.zeros(3, np.bool_)
     for k in range(p):
         is_kept[kept[k]] = True
@@ -196,7 +256,7 @@ def _march(
     mass_columns = problem.mass_columns.astype(np.uint64)
 
     for s in range(norms.shape[0]):
-        t = t_start + (first + s + 1) * h
+        t = number(t_start + (first + s + 1) * h)
 
         # History terms, once per step.
         row_history[:] = 0
@@ -209,7 +269,7 @@ def _march(
                     history += past[q, i] * tables.past_weights[f, q]
                     predicted += past[q, i] * tables.predictor[f, q]
                 field_history[f, i] = history
-                fields[f, i] = predicted
+                moving[f, i] = predicted
         for q in range(depth):
             for e in range(problem.mass_rows.shape[0]):
                 dynamic_history[problem.mass_rows[e]] += (
@@ -221,6 +281,8 @@ def _march(
                 for i in range(n):
                     row_history[r, i] += tables.row_past[r, q] * past[q, i]
 
+        if compensated:
+            _take_increments(moving, past, lows, step, shift, fields)
         previous = np.inf
         settled = 0  # corrections in a row that are in the terminal phase
         solves = 0
@@ -229,6 +291,10 @@ def _march(
                 t, fields[0], fields[1], multipliers, problem.ints, problem.reals,
                 force, phi, x_values, y_values, g_values,
             )  # fmt: skip
+            if compensated:
+                _increase_phi(
+                    carried_phi, g_old, g_values, problem.g_rows, problem.g_columns, shift, phi
+                )
 
             # rhs = −D_L b
             for i in range(n):
@@ -236,7 +302,7 @@ def _march(
             for k in range(p):
                 weight = tables.dynamic_weights[k]
                 if weight != 0:
-                    field = fields[kept[k]]
+                    field = moving[kept[k]]
                     for e in range(mass_rows.shape[0]):
                         rhs[mass_rows[e]] -= (
                             problem.mass_values[e] * weight * field[mass_columns[e]]
@@ -247,7 +313,7 @@ def _march(
                 for i in range(n):
                     residual = row_history[r, i]
                     for k in range(p):
-                        residual += tables.row_weights[r, k] * fields[kept[k], i]
+                        residual += tables.row_weights[r, k] * moving[kept[k], i]
                     rhs[(1 + r) * n + i] = -left[1 + r] * residual
             for i in range(m):
                 rhs[constraint_row + i] = -left[1 + extra] * phi[i]
@@ -269,31 +335,33 @@ def _march(
             if not solve_in_place(matrix, rhs, work_columns, work_values):
                 return SINGULAR, s
             solves += 1
-            square = dtype.type(0)
+            # Norms in double precision: squares of small single ones would vanish.
+            square = 0.0
             for i in range(size):
-                square += rhs[i] * rhs[i]
+                square += np.float64(rhs[i]) * rhs[i]
             norm = np.sqrt(square)
             if not np.isfinite(norm):
                 return DIVERGED, s
-            if settled >= 2 and norm >= previous:
+            if settled >= 2 and norm >= previous and not to_tolerance:
                 break
             previous = norm
 
             # Apply the correction; its blocks are what the step would record.
-            displacement_square = dtype.type(0)
+            displacement_square = 0.0
             for k in range(p):
-                field = fields[kept[k]]
-                block = dtype.type(0)
+                field = moving[kept[k]]
+                block = 0.0
                 for i in range(n):
                     scaled = rhs[k * n + i]
-                    block += scaled * scaled
+                    block += np.float64(scaled) * scaled
                     field[i] += right[k] * scaled
                 norms[s, k] = np.sqrt(block)
-                displacement_square += (weights[0, k] * right[k]) ** 2 * block
-            block = dtype.type(0)
+                to_displacement = np.float64(weights[0, k]) * right[k]
+                displacement_square += to_displacement * to_displacement * block
+            block = 0.0
             for i in range(m):
                 scaled = rhs[p * n + i]
-                block += scaled * scaled
+                block += np.float64(scaled) * scaled
                 multipliers[i] += right[p] * scaled
             norms[s, p] = np.sqrt(block)
 
@@ -304,13 +372,25 @@ def _march(
                         for k in range(p):
                             weight = weights[f, k]
                             if weight != 0:
-                                origin = tables.differenced[f] * past[tables.own_past[k], i]
-                                value += weight * (fields[kept[k], i] - origin)
-                        fields[f, i] = value
+                                change = moving[kept[k], i]
+                                if tables.differenced[f] != 0:
+                                    change -= past[kept[k], i]
+                                value += weight * change
+                        moving[f, i] = value
+            if compensated:
+                _take_increments(moving, past, lows, step, shift, fields)
 
-            size_of_u = dtype.type(0)
+            if to_tolerance:
+                limit = absolute
+                if relative > 0:
+                    limit += relative * _scaled_size(fields, multipliers, kept, right)
+                settled = 1 if norm <= limit else 0
+                if settled == 1:
+                    break
+                continue
+            size_of_u = 0.0
             for i in range(n):
-                size_of_u += fields[0, i] * fields[0, i]
+                size_of_u += np.float64(fields[0, i]) * fields[0, i]
             if displacement_square < settled_below * settled_below * size_of_u or norm == 0:
                 settled += 1
             else:
@@ -326,19 +406,40 @@ def _march(
             fields[3, i] = value
         for q in range(depth):
             source = tables.advance[q]
-            new_past[q] = fields[source] if source < 4 else past[source - 4]
+            if source < 4:
+                new_past[q] = fields[source]
+            elif compensated:
+                new_past[q] = moving[source - 4]
+            elif source == 4:
+                new_past[q] = fields[0] - past[0] - step * past[1]
+            else:
+                new_past[q] = fields[1] - past[1]
+        if compensated:
+            # G and Φ at the end of the step, whatever was applied last.
+            evaluate(
+                t, fields[0], fields[1], multipliers, problem.ints, problem.reals,
+                force, phi, x_values, y_values, g_values,
+            )  # fmt: skip
+            _increase_phi(
+                carried_phi, g_old, g_values, problem.g_rows, problem.g_columns, shift, phi
+            )
+            carried_phi[:] = phi
+            g_old[:] = g_values
+            _add_exactly(past[0], lows[0], shift, new_past[0])
+            _add_exactly(past[1], lows[1], moving[1], new_past[1])
         past[:] = new_past
     return COMPLETED, norms.shape[0]
 
 
 march_compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
 _compiling = threading.Lock()
-_compiled: list = []
+_compiled: set = set()
 
 
 def march(
-    evaluate, problem, tables, state, t_start, h, first, cap, settled_below, norms, iterations
-):
+    evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
+    absolute, relative, norms, iterations,
+):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
 
     The function is compiled for a problem's function as such, not for one
@@ -346,7 +447,10 @@ def march(
 
     Args:
         evaluate: Compiled function of the problem, of :func:`evaluate_type`.
-        problem, tables, state: See the classes; ``state`` is overwritten.
+        problem, tables, state: See the classes; ``state`` is overwritten.  The type
+            of its numbers is the march's.
+        compensated: Whether the tables relate increments; needs constraints that
+            are quadratic in u and do not depend on time.
         t_start: Time of step 0 (s).
         h: Step size (s).
         first: Steps taken since ``t_start``.
@@ -354,25 +458,28 @@ def march(
         settled_below: Terminal phase: an increase of the corrections counts
             once the displacement parts of the correction to be recorded and of
             the one before it are below this fraction of ‖u‖.
+        absolute, relative: When one is positive, Newton stops at a correction of
+            at most absolute + relative ‖q̄‖ instead.
         norms: (steps, p + 1) overwritten with the 2-norms of the recorded
             correction, in the scaled unknowns, blocks as in ``tables.right``.
-        iterations: (steps,) overwritten with the corrections computed;
-            negative where the step ended above ``settled_below``.
+        iterations: (steps,) overwritten with the corrections computed; negative
+            where the step ended above ``settled_below``, or above the tolerance.
 
     Returns:
         How the march ended (COMPLETED, SINGULAR, DIVERGED) and the steps done.
     """
-    scalar = state.fields.dtype.type
+    dtype = state.fields.dtype
     arguments = (
-        problem, tables, state, scalar(t_start), scalar(h), first, cap,
-        scalar(settled_below), norms, iterations,
+        problem, tables, state, compensated, float(t_start), float(h), first, cap,
+        float(settled_below), float(absolute), float(relative), norms, iterations,
     )  # fmt: skip
     with _compiling:
-        if not _compiled:
-            signature = (evaluate_type(), *(typeof(a) for a in arguments))
+        if dtype not in _compiled:
+            signature = (evaluate_type(dtype), *(typeof(a) for a in arguments))
+            march_compiled.disable_compile(False)
             march_compiled.compile(signature)
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
             march_compiled.disable_compile()
-            _compiled.append(signature)
+            _compiled.add(dtype)
     return march_compiled(evaluate, *arguments)

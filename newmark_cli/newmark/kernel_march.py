@@ -3,7 +3,7 @@
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel
 from newmark_cli.newmark.kernel import ProblemTables, State
-from newmark_cli.newmark.scheme import SETTLED_BELOW, Scheme
+from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
 
 
@@ -16,16 +16,26 @@ def march(
     iterations: IndexArray,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps; see `newmark_cli.newmark.scipy_march.march`."""
+    dtype = scheme.dtype
+    stop = scheme.stop or Tolerance()
     ending, done = kernel.march(  # type: ignore[no-untyped-call]
         problem.function,
-        ProblemTables(problem.ints, problem.reals, problem.mass_values, *problem.pattern),
+        ProblemTables(
+            problem.ints,
+            problem.reals.astype(dtype),
+            problem.mass_values.astype(dtype),
+            *problem.pattern,
+        ),
         scheme.tables,
         state,
+        scheme.compensated,
         problem.t0,
         scheme.h,
         first,
         scheme.iteration_cap,
-        SETTLED_BELOW,
+        scheme.settled_below,
+        stop.absolute,
+        stop.relative,
         norms,
         iterations,
     )

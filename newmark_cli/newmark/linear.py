@@ -2,6 +2,8 @@
 
 from typing import Protocol
 
+import numpy as np
+
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import Form
@@ -22,6 +24,10 @@ LINEAR_SOLVERS = (AUTO, DENSE, SPARSE)
 DENSE_UP_TO = 300
 #: Most unknowns for which a dense matrix is built at all: 3 GB each.
 _DENSE_AT_MOST = 20_000
+
+
+class Stagnation(np.linalg.LinAlgError):
+    """An iterative solver did not reach its tolerance."""
 
 
 class BalancedSystem(Protocol):

@@ -97,6 +97,11 @@ def condition(values: Array) -> Measurement:
     return Measurement("jacobian", "condition", "primary", statistics(values))
 
 
+def newton(iterations: IndexArray) -> Measurement:
+    """Measurement of the Newton corrections computed in each step; shape (steps,)."""
+    return Measurement("newton", "tolerance", "primary", statistics(np.abs(iterations) * 1.0))
+
+
 def sensitivities(samples: Sequence[Mapping[tuple[str, str], float]]) -> list[Measurement]:
     """Measurements of `newmark_cli.newmark.sensitivity` at the sampled states."""
     return [

@@ -108,7 +108,9 @@ class FormOrders:
         )
 
 
-def form_orders(form: Form, damped: bool = True, stiff: bool = True) -> FormOrders:
+def form_orders(
+    form: Form, damped: bool = True, stiff: bool = True, compensated: bool = False
+) -> FormOrders:
     """Orders of a form for any integrator of the family.
 
     M and G, and X and Y where present, are taken to be O(1) and in general
@@ -120,6 +122,8 @@ def form_orders(form: Form, damped: bool = True, stiff: bool = True) -> FormOrde
         form: The form.
         damped: Whether Y ≠ 0.
         stiff: Whether X ≠ 0.
+        compensated: Whether residuals are evaluated in increments.  Their terms are
+            then as small as w, O(h²), and ν, O(h), and Φ changes by O(h) in a step.
     """
     # Which weights and row entries are there does not depend on h or on the
     # integrator's numbers; their orders are those of the rates.
@@ -137,11 +141,12 @@ def form_orders(form: Form, damped: bool = True, stiff: bool = True) -> FormOrde
         "C": np.append(weights[0], np.inf),
     }
     # Residual: f and Gλ beside M times the kept fields in D; fields in V, K; Φ.
-    residual = {"D": min(0.0, np.min(weights[2])), "C": 0.0}
+    sizes = -rates_of_kept if compensated else np.zeros(len(form.kept))
+    residual = {"D": min(0.0, np.min(weights[2] + sizes)), "C": 1.0 if compensated else 0.0}
     for row in form.extra_rows:
         in_kept = min_plus(relation[row][None, :], weights)[0]
         blocks[row] = np.append(in_kept, np.inf)
-        residual[row] = float(np.min(in_kept))
+        residual[row] = float(np.min(in_kept + sizes))
 
     inverse = INVERSE_ORDERS if damped else UNDAMPED_INVERSE_ORDERS
     columns = [ROWS.index(row) for row in form.rows]

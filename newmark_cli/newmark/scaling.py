@@ -209,17 +209,23 @@ def own_scaling(
     return Scaling(name, side("left", left, form.rows), side("right", right, form.unknowns))
 
 
-def sensitivity(form: Form, w_v: Monomial, w_a: Monomial) -> Scaling:
+#: ∂v/∂u and ∂a/∂u of the (u, λ) form, in the β and γ of the integrator.
+DISPLACEMENT_TO_V, DISPLACEMENT_TO_A = (
+    Monomial.parse(text) for text in ("gamma/(beta*h)", "1/(beta*h^2)")
+)
+
+
+def sensitivity(form: Form) -> Scaling:
     """Scaling by the sensitivity of each unknown to displacement.
 
     The rule behind Table 2, up to constants: unknowns are scaled by ∂v/∂u and
-    ∂a/∂u of the two-field form (u, λ), rows by their inverses.
+    ∂a/∂u of the two-field form (u, λ), rows by their inverses.  It balances the
+    blocks of J̄ for every integrator of the family.
 
     Args:
         form: Any form.
-        w_v: ∂v/∂u (1/s), γ/(βh) for Newmark.
-        w_a: ∂a/∂u (1/s²), 1/(βh²) for Newmark.
     """
+    w_v, w_a = DISPLACEMENT_TO_V, DISPLACEMENT_TO_A
     right = dict(zip((*FIELDS, "lambda"), (ONE, w_v, w_a, w_a), strict=True))
     left = {"D": w_a**-1, "V": w_v**-1, "K": ONE, "C": ONE}
     return Scaling(

@@ -1,25 +1,53 @@
 """One integrator, form and scaling at one step size: everything but the problem."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import Elimination, Form, eliminate
-from newmark_cli.newmark.integrator import FIELDS, Newmark, Relations
+from newmark_cli.newmark.integrator import FIELDS, Integrator, Relations
 from newmark_cli.newmark.kernel import StepTables
 from newmark_cli.newmark.scaling import Scaling
 
-#: Far from the solution Newton's corrections also grow.  An increase means
-#: saturation only in the terminal phase: the displacement parts of the
-#: correction to be recorded and of the one before it are below this fraction of
-#: ‖u‖.  One alone is not enough: at h = 1e-4 the first correction of the pendulum
-#: is h²/2 = 5e-9, and where λ hardly changes the unscaled norm of the second,
-#: which is rounding of λ, exceeds it.  Two such steps of 30,000 would turn the
-#: slope of u from 0 into −1.8.  After two, convergence being quadratic, what
-#: is recorded is rounding.
-SETTLED_BELOW = float(np.sqrt(np.finfo(float).eps))
+DIRECT, COMPENSATED = "direct", "compensated"
+#: How residuals are evaluated.  Direct: in the unknowns themselves, as the paper
+#: writes them.  Compensated: in the increments w = u − u_n − h v_n and
+#: ν = v − v_n, with u and v carried as unevaluated sums of two numbers and Φ by
+#: its exact increment, Φ + G(u_n + Δ/2)ᵀ Δ, Δ = h v_n + w.
+EVALUATIONS = (DIRECT, COMPENSATED)
+
+#: Arithmetic of the march by name.
+PRECISIONS: Mapping[str, type[np.floating[Any]]] = MappingProxyType(
+    {"float64": np.float64, "float32": np.float32}
+)
+
+
+def unit_roundoff(precision: str) -> float:
+    """Largest relative error of one rounding."""
+    return float(np.finfo(PRECISIONS[precision]).eps) / 2
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Stops Newton's iteration at ‖q̄ʲ‖ ≤ absolute + relative ‖q̄‖, scaled unknowns.
+
+    Attributes:
+        absolute, relative: Not negative, one of them positive.
+    """
+
+    absolute: float = 0.0
+    relative: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """How the CSV names it."""
+        parts = [f"{name} {value:g}" for name, value in vars(self).items() if value]
+        return " ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -32,18 +60,63 @@ class Scheme:
         scaling: Left and right factors.
         h: Step size (s).
         iteration_cap: Most Newton corrections computed in a step.
+        evaluation: One of `EVALUATIONS`.
+        precision: One of `PRECISIONS`.
+        stop: Tolerance at which Newton's iteration stops; where rounding stops
+            it when omitted.
     """
 
-    integrator: Newmark
+    integrator: Integrator
     form: Form
     scaling: Scaling
     h: float
     iteration_cap: int = 50
+    evaluation: str = DIRECT
+    precision: str = "float64"
+    stop: Tolerance | None = None
+
+    @property
+    def compensated(self) -> bool:
+        """Whether the evaluation is compensated."""
+        return self.evaluation == COMPENSATED
+
+    @property
+    def dtype(self) -> type[np.floating[Any]]:
+        """Type of the march's numbers."""
+        return PRECISIONS[self.precision]
+
+    @property
+    def settled_below(self) -> float:
+        """Threshold of the terminal phase, relative to ‖u‖: the root of the rounding unit.
+
+        Far from the solution Newton's corrections also grow.  An increase means
+        saturation only in the terminal phase: the displacement parts of the
+        correction to be recorded and of the one before it are below this fraction
+        of ‖u‖.  One alone is not enough: at h = 1e-4 the first correction of the
+        pendulum is h²/2 = 5e-9, and where λ hardly changes the unscaled norm of
+        the second, which is rounding of λ, exceeds it.  Two such steps of 30,000
+        would turn the slope of u from 0 into −1.8.  After two, convergence being
+        quadratic, what is recorded is rounding.
+        """
+        return float(np.sqrt(np.finfo(self.dtype).eps))
 
     @cached_property
     def relations(self) -> Relations:
         """Update relations at this step size."""
         return self.integrator.relations(self.h)
+
+    @cached_property
+    def marched(self) -> Relations:
+        """Relations between what the march iterates on.
+
+        Between the increments w, ν and a they are those between u, v and a without
+        their past u_n + h v_n and v_n.
+        """
+        if not self.compensated:
+            return self.relations
+        v_past, u_past = self.relations.v_past.copy(), self.relations.u_past.copy()
+        v_past[:2] = u_past[:2] = 0
+        return replace(self.relations, v_past=v_past, u_past=u_past)
 
     @cached_property
     def elimination(self) -> Elimination:
@@ -66,36 +139,46 @@ class Scheme:
     def tables(self) -> StepTables:
         """All of it as the numbers that the engines read.
 
-        Eliminated rates of a kept field are formed from its change over the
-        step, as in the update of v in the (u, λ) form, γ/(βh) (u − u_n) + …
+        Direct: eliminated rates of a kept field are formed from its change over
+        the step, as in the update of v in the (u, λ) form, γ/(βh) (u − u_n) + …
         Row D keeps the paper's undifferenced M u/(βh²) − j_n (eq. 30a).
+        Compensated: all in the increments, nothing is differenced.
         """
-        relations, elimination = self.relations, self.elimination
+        relations, weights = self.marched, self.elimination.weights
         kept = np.array([FIELDS.index(f) for f in self.form.kept])
+        elimination = eliminate(self.form, relations)
         past = elimination.past.copy()
-        differenced = np.zeros(3)
-        for field in range(3):
-            for k, source in enumerate(kept):
-                if elimination.weights[field, k] != 0 and field > source:
-                    differenced[field] = 1.0
-                    past[field, relations.own_past[source]] += elimination.weights[field, k]
-
         new_a, of_past = relations.acceleration[0], relations.acceleration[1:]
-        a_predicted = (relations.u_predicted - relations.u_past) / relations.u_from_a
+        dynamic_past = new_a * past[2] + of_past
+        differenced = np.zeros(3)
+        if not self.compensated:
+            for field in range(3):
+                for k, source in enumerate(kept):
+                    if weights[field, k] != 0 and field > source:
+                        differenced[field] = 1.0
+                        past[field, source] += weights[field, k]
+
+        u_predicted = np.where(np.arange(len(relations.u_past)) < 2, relations.u_past, 0.0)
+        a_predicted = (u_predicted - relations.u_past) / relations.u_from_a
         v_predicted = relations.v_from_a * a_predicted + relations.v_past
-        return StepTables(
+        tables = StepTables(
             kept=kept,
-            weights=elimination.weights,
+            weights=weights,
             past_weights=past,
             differenced=differenced,
-            own_past=np.array(relations.own_past)[kept],
-            dynamic_weights=new_a * elimination.weights[2],
-            dynamic_past=new_a * elimination.past[2] + of_past,
+            dynamic_weights=new_a * weights[2],
+            dynamic_past=dynamic_past,
             row_weights=elimination.rows,
             row_past=elimination.rows_past,
-            predictor=np.array([relations.u_predicted, v_predicted, a_predicted]),
+            predictor=np.array([u_predicted, v_predicted, a_predicted]),
             acceleration=relations.acceleration,
             advance=relations.advance,
             left=self.left,
             right=self.right,
         )
+        reals = {
+            name: values.astype(self.dtype)
+            for name, values in tables._asdict().items()
+            if values.dtype == np.float64
+        }
+        return tables._replace(**reals)

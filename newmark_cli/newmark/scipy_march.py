@@ -9,9 +9,9 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import DenseSystem
-from newmark_cli.newmark.kernel import COMPLETED, DIVERGED, SINGULAR, State
-from newmark_cli.newmark.linear import LinearSystem
-from newmark_cli.newmark.scheme import SETTLED_BELOW, Scheme
+from newmark_cli.newmark.kernel import COMPLETED, DIVERGED, SINGULAR, STAGNATED, State
+from newmark_cli.newmark.linear import LinearSystem, Stagnation
+from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
 
 
@@ -31,28 +31,74 @@ class _Step:
         """(3, n) u = u_n + h v_n, and v, a that the update relations give with it."""
         return np.asarray(self.scheme.tables.predictor @ self.past)
 
-    def recover(self, fields: Array) -> None:
+    def recover(self, moving: Array) -> None:
         """Evaluate the eliminated fields afresh from the kept ones."""
         tables = self.scheme.tables
         for field, name in enumerate(FIELDS):
             if name in self.scheme.form.kept:
                 continue
-            fields[field] = self.field_history[field]
+            moving[field] = self.field_history[field]
             for k, source in enumerate(tables.kept):
                 if weight := tables.weights[field, k]:
-                    origin = self.past[tables.own_past[k]] if tables.differenced[field] else 0.0
-                    fields[field] += weight * (fields[source] - origin)
+                    origin = self.past[source] if tables.differenced[field] else 0.0
+                    moving[field] += weight * (moving[source] - origin)
 
-    def residual(self, fields: Array, force: Array, phi: Array) -> list[Array]:
+    def residual(self, moving: Array, force: Array, phi: Array) -> list[Array]:
         """Row blocks of b: D, the kept ones of V and K, C."""
         tables = self.scheme.tables
-        kept = fields[tables.kept]
+        kept = moving[tables.kept]
         dynamics = self.system.times_mass(tables.dynamic_weights @ kept)
         return [
             dynamics + self.dynamic_history - force,
             *(tables.row_weights @ kept + self.row_history),
             phi,
         ]
+
+
+class _Compensated:
+    """Carries u and v as sums of two numbers and Φ by its exact increments.
+
+    Attributes:
+        state: The march's.
+        h: Step size (s).
+        g: Values of G at the beginning of the step.
+    """
+
+    def __init__(self, problem: Problem, state: State, t: float, h: float) -> None:
+        self.problem, self.state, self.h = problem, state, h
+        self.g = problem.values(t, state.past[0], state.past[1], state.multipliers).g
+
+    def shift(self, moving: Array) -> Array:
+        """(n,) Δ = h v_n + w."""
+        past, lows = self.state.past, self.state.lows
+        return np.asarray(self.h * past[1] + (self.h * lows[1] + moving[0]))
+
+    def take(self, moving: Array) -> None:
+        """Set u, v and a to what the increments lead to."""
+        past, lows, fields = self.state.past, self.state.lows, self.state.fields
+        fields[0] = past[0] + (lows[0] + self.shift(moving))
+        fields[1] = past[1] + (lows[1] + moving[1])
+        fields[2] = moving[2]
+
+    def phi(self, moving: Array, g: Array) -> Array:
+        """(m,) Φ_n + G(u_n + Δ/2)ᵀ Δ; G is affine in u, so its value midway is the mean."""
+        pattern = self.problem.pattern
+        increase = 0.5 * (self.g + g) * self.shift(moving)[pattern.g_rows]
+        change = np.bincount(pattern.g_columns, increase, minlength=self.problem.m)
+        return np.asarray(self.state.phi + change)
+
+    def end_step(self, t: float, moving: Array, new_past: Array) -> None:
+        """Carry Φ, G and the rounding errors of u and v over to the next step."""
+        fields, lows = self.state.fields, self.state.lows
+        g = self.problem.values(t, fields[0], fields[1], self.state.multipliers).g
+        self.state.phi[:] = self.phi(moving, g)
+        self.g = g
+        for field, increment in enumerate((self.shift(moving), moving[1])):
+            high, added = self.state.past[field], lows[field] + increment
+            new_past[field] = high + added
+            # Knuth's two-sum: what the addition lost.
+            of_added = new_past[field] - high
+            lows[field] = (high - (new_past[field] - of_added)) + (added - of_added)
 
 
 def march(
@@ -73,7 +119,7 @@ def march(
         norms: (steps, p + 1) overwritten with the norms of the recorded
             correction's blocks, in the scaled unknowns.
         iterations: (steps,) overwritten with the corrections computed, negative
-            where the step did not converge.
+            where the step did not converge, or missed the tolerance.
         system: Linear system of the scheme on the problem; dense when omitted.
 
     Returns:
@@ -83,39 +129,73 @@ def march(
     tables, n = scheme.tables, problem.n
     splits = [n * (k + 1) for k in range(len(tables.kept))]
     fields, multipliers = state.fields, state.multipliers
+    carried = (
+        _Compensated(problem, state, problem.t0 + first * scheme.h, scheme.h)
+        if scheme.compensated
+        else None
+    )
+    # What Newton iterates on: the fields, or their increments over the step.
+    moving = np.empty((3, n)) if carried else fields[:3]
     for s in range(len(norms)):
         t = problem.t0 + (first + s + 1) * scheme.h
         step = _Step(scheme, system, state.past.copy())
-        fields[:3] = step.predicted()
+        moving[:] = step.predicted()
+        if carried:
+            carried.take(moving)
         previous, settled, solves = np.inf, 0, 0
         while solves < scheme.iteration_cap:
             values = problem.values(t, fields[0], fields[1], multipliers)
-            b = step.residual(fields, values.force, values.phi)
+            phi = carried.phi(moving, values.g) if carried else values.phi
+            b = step.residual(moving, values.force, phi)
             rhs = -np.concatenate([f * row for f, row in zip(scheme.left, b, strict=True)])
             try:
                 correction = system.solve(values, rhs)
+            except Stagnation:
+                return STAGNATED, s
             except np.linalg.LinAlgError:
                 return SINGULAR, s
             solves += 1
             norm = float(np.linalg.norm(correction))
             if not np.isfinite(norm):
                 return DIVERGED, s
-            if settled >= 2 and norm >= previous:
+            if settled >= 2 and norm >= previous and scheme.stop is None:
                 break
             previous = norm
 
             blocks = np.split(correction, splits)
             norms[s] = [np.linalg.norm(block) for block in blocks]
             for source, block, factor in zip(tables.kept, blocks, scheme.right, strict=False):
-                fields[source] += factor * block
+                moving[source] += factor * block
             multipliers += scheme.right[-1] * blocks[-1]
-            step.recover(fields)
+            step.recover(moving)
+            if carried:
+                carried.take(moving)
+            if scheme.stop is not None:
+                settled = int(norm <= _limit(scheme, scheme.stop, state))
+                if settled:
+                    break
+                continue
             displacement = np.linalg.norm(tables.weights[0] * scheme.right[:-1] * norms[s, :-1])
-            small = displacement < SETTLED_BELOW * np.linalg.norm(fields[0])
+            small = displacement < scheme.settled_below * np.linalg.norm(fields[0])
             settled = settled + 1 if small or norm == 0 else 0
             if norm == 0:
                 break
         iterations[s] = solves if settled else -solves
         fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ state.past
-        state.past[:] = np.concatenate([fields, state.past])[tables.advance]
+        if carried:
+            increments = moving[:2]
+        else:
+            u_n, v_n = state.past[:2]
+            increments = np.array([fields[0] - u_n - scheme.h * v_n, fields[1] - v_n])
+        new_past = np.concatenate([fields, increments])[tables.advance]
+        if carried:
+            carried.end_step(t, moving, new_past)
+        state.past[:] = new_past
     return COMPLETED, len(norms)
+
+
+def _limit(scheme: Scheme, stop: Tolerance, state: State) -> float:
+    """Norm of the scaled correction at which Newton stops."""
+    kept = state.fields[scheme.tables.kept] / scheme.right[:-1, None]
+    size = np.hypot(np.linalg.norm(kept), np.linalg.norm(state.multipliers / scheme.right[-1]))
+    return float(stop.absolute + stop.relative * size)

@@ -53,11 +53,12 @@ OFFSET, PARAMETER, LAW, REAL_COLUMNS = 8, 10, 12, 18
 @njit(cache=True, nogil=True, error_model="numpy")
 def _law(t, reals, e, derivative):
     """A law of time (`LAW` columns of element e), or its first or second derivative."""
+    half = reals.dtype.type(0.5)
     rate, second = reals[e, LAW + 1], reals[e, LAW + 2]
     amplitude, frequency = reals[e, LAW + 3], reals[e, LAW + 4]
     phase = frequency * t + reals[e, LAW + 5]
     if derivative == 0:
-        return reals[e, LAW] + (rate + second * t / 2) * t + amplitude * np.sin(phase)
+        return reals[e, LAW] + (rate + half * second * t) * t + amplitude * np.sin(phase)
     if derivative == 1:
         return rate + second * t + amplitude * frequency * np.cos(phase)
     return second - amplitude * frequency * frequency * np.sin(phase)
@@ -78,6 +79,8 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         y_values: Overwritten with the entries of Y = −∂f/∂v.
         g_values: Overwritten with the entries of G = Φ_uᵀ.
     """
+    # Constants in the precision of the state: others would raise that of their terms.
+    zero, half, one, two = u.dtype.type(0), u.dtype.type(0.5), u.dtype.type(1), u.dtype.type(2)
     force[:] = 0
     for e in range(ints.shape[0]):
         kind, count = ints[e, KIND], ints[e, COUNT]
@@ -95,7 +98,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                 i, a = ints[e, DOF + k], reals[e, 2 * k]
                 dx += a * u[i]
                 dy += a * u[i + 1]
-            phi[row] = (dx * dx + dy * dy - reals[e, PARAMETER]) / 2
+            phi[row] = half * (dx * dx + dy * dy - reals[e, PARAMETER])
             for k in range(count):
                 i, a = ints[e, DOF + k], reals[e, 2 * k]
                 g_values[g + 2 * k] = a * dx
@@ -138,9 +141,9 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         if kind == BAR:
             row, g = ints[e, ROW], ints[e, G_START]
             multiplier = multipliers[row]
-            phi[row] = (square - reals[e, PARAMETER]) / 2
+            phi[row] = half * (square - reals[e, PARAMETER])
             fx, fy = multiplier * dx, multiplier * dy
-            txx, txy, tyx, tyy = multiplier, 0 * multiplier, 0 * multiplier, multiplier
+            txx, txy, tyx, tyy = multiplier, zero, zero, multiplier
             for k in range(count):
                 a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
                 g_values[g] = a * dx + b * dy
@@ -148,7 +151,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                 g += 2
         elif kind == SPRING:
             length = np.sqrt(square)
-            tension_over_length = reals[e, PARAMETER] * (1 - reals[e, PARAMETER + 1] / length)
+            tension_over_length = reals[e, PARAMETER] * (one - reals[e, PARAMETER + 1] / length)
             fx, fy = -tension_over_length * dx, -tension_over_length * dy
             rank_one = reals[e, PARAMETER] * reals[e, PARAMETER + 1] / (length * square)
             txx = -tension_over_length - rank_one * dx * dx
@@ -156,7 +159,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             tyx = txy
             tyy = -tension_over_length - rank_one * dy * dy
         elif kind == DAMPER:
-            wx, wy = 0 * dx, 0 * dy
+            wx, wy = zero, zero
             for k in range(count):
                 i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
                 wx += a * v[i] - b * v[i + 1]
@@ -164,7 +167,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             damping = reals[e, PARAMETER] / square
             product = dx * wx + dy * wy
             fx, fy = -damping * product * dx, -damping * product * dy
-            twice = 2 * product / square
+            twice = two * product / square
             txx = -damping * (dx * wx + product - twice * dx * dx)
             txy = -damping * (dx * wy - twice * dx * dy)
             tyx = -damping * (dy * wx - twice * dy * dx)
@@ -185,7 +188,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         else:  # TORQUE: the virtual work of τ through the angle of Δ
             torque = reals[e, PARAMETER] / square
             fx, fy = -torque * dy, torque * dx
-            txx = 2 * torque * dx * dy / square
+            txx = two * torque * dx * dy / square
             txy = torque * (dy * dy - dx * dx) / square
             tyx = txy
             tyy = -txx

@@ -303,6 +303,9 @@ class _Builder:
             mass_values=np.array([self.mass[place] for place in sorted(self.mass)]),
             drawing=mechanism,
             points=tuple(self.moving),
+            # Links, bars and sliders are; laws of time are not carried by increments.
+            quadratic=not mechanism.motions,
+            single=True,
         )
 
     def _named(self, kind: str, name: str, path: KeyPath) -> Body:

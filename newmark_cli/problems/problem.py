@@ -77,6 +77,9 @@ class Problem:
         drawing: What a figure of the problem is drawn from, if it has one.
         points: Moving points of a mechanism, two coordinates each.
         compiled: Whether ``function`` is compiled, as the kernel needs it.
+        quadratic: Whether Φ is at most quadratic in u and does not depend on time,
+            so that its increments are exact; see `newmark_cli.newmark.scheme`.
+        single: Whether ``function`` keeps to float32 where it is handed float32.
     """
 
     name: str
@@ -93,6 +96,8 @@ class Problem:
     drawing: Any = None
     points: tuple[str, ...] = ()
     compiled: bool = True
+    quadratic: bool = False
+    single: bool = False
 
     @property
     def n(self) -> int:

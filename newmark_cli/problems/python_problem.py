@@ -43,6 +43,8 @@ class Definition:
         stiffness: (u, v, λ, t) → (n, n) X = −∂(f + Gλ)/∂u; by differences if None.
         damping: (u, v, t) → (n, n) Y = −∂f/∂v; by differences if None.
         t0: Initial time (s).
+        quadratic: Whether Φ is at most quadratic in u and does not depend on t, as
+            compensated evaluation needs it; checked.
     """
 
     mass_matrix: Array
@@ -54,6 +56,7 @@ class Definition:
     stiffness: Callable[..., Array] | None = None
     damping: Callable[..., Array] | None = None
     t0: float = 0.0
+    quadratic: bool = False
 
 
 _FUNCTIONS = ("force", "constraints", "gradient")
@@ -173,7 +176,10 @@ def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
         pattern=Pattern(rows, columns, rows, columns, rows, columns, g_rows, g_columns),
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
+        quadratic=bool(getattr(given, "quadratic", False)),
     )
+    if problem.quadratic:
+        _require_quadratic(problem, functions, where)
     _require_consistent(problem, gradient, where)
     return problem
 
@@ -293,6 +299,23 @@ def _require_gradient(
                 f"{where}: gradient disagrees with differences in row {i + 1}, column {k + 1}: "
                 f"given {gradient[i, k]:.9g}, differences say {expected[k]:.9g}"
             )
+
+
+def _require_quadratic(problem: Problem, functions: Mapping[str, Any], where: str) -> None:
+    """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ."""
+    u, t = problem.u0, problem.t0
+    for seed in range(3):
+        change = np.random.default_rng(seed).normal(size=problem.n) * np.abs(u).max()
+        expected = np.asarray(functions["gradient"](u + change / 2, t)).T @ change
+        begin, end, later = (
+            np.asarray(functions["constraints"](*at))
+            for at in ((u, t), (u + change, t), (u + change, t + 1.0))
+        )
+        size = float(np.abs(expected).max() + np.abs(begin).max() + np.abs(end).max())
+        if np.abs(end - begin - expected).max() > _CONSISTENCY * size:
+            raise ProblemError(f"{where}: constraints are declared quadratic, but are not")
+        if np.abs(later - end).max() > _CONSISTENCY * size:
+            raise ProblemError(f"{where}: constraints are declared quadratic, but depend on t")
 
 
 def _require_consistent(problem: Problem, gradient: Array, where: str) -> None:

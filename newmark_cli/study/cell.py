@@ -1,25 +1,31 @@
 """One cell of a study: one problem, integrator, form, scaling and step size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from newmark_cli.arrays import Array
 from newmark_cli.newmark import kernel, linear, measures, sensitivity
 from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
-from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.measures import Measurement
 from newmark_cli.newmark.scaling import Preconditioning
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scheme import DIRECT, Scheme, Tolerance
 from newmark_cli.problems.spec import ProblemSpec
 
 #: Statuses of a cell, from good to bad.
-STATUSES = ("ok", "not_converged", "singular", "diverged", "failed")
+STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed")
 #: Most steps between two signs of life; an interrupt waits for no longer.
 _STRETCH = {linear.DENSE: 5_000, linear.SPARSE: 20}
-_ENDINGS = {kernel.SINGULAR: "singular", kernel.DIVERGED: "diverged"}
+_ENDINGS = {
+    kernel.SINGULAR: "singular",
+    kernel.DIVERGED: "diverged",
+    kernel.STAGNATED: "stagnated",
+}
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,7 @@ class Cell:
     """What one cell computes; steps = 0 measures at the consistent initial state."""
 
     problem: ProblemSpec
-    integrator: Newmark
+    integrator: Integrator
     form: str
     preconditioning: Preconditioning
     h: float
@@ -37,6 +43,10 @@ class Cell:
     iteration_cap: int
     samples: int
     linear_solver: str = linear.AUTO
+    evaluation: str = DIRECT
+    precision: str = "float64"
+    stop: Tolerance | None = None
+    accept: tuple[str, ...] = ()
 
     @property
     def solver(self) -> str:
@@ -59,6 +69,8 @@ class Outcome:
         newton_iterations: Corrections computed per step, mean; NaN without steps.
         status: One of `STATUSES`.
         reason: Why, where the status is failed.
+        met: Steps that met the tolerance; None where rounding stops Newton.
+        history: Rows of the time series, see `newmark_cli.study.results.history_rows`.
     """
 
     measurements: list[Measurement]
@@ -66,6 +78,8 @@ class Outcome:
     newton_iterations: float
     status: str
     reason: str = ""
+    met: int | None = None
+    history: Sequence[tuple[int, Array]] = ()
 
 
 def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Outcome:
@@ -78,28 +92,42 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     """
     form = FORMS[cell.form]
     scheme = Scheme(
-        cell.integrator, form, cell.preconditioning.scaling(form), cell.h, cell.iteration_cap
+        cell.integrator,
+        form,
+        cell.preconditioning.scaling(form),
+        cell.h,
+        cell.iteration_cap,
+        cell.evaluation,
+        cell.precision,
+        cell.stop,
     )
     subject = cell.problem.load()
     solver = cell.solver
     system = linear.system(solver, subject, scheme)
     march = march_with(solver, subject, system)
-    state = initial_state(subject, cell.integrator)
+    state = initial_state(subject, scheme)
     norms = np.zeros((cell.steps, len(form.unknowns)))
     iterations = np.zeros(cell.steps, np.int64)
     conditions: list[float] = []
     sensitivities: list[dict[tuple[str, str], float]] = []
+    history: list[tuple[int, Array]] = []
 
     def sample() -> None:
         time = subject.t0 + done * cell.h
+        # Whatever the march's precision, its state is looked at in double.
+        here = State(*(array.astype(float) for array in state))
         if "condition" in cell.measure:
-            conditions.append(system.balanced(time, state).condition())
+            conditions.append(system.balanced(time, here).condition())
         if "sensitivity" in cell.measure:
-            sensitivities.append(sensitivity.sensitivities(subject, scheme, time, state, system))
+            sensitivities.append(sensitivity.sensitivities(subject, scheme, time, here, system))
 
     sampled = set(measures.sample_steps(cell.steps, cell.samples).tolist())
+    recorded: set[int] = set()
+    if "history" in cell.measure:
+        # An error that alternates from step to step shows in pairs of steps alone.
+        recorded = sampled | {step - 1 for step in sampled if step > 1}
     longest = _STRETCH[solver]
-    stops = sorted(sampled.union(range(longest, cell.steps, longest)))
+    stops = sorted(sampled.union(recorded, range(longest, cell.steps, longest)))
     ending, done = kernel.COMPLETED, 0
     if cell.steps == 0:
         sample()
@@ -111,6 +139,8 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         on_steps(taken)
         if ending != kernel.COMPLETED:
             break
+        if stop in recorded:
+            history.append((stop, state.multipliers.astype(float)))
         if stop in sampled:
             sample()
 
@@ -121,10 +151,14 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         found.append(measures.condition(np.array(conditions)))
     if "sensitivity" in cell.measure:
         found += measures.sensitivities(sensitivities)
+    if "tolerance" in cell.measure:
+        found.append(measures.newton(iterations[:done]))
     not_converged = int(np.count_nonzero(iterations[:done] < 0))
     return Outcome(
         measurements=found,
         not_converged=not_converged,
         newton_iterations=float(np.mean(np.abs(iterations[:done]))) if done else np.nan,
         status=_ENDINGS.get(ending, "not_converged" if not_converged else "ok"),
+        met=done - not_converged if cell.stop else None,
+        history=history,
     )

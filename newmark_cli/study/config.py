@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,7 @@ from pydantic import (
     Strict,
     TypeAdapter,
     ValidationInfo,
+    WrapValidator,
     model_validator,
 )
 
@@ -22,9 +24,10 @@ from newmark_cli import documents
 from newmark_cli.documents import Document, DocumentError, KeyPath, StrictModel, misfit
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import IntegratorError, Newmark
-from newmark_cli.newmark.linear import AUTO, LINEAR_SOLVERS
+from newmark_cli.newmark.integrator import INTEGRATORS, Integrator, IntegratorError, parameters
+from newmark_cli.newmark.linear import AUTO, DENSE, LINEAR_SOLVERS, choose
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Tolerance
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import (
@@ -34,9 +37,11 @@ from newmark_cli.problems.spec import (
     Shipped,
     Sized,
 )
-from newmark_cli.study.cell import Cell
+from newmark_cli.study.cell import STATUSES, Cell
 
-MEASURES = ("correction", "condition", "sensitivity")
+MEASURES = ("correction", "condition", "sensitivity", "tolerance", "history")
+#: Measures that need steps; the others can be taken at the initial state.
+_ALONG_STEPS = ("correction", "tolerance", "history")
 
 #: Shipped configs that `reproduce` runs.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -45,16 +50,17 @@ _RESERVED = ("slopes",)
 _MOST_STEPS = 20_000_000
 
 
-def _as_list(value: Any) -> Any:
-    return value if isinstance(value, list) else [value]
-
-
-def _without_repeats(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    for i, value in enumerate(values):
-        if value in values[:i]:
-            name = getattr(value, "label", getattr(value, "name", value))
+def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
+    """A value or a list of values, each once."""
+    values = validate(value if isinstance(value, list) else [value])
+    for i, item in enumerate(values):
+        if item in values[:i]:
+            name = getattr(item, "label", getattr(item, "name", item))
             raise ValueError(f"given twice: {name}")
     return values
+
+
+_ONE_OR_MORE = WrapValidator(_one_or_more)
 
 
 def _known(kind: str, allowed: tuple[str, ...]) -> AfterValidator:
@@ -107,23 +113,56 @@ class OwnScaling(StrictModel):
 
 
 class IntegratorConfig(StrictModel):
-    """An integrator of the Newmark family."""
+    """An integrator of the Newmark family; each method has parameters of its own."""
 
-    method: Annotated[str, _known("method", ("newmark",))] = "newmark"
-    beta: Number = Field(0.25, description="β; 1/4 with γ = 1/2 is the trapezoidal rule")
-    gamma: Number = Field(0.5, description="γ")
+    method: Annotated[str, _known("method", tuple(INTEGRATORS))] = "newmark"
+    beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
+    gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
+    rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
+    alpha: Number | None = Field(None, description="α of hht, 0 to 1/3")
 
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
+        given = self._parameters()
+        allowed = parameters(self.method)
+        for name in given:
+            if name not in allowed:
+                has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
+                raise misfit(name, f"{name}: is no parameter of {self.method}, which {has}")
         try:
             self.integrator()
+        except TypeError:
+            missing = [name for name in allowed if name not in given]
+            raise misfit("method", f"{self.method} needs {', '.join(missing)}") from None
         except IntegratorError as error:
             raise misfit(str(error).split()[0], str(error)) from None
         return self
 
-    def integrator(self) -> Newmark:
+    def _parameters(self) -> dict[str, float]:
+        given = self.model_dump(exclude={"method"}, exclude_none=True)
+        return {name: float(value) for name, value in given.items()}
+
+    def integrator(self) -> Integrator:
         """The core's value."""
-        return Newmark(self.beta, self.gamma)
+        integrator: Integrator = INTEGRATORS[self.method](**self._parameters())
+        return integrator
+
+
+class StopConfig(StrictModel):
+    """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
+
+    absolute: Positive | None = Field(None, description="bound of the scaled correction")
+    relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
+
+    @model_validator(mode="after")
+    def _given(self) -> "StopConfig":
+        if self.absolute is None and self.relative is None:
+            raise ValueError("needs absolute or relative")
+        return self
+
+    def tolerance(self) -> Tolerance:
+        """The core's value."""
+        return Tolerance(self.absolute or 0.0, self.relative or 0.0)
 
 
 def _preconditioning(value: Any) -> Any:
@@ -203,33 +242,47 @@ def _loaded(spec: ProblemSpec) -> ProblemSpec:
 Variant = Annotated[Any, BeforeValidator(_preconditioning)]
 Problems = Annotated[
     tuple[Annotated[Any, BeforeValidator(_problem), PlainSerializer(lambda p: p.given)], ...],
-    BeforeValidator(_as_list),
+    _ONE_OR_MORE,
     Field(min_length=1),
-    AfterValidator(_without_repeats),
-]
-Forms = Annotated[
-    tuple[Annotated[str, _known("form", tuple(FORMS))], ...],
-    BeforeValidator(_as_list),
-    Field(min_length=1),
-    AfterValidator(_without_repeats),
 ]
 Variants = Annotated[
     tuple[Variant, ...],
-    BeforeValidator(_as_list),
+    _ONE_OR_MORE,
     Field(min_length=1),
-    AfterValidator(_without_repeats),
 ]
 StepSizes = Annotated[
     tuple[Positive, ...],
-    BeforeValidator(_as_list),
+    _ONE_OR_MORE,
     Field(min_length=1),
-    AfterValidator(_without_repeats),
+]
+
+
+Forms = Annotated[
+    tuple[Annotated[str, _known("form", tuple(FORMS))], ...], _ONE_OR_MORE, Field(min_length=1)
 ]
 Measures = Annotated[
-    tuple[Annotated[str, _known("measure", MEASURES)], ...],
-    BeforeValidator(_as_list),
+    tuple[Annotated[str, _known("measure", MEASURES)], ...], _ONE_OR_MORE, Field(min_length=1)
+]
+Evaluations = Annotated[
+    tuple[Annotated[str, _known("evaluation", EVALUATIONS)], ...], _ONE_OR_MORE, Field(min_length=1)
+]
+Precisions = Annotated[
+    tuple[Annotated[str, _known("precision", tuple(PRECISIONS))], ...],
+    _ONE_OR_MORE,
     Field(min_length=1),
-    AfterValidator(_without_repeats),
+]
+LinearSolvers = Annotated[
+    tuple[Annotated[str, _known("linear solver", LINEAR_SOLVERS)], ...],
+    _ONE_OR_MORE,
+    Field(min_length=1),
+]
+Accepted = Annotated[
+    tuple[Annotated[str, _known("status", STATUSES[1:])], ...], _ONE_OR_MORE, Field(min_length=1)
+]
+Integrators = Annotated[
+    tuple[IntegratorConfig, ...],
+    _ONE_OR_MORE,
+    Field(min_length=1),
 ]
 
 
@@ -247,7 +300,16 @@ class Case(StrictModel):
     steps: Annotated[int, Strict(), Field(ge=0, le=_MOST_STEPS)] | None = Field(
         None, description="steps to take, in place of t_end; 0: measure at the initial state"
     )
-    integrator: IntegratorConfig = Field(IntegratorConfig(), description="default: trapezoidal")
+    integrator: Integrators = Field(
+        (IntegratorConfig(),), description="an integrator or a list; default: trapezoidal"
+    )
+    evaluation: Evaluations = Field(
+        (DIRECT,), description="in the unknowns themselves, or in compensated increments"
+    )
+    precision: Precisions = Field(("float64",), description="arithmetic of the march")
+    stop: StopConfig | None = Field(
+        None, description="tolerance on the scaled correction; default: where rounding stops it"
+    )
     measure: Measures = Field(("correction", "condition"), description="what is measured")
     iteration_cap: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
         50, description="most Newton corrections in a step"
@@ -256,8 +318,11 @@ class Case(StrictModel):
         32, description="most steps at which J is evaluated for condition and sensitivity"
     )
 
-    linear_solver: Annotated[str, _known("linear solver", LINEAR_SOLVERS)] = Field(
-        AUTO, description="who solves for the corrections; auto: by size"
+    linear_solver: LinearSolvers = Field(
+        (AUTO,), description="who solves for the corrections; auto: by size"
+    )
+    accept: Accepted = Field(
+        (), description="statuses of cells that are what the study is about, not failures"
     )
 
     @model_validator(mode="after")
@@ -271,15 +336,40 @@ class Case(StrictModel):
                     raise misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
                 if self.t_end / h > _MOST_STEPS:
                     raise misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
-        if self.steps == 0 and "correction" in self.measure:
-            raise misfit("steps", "no corrections without steps; set 'measure: condition'")
+        along = [measure for measure in self.measure if measure in _ALONG_STEPS]
+        if self.steps == 0 and along:
+            raise misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
+        if self.stop is not None and "correction" in self.measure:
+            raise misfit(
+                "measure", "with a tolerance Newton stops before rounding does; no correction"
+            )
+        if self.stop is None and "tolerance" in self.measure:
+            raise misfit("measure", "tolerance needs 'stop'")
         for name in self.form:
             for variant in self.variants():
                 try:
                     variant.scaling(FORMS[name])
                 except ScalingError as error:
                     raise misfit("preconditioning", f"{variant.name}: {error}") from None
+        self._require_fit()
         return self
+
+    def _require_fit(self) -> None:
+        """Refuse what a problem is not fit for; loads problems only where it matters."""
+        for spec in self.problem:
+            if COMPENSATED in self.evaluation and not spec.load().quadratic:
+                raise misfit(
+                    "evaluation",
+                    f"compensated needs constraints that are quadratic in u and do not depend on "
+                    f"time; those of {spec.label} are not, or not declared so",
+                )
+            if "float32" not in self.precision:
+                continue
+            if not spec.load().single:
+                raise misfit("precision", f"{spec.label} is computed in float64 only")
+            for form, solver in product(self.form, self.linear_solver):
+                if choose(solver, spec.load(), FORMS[form]) != DENSE:
+                    raise misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
@@ -290,28 +380,38 @@ class Case(StrictModel):
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
-        for problem in self.problem:
-            for form in self.form:
-                for variant in self.variants():
-                    for h in self.h:
-                        steps = self.steps
-                        if steps is None:
-                            assert self.t_end is not None
-                            # Whole steps up to t_end; h = 1e-7 is no binary fraction.
-                            steps = math.floor(self.t_end / h * (1 + 1e-9))
-                        yield Cell(
-                            problem=problem,
-                            integrator=self.integrator.integrator(),
-                            form=form,
-                            preconditioning=variant,
-                            h=h,
-                            t_end=self.t_end if self.t_end is not None else steps * h,
-                            steps=steps,
-                            measure=self.measure,
-                            iteration_cap=self.iteration_cap,
-                            samples=self.samples,
-                            linear_solver=self.linear_solver,
-                        )
+        for problem, integrator, evaluation, precision, solver, form, variant, h in product(
+            self.problem,
+            self.integrator,
+            self.evaluation,
+            self.precision,
+            self.linear_solver,
+            self.form,
+            self.variants(),
+            self.h,
+        ):
+            steps = self.steps
+            if steps is None:
+                assert self.t_end is not None
+                # Whole steps up to t_end; h = 1e-7 is no binary fraction.
+                steps = math.floor(self.t_end / h * (1 + 1e-9))
+            yield Cell(
+                problem=problem,
+                integrator=integrator.integrator(),
+                form=form,
+                preconditioning=variant,
+                h=h,
+                t_end=self.t_end if self.t_end is not None else steps * h,
+                steps=steps,
+                measure=self.measure,
+                iteration_cap=self.iteration_cap,
+                samples=self.samples,
+                linear_solver=solver,
+                evaluation=evaluation,
+                precision=precision,
+                stop=self.stop.tolerance() if self.stop else None,
+                accept=self.accept,
+            )
 
 
 class Study(StrictModel):
@@ -389,7 +489,7 @@ def _refuse_repeated_cells(document: Document, study: Study) -> None:
         for measure in cell.measure:
             key = (
                 cell.problem, cell.integrator, cell.form, cell.preconditioning.label, cell.h,
-                cell.steps == 0, measure,
+                cell.steps == 0, measure, cell.evaluation, cell.precision, cell.stop,
             )  # fmt: skip
             others = solvers.setdefault(key, [])
             # `auto` becomes one of the others.

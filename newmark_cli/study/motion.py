@@ -37,7 +37,7 @@ def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
     solver = linear.choose(linear.AUTO, problem, form)
     march = march_with(solver, problem, linear.system(solver, problem, scheme))
-    state = initial_state(problem, scheme.integrator)
+    state = initial_state(problem, scheme)
     found, done = [state.fields[0].copy()], 0
     for stop in np.unique(np.round(np.linspace(0, t_end / h, frames)).astype(int))[1:]:
         norms = np.zeros((int(stop) - done, 2))

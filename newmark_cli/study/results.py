@@ -17,7 +17,7 @@ COLUMNS = (
     "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
     "linear_solver", "h", "t_end", "steps", "quantity", "measure", "role", "rms", "max",
     "median", "last", "zeros", "not_converged", "newton_iterations", "status",
-    "row_block",
+    "row_block", "stop", "met",
 )  # fmt: skip
 
 
@@ -38,8 +38,8 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
             "integrator": cell.integrator.label,
             "form": cell.form,
             "preconditioning": cell.preconditioning.label,
-            "evaluation": "direct",
-            "precision": "float64",
+            "evaluation": cell.evaluation,
+            "precision": cell.precision,
             "linear_solver": cell.solver,
             "h": cell.h,
             "t_end": cell.t_end,
@@ -47,6 +47,8 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
             "not_converged": outcome.not_converged,
             "newton_iterations": outcome.newton_iterations,
             "status": outcome.status,
+            "stop": cell.stop.label if cell.stop else "saturation",
+            "met": outcome.met,
         }
         for found in outcome.measurements:
             statistics = found.statistics

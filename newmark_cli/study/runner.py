@@ -25,16 +25,18 @@ class StudyRun:
         study: Its name.
         path: Its CSV.
         statuses: Status of each cell.
+        failures: Statuses that are neither ok nor accepted by the study.
     """
 
     study: str
     path: Path
     statuses: tuple[str, ...]
+    failures: tuple[str, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether every cell is."""
-        return all(status == "ok" for status in self.statuses)
+        """Whether every cell is, or is what the study is about."""
+        return not self.failures
 
 
 class _Stopped(Exception):
@@ -143,4 +145,10 @@ def _write(
     record = provenance.record(study, cells, outcomes, seconds, total, jobs, len(table))
     results.write_atomically(path, results.csv_text(results.COLUMNS, table))
     results.write_json(path.with_suffix(".json"), record)
-    return StudyRun(study.study, path, tuple(outcome.status for outcome in outcomes))
+    statuses = tuple(outcome.status for outcome in outcomes)
+    failures = tuple(
+        status
+        for cell, status in zip(cells, statuses, strict=True)
+        if status not in ("ok", *cell.accept)
+    )
+    return StudyRun(study.study, path, statuses, failures)
