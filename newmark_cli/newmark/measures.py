@@ -97,6 +97,12 @@ def condition(values: Array) -> Measurement:
     return Measurement("jacobian", "condition", "primary", statistics(values))
 
 
+def history(multipliers: Sequence[Array]) -> Measurement:
+    """Measurement of max|λ| over the recorded steps; multipliers (m,) each."""
+    largest = np.array([np.abs(values).max() for values in multipliers])
+    return Measurement("lambda", "history", "primary", statistics(largest))
+
+
 def newton(iterations: IndexArray) -> Measurement:
     """Measurement of the Newton corrections computed in each step; shape (steps,)."""
     return Measurement("newton", "tolerance", "primary", statistics(np.abs(iterations) * 1.0))

@@ -153,6 +153,8 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         found += measures.sensitivities(sensitivities)
     if "tolerance" in cell.measure:
         found.append(measures.newton(iterations[:done]))
+    if "history" in cell.measure:
+        found.append(measures.history([multipliers for _, multipliers in history]))
     not_converged = int(np.count_nonzero(iterations[:done] < 0))
     return Outcome(
         measurements=found,

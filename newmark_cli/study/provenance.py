@@ -33,7 +33,7 @@ def record(
     """
     return {
         "study": study.study,
-        "config": study.model_dump(mode="json", by_alias=True),
+        "config": study.model_dump(mode="json", by_alias=True, exclude_none=True),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "newmark-study": newmark_cli.__version__,

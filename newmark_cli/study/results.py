@@ -32,16 +32,7 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     """
     table = []
     for cell, outcome in zip(cells, outcomes, strict=True):
-        common = {
-            "study": study,
-            "problem": cell.problem.label,
-            "integrator": cell.integrator.label,
-            "form": cell.form,
-            "preconditioning": cell.preconditioning.label,
-            "evaluation": cell.evaluation,
-            "precision": cell.precision,
-            "linear_solver": cell.solver,
-            "h": cell.h,
+        common = _named(study, cell) | {
             "t_end": cell.t_end,
             "steps": cell.steps,
             "not_converged": outcome.not_converged,
@@ -65,6 +56,47 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
         if not outcome.measurements:
             table.append(common)
     return table
+
+
+#: Columns of a time series before those of the multipliers, lambda_1, lambda_2, …
+HISTORY_COLUMNS = (
+    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
+    "linear_solver", "h", "step", "t",
+)  # fmt: skip
+
+
+def history_path(folder: Path, study: str) -> Path:
+    """File of a study's time series."""
+    return folder / "history" / f"{study}.csv"
+
+
+def history_text(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> str:
+    """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
+    table = [
+        _named(study, cell)
+        | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
+        | {f"lambda_{k + 1}": float(value) for k, value in enumerate(multipliers)}
+        for cell, outcome in zip(cells, outcomes, strict=True)
+        for step, multipliers in outcome.history
+    ]
+    most = max((len(row) for row in table), default=0) - len(HISTORY_COLUMNS)
+    columns = (*HISTORY_COLUMNS, *(f"lambda_{k + 1}" for k in range(most)))
+    return csv_text(columns, table) if table else ""
+
+
+def _named(study: str, cell: Cell) -> dict[str, Any]:
+    """What tells a cell from the others."""
+    return {
+        "study": study,
+        "problem": cell.problem.label,
+        "integrator": cell.integrator.label,
+        "form": cell.form,
+        "preconditioning": cell.preconditioning.label,
+        "evaluation": cell.evaluation,
+        "precision": cell.precision,
+        "linear_solver": cell.solver,
+        "h": cell.h,
+    }
 
 
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:

@@ -143,6 +143,9 @@ def _write(
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
     record = provenance.record(study, cells, outcomes, seconds, total, jobs, len(table))
+    history = results.history_text(study.study, cells, outcomes)
+    if history:
+        results.write_atomically(results.history_path(folder, study.study), history)
     results.write_atomically(path, results.csv_text(results.COLUMNS, table))
     results.write_json(path.with_suffix(".json"), record)
     statuses = tuple(outcome.status for outcome in outcomes)
