@@ -178,6 +178,12 @@ def reproduce(folder: Path, jobs: int | None) -> int:
     metavar="VARIANT",
     help="One variant; the paper's four when omitted.",
 )
+@click.option(
+    "--evaluation",
+    type=click.Choice(["direct", "compensated"]),
+    default=None,
+    help="How residuals are evaluated; direct when omitted.",
+)
 @click.option("--config", "file", metavar="CONFIG", help="Forms and scalings of a config.")
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
@@ -185,6 +191,7 @@ def reproduce(folder: Path, jobs: int | None) -> int:
 def orders(
     form: str | None,
     variant: str | None,
+    evaluation: str | None,
     file: str | None,
     derive: bool,
     as_json: bool,
@@ -201,12 +208,12 @@ def orders(
     """
     from newmark_cli.report import theory
 
-    chosen = _forms_and_scalings(form, variant, file, allow_code)
+    chosen = _forms_and_scalings(form, variant, evaluation, file, allow_code)
     if derive:
-        found = [theory.derive(name) for name in dict.fromkeys(name for name, _ in chosen)]
+        found = [theory.derive(name) for name in dict.fromkeys(name for name, *_ in chosen)]
         texts = [theory.derived_as_text(entry) for entry in found]
     else:
-        found = [theory.predict(name, scaling) for name, scaling in chosen]
+        found = [theory.predict(*one) for one in chosen]
         texts = [theory.as_text(entry) + "\n" for entry in found]
     click.echo(_json(found) if as_json else "\n".join(texts))
     return 0
@@ -417,24 +424,31 @@ def _show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
 
 
 def _forms_and_scalings(
-    form: str | None, variant: str | None, file: str | None, allow_code: bool
-) -> "list[tuple[str, Preconditioning]]":
-    """Pairs that the options of `orders` choose, in the order of the registries."""
+    form: str | None,
+    variant: str | None,
+    evaluation: str | None,
+    file: str | None,
+    allow_code: bool,
+) -> "list[tuple[str, Preconditioning, str]]":
+    """Form, scaling and evaluation that the options of `orders` choose, in their order."""
     from newmark_cli.documents import nearest
     from newmark_cli.newmark.forms import FORMS
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
 
     if file is not None:
-        if form is not None or variant is not None:
-            raise click.UsageError("--config already names forms and preconditioning")
+        if any(option is not None for option in (form, variant, evaluation)):
+            raise click.UsageError("--config already names form, preconditioning and evaluation")
         from newmark_cli.study import config
 
         cells = config.find(file, allow_code).cells()
-        return list(dict.fromkeys((cell.form, cell.preconditioning) for cell in cells))
+        return list(
+            dict.fromkeys((cell.form, cell.preconditioning, cell.evaluation) for cell in cells)
+        )
     if form is not None and form not in FORMS:
         raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
     scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
-    return [(name, s) for name in ([form] if form else FORMS) for s in scalings]
+    names = [form] if form else FORMS
+    return [(name, scaling, evaluation or "direct") for name in names for scaling in scalings]
 
 
 def _json(value: object) -> str:

@@ -121,6 +121,21 @@ def test_derive_in_the_terminal(cli):
     assert {f["form"]: (f["left"], f["right"]) for f in found} == POWERS
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_orders_of_compensated_evaluation(cli, form):
+    """Physical corrections 1, 0, −1, −1 in every form; the matrix knows no evaluation."""
+    direct, found = (
+        json.loads(cli("orders", "--form", form, "--evaluation", how, "--json").stdout)
+        for how in ("direct", "compensated")
+    )
+    for one, other in zip(found, direct, strict=True):
+        orders = {u: entry["order"] for u, entry in one["physical_correction"].items()}
+        assert orders == {"u": 1, "v": 0, "a": -1, "lambda": -1}
+        assert one["evaluation"] == "compensated"
+        assert one["condition"] == other["condition"]
+        assert one["inverse"] == other["inverse"]
+
+
 def test_orders_refuses(cli):
     """Unknown names and contradicting options."""
     assert "did you mean 'u-lambda'" in cli.refused("orders", "--form", "u-lamda")

@@ -141,7 +141,8 @@ def form_orders(
         "C": np.append(weights[0], np.inf),
     }
     # Residual: f and Gλ beside M times the kept fields in D; fields in V, K; Φ.
-    sizes = -rates_of_kept if compensated else np.zeros(len(form.kept))
+    # Of w, ν and a, where the evaluation is in increments.
+    sizes = 2 + rates_of_kept if compensated else np.zeros(len(form.kept))
     residual = {"D": min(0.0, np.min(weights[2] + sizes)), "C": 1.0 if compensated else 0.0}
     for row in form.extra_rows:
         in_kept = min_plus(relation[row][None, :], weights)[0]

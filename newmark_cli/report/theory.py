@@ -10,22 +10,27 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.orders import FormOrders, derive_scaling, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, named_scaling
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 
 _SYMBOLS = {"lambda": "λ"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def predict(form: str, preconditioning: Preconditioning) -> dict[str, Any]:
+def predict(
+    form: str, preconditioning: Preconditioning, evaluation: str = DIRECT
+) -> dict[str, Any]:
     """All orders of a form under a scaling; a structural zero has order None.
 
     Args:
         form: Name of a form.
         preconditioning: Variant or scaling of one's own.
+        evaluation: How residuals are evaluated.
 
     Raises:
         ScalingError: When the scaling does not fit the form.
     """
-    orders, scaling = form_orders(FORMS[form]), preconditioning.scaling(FORMS[form])
+    orders = form_orders(FORMS[form], compensated=evaluation == COMPENSATED)
+    scaling = preconditioning.scaling(FORMS[form])
     jacobian, inverse = orders.scaled(scaling)
     rows, unknowns = FORMS[form].rows, FORMS[form].unknowns
     residual = orders.residual + [scaling.left[row].order() for row in rows]
@@ -33,6 +38,7 @@ def predict(form: str, preconditioning: Preconditioning) -> dict[str, Any]:
     return {
         "form": form,
         "preconditioning": preconditioning.label,
+        "evaluation": evaluation,
         "left": {row: scaling.left[row].order() for row in rows},
         "right": {unknown: scaling.right[unknown].order() for unknown in unknowns},
         "jacobian": _blocks(rows, unknowns, jacobian),
@@ -72,6 +78,7 @@ def as_text(found: Mapping[str, Any]) -> str:
     rows, unknowns = list(found["left"]), list(found["right"])
     title = (
         f"({', '.join(map(_symbol, unknowns))}) form, preconditioning {found['preconditioning']}"
+        + (f", {found['evaluation']} evaluation" if found["evaluation"] != DIRECT else "")
     )
     left = ", ".join(f"{row} {_power(power)}" for row, power in found["left"].items())
     right = ", ".join(f"{_symbol(u)} {_power(power)}" for u, power in found["right"].items())
