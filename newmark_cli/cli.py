@@ -314,13 +314,14 @@ def draw(
 
 @cli.command("list")
 def list_() -> int:
-    r"""List problems, forms, variants, configs and figures.
+    r"""List problems, forms, integrators, variants, configs and figures.
 
     \b
     Example:
       newmark-study list
     """
     from newmark_cli.newmark.forms import FORMS
+    from newmark_cli.newmark.integrator import INTEGRATORS, parameters
     from newmark_cli.newmark.scaling import VARIANTS
     from newmark_cli.problems.families import FAMILIES
     from newmark_cli.problems.registry import PROBLEMS
@@ -336,6 +337,10 @@ def list_() -> int:
         "forms": [
             (f.name, f"unknowns {', '.join(f.unknowns)}; rows {', '.join(f.rows)}")
             for f in FORMS.values()
+        ],
+        "integrators": [
+            (name, f"parameters: {', '.join(parameters(name))}" if parameters(name) else "")
+            for name in INTEGRATORS
         ],
         "preconditioning": [
             (name, " and ".join(sides) or "no scaling") for name, sides in VARIANTS.items()

@@ -15,6 +15,7 @@ from conftest import QUICK, SCRIPT, CommandLine
 from newmark_cli import __version__
 from newmark_cli.cli import cli as command_line
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.report.figures import FIGURES
@@ -217,9 +218,10 @@ def test_names_of_shipped_configs_are_not_taken_from_the_folder(cli):
 
 
 def test_list_names_everything(cli):
-    """Problems, forms, variants, configs, figures."""
+    """Problems, forms, integrators, variants, configs, figures."""
     text = cli("list").stdout
-    for name in (*PROBLEMS, *FORMS, *VARIANTS, *config.shipped(), *map(str, FIGURES)):
+    names = (*PROBLEMS, *FORMS, *INTEGRATORS, *VARIANTS, *config.shipped(), *map(str, FIGURES))
+    for name in names:
         assert f"\n  {name} " in text or f"\n  {name}\n" in text
 
 
