@@ -75,6 +75,51 @@ def test_plain_and_compiled_functions_march_alike(car_axis, form):
         )
 
 
+@pytest.mark.parametrize("frequency", [0.1, 1.0, 10.0, 100.0, 1000.0])
+@pytest.mark.parametrize("t", [0.0, 0.37, 2.9])
+def test_derivatives_of_constraints_at_any_frequency(frequency, t):
+    """Φ_t and the curvature of a distance to a driven point, slow or fast."""
+    random = np.random.default_rng(int(frequency * 100 + t))
+    c, s = np.cos(frequency * t), np.sin(frequency * t)
+    p, w = np.array([c, s]), frequency * np.array([-s, c])
+    u, v = random.normal(size=2), min(frequency, 10) * random.normal(size=2)
+
+    def moving(t):
+        return np.array([np.cos(frequency * t), np.sin(frequency * t)])
+
+    functions = {
+        "constraints": lambda u, t: np.array(
+            [u @ moving(t), u @ u + (u - moving(t)) @ (u - moving(t))]
+        ),
+        "gradient": lambda u, t: np.stack([moving(t), 4 * u - 2 * moving(t)], axis=1),
+    }
+    rate, curvature = np.zeros(2), np.zeros(2)
+    python_problem._derivatives(functions)(t, u, v, None, None, rate, curvature)
+    expected = np.array([u @ w, -2 * (u - p) @ w])
+    np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    pull = -(frequency**2) * p
+    expected = np.array(
+        [2 * v @ w + u @ pull, 2 * v @ v + 2 * (v - w) @ (v - w) - 2 * (u - p) @ pull]
+    )
+    # Slow motions: rounding of Φ over the square of the longest step.
+    allowed = 1e-8 * np.abs(expected).max() + 1e-9
+    np.testing.assert_allclose(curvature, expected, rtol=0, atol=allowed)
+
+
+def test_curvature_of_a_fixed_surface_is_exact_to_rounding():
+    """Where Φ does not depend on time nothing is lost at low speed."""
+    functions = {
+        "constraints": lambda u, t: np.array([(u @ u - 1) / 2]),
+        "gradient": lambda u, t: u[:, None],
+    }
+    rate, curvature = np.zeros(1), np.zeros(1)
+    derivatives = python_problem._derivatives(functions)
+    for u, v in (([0.6, 0.8], [-8e-4, 6e-4]), ([0.0, 0.0], [3.0, 4.0])):
+        derivatives(0.0, np.array(u), np.array(v), None, None, rate, curvature)
+        assert rate[0] == 0
+        assert curvature[0] == pytest.approx(np.dot(v, v), rel=1e-9)
+
+
 def test_tangents_by_differences_are_good(car_axis):
     """Analytic tangents, written here, against the differences that stand in for them."""
     subject = car_axis[False]
