@@ -248,3 +248,29 @@ def constraint_derivatives(t, u, v, ints, reals, rate, curvature):
             else:
                 rate[row] = 0
                 curvature[row] = wx * wx + wy * wy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def potential(t, u, v, ints, reals):
+    """Potential energy of springs and loads (J): ½ k (|Δ| − L)² and −F·P.
+
+    Args:
+        t: Time (s); not used, as v is.
+        u, v: (n,) coordinates (m) and velocities (m/s).
+        ints, reals: Element tables, see the module.
+    """
+    energy = 0.0
+    for e in range(ints.shape[0]):
+        kind = ints[e, KIND]
+        if kind == LOAD:
+            i = ints[e, DOF]
+            energy -= reals[e, PARAMETER] * u[i] + reals[e, PARAMETER + 1] * u[i + 1]
+        elif kind == SPRING:
+            dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
+            for k in range(ints[e, COUNT]):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                dx += a * u[i] - b * u[i + 1]
+                dy += b * u[i] + a * u[i + 1]
+            stretch = np.sqrt(dx * dx + dy * dy) - reals[e, PARAMETER + 1]
+            energy += reals[e, PARAMETER] * stretch * stretch / 2
+    return energy

@@ -108,6 +108,11 @@ class Law(StrictModel):
     frequency: FiniteFloat = Field(0.0, description="angular frequency (rad/s)")
     phase: FiniteFloat = Field(0.0, description="phase at t = 0 (rad)")
 
+    @property
+    def moves(self) -> bool:
+        """Whether it depends on time."""
+        return bool(self.rate or self.acceleration or self.amplitude * self.frequency)
+
     def parameters(self, initially: float) -> tuple[float, ...]:
         """c, r, s, A, ω, φ of the element loop, starting from ``initially``."""
         start = self.amplitude * math.sin(self.phase)
@@ -161,6 +166,16 @@ class Mechanism(StrictModel):
     project_velocities: bool = Field(
         False, description="replace initial velocities by the nearest that fit the constraints"
     )
+
+    @property
+    def conservative(self) -> bool:
+        """Whether energy is conserved: nothing damps, drives or moves by a law of time."""
+        laws = [law for m in self.motions.values() for law in (m.x, m.y, m.angle) if law]
+        return not (
+            any(damper.damping for damper in self.dampers.values())
+            or any(torque.torque for torque in self.torques.values())
+            or any(law.moves for law in laws)
+        )
 
 
 @dataclass(frozen=True)
@@ -306,6 +321,7 @@ class _Builder:
             # Links, bars and sliders are; laws of time are not carried by increments.
             quadratic=not mechanism.motions,
             single=True,
+            potential=elements.potential if mechanism.conservative else None,
         )
 
     def _named(self, kind: str, name: str, path: KeyPath) -> Body:

@@ -80,6 +80,9 @@ class Problem:
         quadratic: Whether Φ is at most quadratic in u and does not depend on time,
             so that its increments are exact; see `newmark_cli.newmark.scheme`.
         single: Whether ``function`` keeps to float32 where it is handed float32.
+        potential: ``(t, u, v, ints, reals)`` → what the kinetic energy lacks to the
+            total one (J), up to a constant; None where no energy is conserved.
+        code: Digest of the user's code behind the functions; empty without any.
     """
 
     name: str
@@ -98,6 +101,8 @@ class Problem:
     compiled: bool = True
     quadratic: bool = False
     single: bool = False
+    potential: Callable[..., float] | None = None
+    code: str = ""
 
     @property
     def n(self) -> int:
@@ -147,6 +152,17 @@ class Problem:
     def constraint_values(self, t: float, u: Array) -> Array:
         """(m,) Φ."""
         return self.values(t, u, np.zeros(self.n), np.zeros(self.m)).phi
+
+    def energies(self, t: float, u: Array, v: Array) -> tuple[float, float] | None:
+        """Kinetic and potential energy (J), the second up to a constant.
+
+        None where their sum is not conserved; u, v are (n,).
+        """
+        if self.potential is None:
+            return None
+        pattern = self.pattern
+        kinetic = 0.5 * np.sum(v[pattern.mass_rows] * self.mass_values * v[pattern.mass_columns])
+        return float(kinetic), float(self.potential(t, u, v, self.ints, self.reals))
 
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""

@@ -11,7 +11,7 @@ only with ``--allow-code``.
 import hashlib
 import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,8 @@ class Definition:
         t0: Initial time (s).
         quadratic: Whether Φ is at most quadratic in u and does not depend on t, as
             compensated evaluation needs it; checked.
+        energy: (u, v, t) → total energy ½ vᵀM v + V, or another energy that the motion
+            conserves; None if there is none.
     """
 
     mass_matrix: Array
@@ -61,6 +63,7 @@ class Definition:
     damping: Callable[..., Array] | None = None
     t0: float = 0.0
     quadratic: bool = False
+    energy: Callable[..., float] | None = None
 
 
 _FUNCTIONS = ("force", "constraints", "gradient")
@@ -102,7 +105,9 @@ def load(path: Path, factory: str, arguments: Mapping[str, Any], name: str) -> P
         raise ProblemError(
             f"{path}{_line(error, path)}: {factory} failed: {_describe(error)}"
         ) from None
-    return from_definition(given, name, f"{path}: {factory}")
+    problem = from_definition(given, name, f"{path}: {factory}")
+    called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
+    return replace(problem, code=hashlib.sha256(source + called.encode()).hexdigest())
 
 
 def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
@@ -136,6 +141,9 @@ def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
         raise ProblemError(f"{where}: gradient has rank below {m}: constraints are redundant")
 
     _require_gradient(functions, u0, t0, gradient, where)
+    energy = getattr(given, "energy", None)
+    if energy is not None:
+        _called(energy, (u0, v0, t0), "energy", where, ())
     chosen = [f for f in (*functions.values(), *tangents.values()) if f is not None]
     compiled = all(isinstance(f, Dispatcher) for f in chosen)
     compile_ = njit if compiled else _as_it_is
@@ -181,6 +189,7 @@ def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
         quadratic=bool(getattr(given, "quadratic", False)),
+        potential=None if energy is None else _potential(energy, mass_matrix),
     )
     if problem.quadratic:
         _require_quadratic(problem, functions, where)
@@ -219,6 +228,15 @@ def _evaluate(
                 y_values[i * n + j] = damping[i, j]
 
     return compile_(evaluate)  # type: ignore[no-any-return]
+
+
+def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[..., float]:
+    """What the kinetic energy lacks to the user's."""
+
+    def potential(t, u, v, ints, reals):  # type: ignore[no-untyped-def]
+        return float(energy(u, v, t)) - 0.5 * float(v @ mass_matrix @ v)
+
+    return potential
 
 
 def _stiffness_by_differences(functions: Mapping[str, Any], compile_: Any) -> Callable[..., Array]:
