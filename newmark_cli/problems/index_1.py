@@ -1,0 +1,119 @@
+"""The index-1 system of a problem: what u and v alone say of a and λ.
+
+Differentiated twice, the constraints give with the dynamics
+
+    M a − G λ = f(u, v, t),        Gᵀ a = −Φ''(u, v, t; u'' = 0),
+
+a linear system for a and λ.  Its matrix also gives the nearest state, in the
+norm of M, that meets Φ = 0 and Φ' = 0.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from newmark_cli.arrays import Array
+from newmark_cli.problems.problem import Problem, Values
+
+#: Most unknowns n + m for which the matrix is dense.  Times are equal at 120 to 150 on
+#: chains and rows of four-bars; at 400 the sparse factors take a ninth of the time.
+_DENSE_UP_TO = 120
+
+
+class Index1:
+    """Index-1 system of one problem; the places of its entries are found once."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        n, pattern = problem.n, problem.pattern
+        self._size = n + problem.m
+        # M of Andrews' mechanism is 1e-5, G 1e-2: with multipliers in this unit the
+        # matrix is well conditioned.
+        self._unit = float(np.abs(problem.mass_values).max())
+        self._mass = problem.mass_values / self._unit
+        rows = np.concatenate([pattern.mass_rows, pattern.g_rows, n + pattern.g_columns])
+        columns = np.concatenate([pattern.mass_columns, n + pattern.g_columns, pattern.g_rows])
+        places, self._slots = np.unique(columns * self._size + rows, return_inverse=True)
+        self._rows, self._columns = places % self._size, places // self._size
+        self._starts = np.searchsorted(self._columns, np.arange(self._size + 1))
+        self._none = np.zeros(problem.m)
+        self._zeros = np.zeros(n)
+
+    def accelerations(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
+        """Accelerations and multipliers that follow from u, v.
+
+        Args:
+            t: Time (s).
+            u, v: (n,) coordinates and velocities.
+
+        Returns:
+            a (n,) and λ (m,); NaN where u or v are so large that f, G or Φ overflow.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        n = self.problem.n
+        values = self.problem.values(t, u, v, self._none)
+        _, curvature = self.problem.constraint_derivatives(t, u, v)
+        solution = self._solver(values)(np.concatenate([values.force / self._unit, -curvature]))
+        return solution[:n], solution[n:] * self._unit
+
+    def projected(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
+        """The state on the constraints that is nearest in the norm of M.
+
+        One step of Newton's method for the positions: the rest is of the order of
+        the square of the distance.
+
+        Args:
+            t: Time (s).
+            u, v: (n,) coordinates and velocities, close to the constraints.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        n = self.problem.n
+        values = self.problem.values(t, u, v, self._none)
+        u = u + self._solver(values)(np.concatenate([self._zeros, -values.phi]))[:n]
+        values = self.problem.values(t, u, v, self._none)
+        rate, _ = self.problem.constraint_derivatives(t, u, v)
+        pattern = self.problem.pattern
+        normal = np.bincount(
+            pattern.g_columns, values.g * v[pattern.g_rows], minlength=len(values.phi)
+        )
+        misfit = np.concatenate([self._zeros, -(normal + rate)])
+        return u, v + self._solver(values)(misfit)[:n]
+
+    def _solver(self, values: Values) -> Callable[[Array], Array]:
+        """What solves [[M/unit, −G], [Gᵀ, 0]] x = rhs, with one step of refinement."""
+        entries: Array = np.bincount(
+            self._slots, np.concatenate([self._mass, -values.g, values.g]), len(self._rows)
+        ).astype(float, copy=False)
+        matrix, solve = (self._dense if self._size <= _DENSE_UP_TO else self._sparse)(entries)
+
+        def refined(rhs: Array) -> Array:
+            solution = solve(rhs)
+            return solution + solve(rhs - matrix @ solution)
+
+        return refined
+
+    def _dense(self, entries: Array) -> tuple[Array, Callable[[Array], Array]]:
+        matrix = np.zeros((self._size, self._size), order="F")
+        matrix[self._rows, self._columns] = entries
+        factors, pivots, failed = dgetrf(matrix)
+        if failed > 0:
+            raise np.linalg.LinAlgError("the index-1 matrix is singular")
+        return matrix, lambda rhs: dgetrs(factors, pivots, rhs)[0]
+
+    def _sparse(self, entries: Array) -> tuple[csc_array, Callable[[Array], Array]]:
+        matrix = csc_array((entries, self._rows, self._starts), (self._size, self._size))
+        # SuperLU is not made for numbers that are not finite; LAPACK returns NaN.
+        if not np.all(np.isfinite(entries)):
+            return matrix, lambda rhs: np.full_like(rhs, np.nan)
+        try:
+            factors = splu(matrix)
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(f"the index-1 matrix is singular: {error}") from None
+        return matrix, lambda rhs: np.asarray(factors.solve(rhs), float)

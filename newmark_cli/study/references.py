@@ -1,0 +1,140 @@
+"""References of a results folder: known, stored, or computed once and stored.
+
+A converged reference is kept in ``references/<problem>-<t>-<content>.json``, where
+the content is a digest of everything that its numbers depend on: a changed
+mechanism has another file, and one that does not fit or cannot be read is computed
+again.
+"""
+
+import hashlib
+import json
+import re
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.problems import reference
+from newmark_cli.problems.known import KNOWN
+from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.reference import Reference
+from newmark_cli.problems.spec import ProblemSpec, Shipped
+from newmark_cli.study import results
+
+
+class References:
+    """References that share a results folder; threads may share this object."""
+
+    def __init__(self, folder: Path) -> None:
+        """Take a results folder; nothing is read or written yet."""
+        self._folder = folder / "references"
+        self._guard = threading.Lock()
+        self._locks: dict[str, threading.Lock] = {}
+        self._found: dict[str, Reference] = {}
+
+    def of(
+        self, spec: ProblemSpec, t: float, on_work: Callable[[], None] = lambda: None
+    ) -> Reference:
+        """The solution of a problem at a time, computed at most once.
+
+        Args:
+            spec: The problem.
+            t: Time since the problem's start (s).
+            on_work: Called now and then while one is computed; an exception that it
+                raises ends the work.
+
+        Raises:
+            NoReference: The motion cannot be computed up to that time.
+            ResultsError: The reference cannot be written.
+        """
+        if isinstance(spec, Shipped) and spec.name in KNOWN:
+            known = KNOWN[spec.name](t)
+            if known is not None:
+                return known
+        problem = spec.load()
+        content = digest(problem, t)
+        with self._guard:
+            lock = self._locks.setdefault(content, threading.Lock())
+        with lock:
+            if content not in self._found:
+                self._found[content] = self._stored(spec.label, problem, t, content, on_work)
+            return self._found[content]
+
+    def _stored(
+        self, label: str, problem: Problem, t: float, content: str, on_work: Callable[[], None]
+    ) -> Reference:
+        """From its file, which is written when there is none that fits."""
+        safe = re.sub(r"[^A-Za-z0-9._=-]+", "-", label).strip("-.")[:80]
+        path = self._folder / f"{safe}-{float(t)!r}-{content[:12]}.json"
+        found = _read(path, problem, t, content)
+        if found is None:
+            found = reference.solution(problem, t, on_work)
+            results.write_json(path, _record(label, found, content))
+        return found
+
+
+def digest(problem: Problem, t: float) -> str:
+    """Hexadecimal digest of what a converged reference depends on.
+
+    Tables, masses, patterns and start of the problem, the code behind its functions
+    if it is the user's, the time and the version of the method.  Neither its name nor
+    what the user's code imports or reads.
+    """
+    digest = hashlib.sha256(f"{reference.VERSION} {problem.code} {problem.m}".encode())
+    arrays = (
+        problem.u0, problem.v0, np.array([problem.t0, t]), problem.ints, problem.reals,
+        problem.mass_values, *problem.pattern,
+    )  # fmt: skip
+    for array in arrays:
+        digest.update(f"{array.shape} {array.dtype.str}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _record(label: str, found: Reference, content: str) -> dict[str, Any]:
+    return {
+        "problem": label,
+        "t": found.t,
+        "source": found.source,
+        "content": content,
+        "u": found.u.tolist(),
+        "v": found.v.tolist(),
+        "lambda": found.multipliers.tolist(),
+        "estimated_error": {
+            "u": found.u_error,
+            "v": found.v_error,
+            "lambda": found.multipliers_error,
+        },
+    }
+
+
+def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | None:
+    """The reference in a file; None when it is missing, damaged or of something else."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        if record["content"] != content:
+            return None
+        estimated = record["estimated_error"]
+        return Reference(
+            t=t,
+            u=_array(record["u"], problem.n),
+            v=_array(record["v"], problem.n),
+            multipliers=_array(record["lambda"], problem.m),
+            source=str(record["source"]),
+            u_error=float(estimated["u"]),
+            v_error=float(estimated["v"]),
+            multipliers_error=float(estimated["lambda"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _array(given: Any, size: int) -> Array:
+    """(size,) finite numbers; ValueError or TypeError for anything else."""
+    array = np.array(given, float)
+    if array.shape != (size,) or not np.all(np.isfinite(array)):
+        raise ValueError("not a vector of that size")
+    return array

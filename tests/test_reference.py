@@ -1,0 +1,554 @@
+"""References: against exact and published motions, their own estimates, and their storage."""
+
+import json
+import threading
+from pathlib import Path
+
+import numpy as np
+import oracles
+import pytest
+from mpmath import ellipfun, lu_solve, matrix, mp, mpf
+from scipy.stats import linregress
+
+from newmark_cli.errors import InputError
+from newmark_cli.newmark import kernel, kernel_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import index_1, planar, python_problem, reference
+from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.known import KNOWN
+from newmark_cli.problems.problem import ProblemError
+from newmark_cli.problems.reference import NoReference, relative_error, solution
+from newmark_cli.problems.registry import PROBLEMS, problem
+from newmark_cli.problems.spec import MechanismFile, PythonFactory, Shipped, Sized
+from newmark_cli.study import references
+from newmark_cli.study.references import References
+
+CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+PARTS = ("u", "v", "multipliers")
+TIMES = [1e-3, 0.5, 3.0, 3.7, 10.0, 40.0]
+
+
+def true_errors(found, exact):
+    """Relative errors of u, v and λ, and their estimates."""
+    true = [
+        relative_error(getattr(found, part), given)
+        for part, given in zip(PARTS, exact, strict=True)
+    ]
+    return np.array(true), np.array([getattr(found, f"{part}_error") for part in PARTS])
+
+
+def pendulum(t):
+    """Exact u, v, λ of the pendulum from mpmath's elliptic functions."""
+    with mp.workdps(40):
+        sn, cn, dn = (ellipfun(kind, mpf(t), m=mpf("0.5")) for kind in ("sn", "cn", "dn"))
+        rate = -sn / dn
+        x, y = cn / dn**2, -(rate**2) / 2
+        return [np.array(part, float) for part in ([x, y], [-rate * y, rate * x], [3 * y])]
+
+
+@pytest.mark.parametrize("t", TIMES)
+def test_known_pendulum_is_exact(t):
+    """Against mpmath: as good as it says, and that is very good unless v or λ vanish."""
+    found = KNOWN["pendulum"](t)
+    assert (found.t, found.source) == (t, "exact")
+    true, estimated = true_errors(found, pendulum(t))
+    assert np.all(true <= 3 * estimated)
+    assert estimated[0] < 1e-13
+    assert np.all(estimated < 1e-12)
+
+
+@pytest.mark.parametrize("t", TIMES)
+def test_converged_pendulum_is_as_good_as_it_says(t):
+    """True errors stay below the estimates, which are not far above them."""
+    found = solution(problem("pendulum"), t)
+    assert (found.t, found.source) == (t, "converged")
+    true, estimated = true_errors(found, pendulum(t))
+    assert np.all(true <= 2 * estimated)
+    assert np.all(estimated <= 500 * true + 1e-12)
+    assert true[0] < 1e-13
+
+
+#: Andrews' mechanism at t = 0.03 from the data as doubles: E, F, G, H, their velocities,
+#: and λ of K1 to K7.  Gragg's extrapolation of order 16 in numbers with 64 bits of
+#: mantissa; 200 and 300 steps agree to 6e-17, 4e-16 and 8e-17 of the largest.
+ANDREWS = (
+    (-3.492161839530312325e-02, -2.240841082126743745e-03, -6.963039427046851391e-03,
+     -7.183884307191066514e-04, -3.471521904988390603e-02, 1.775809387227046630e-02,
+     -3.468133356442837459e-02, -2.223939761003773977e-02),
+    (3.858302090993528741e-01, 1.575920841936894774e-02, 8.189055570847690252e-01,
+     -7.937310008321320469e+00, -1.148751209651568690e-02, 1.985973266054867375e-02,
+     6.453692930629691416e-03, 1.120095833275756153e-02),
+    (-9.936648291592917047e+04, -9.34010039283226212e+03, -1.373837850305649684e+03,
+     1.524773453348435728e+03, -3.796373962799206513e+02, -5.333876582438622337e+02,
+     1.443965864263523008e+02),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def andrews():
+    """Andrews' mechanism at t = 0.03, converged."""
+    return solution(problem("andrews"), 0.03)
+
+
+@pytest.fixture(scope="module")
+def published():
+    """Points and velocities of the published table, and λ by a system of its own."""
+    reference = oracles.andrews()
+    with mp.workdps(oracles.DIGITS):
+        u, v = oracles.andrews_points(oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES)
+        _, g = reference.jacobian_terms(u, [0] * 7)
+        full, rhs = matrix(15, 15), matrix(15, 1)
+        # Φ is quadratic: its second difference along v is the curvature.
+        moved = [reference.phi([a + k * b for a, b in zip(u, v, strict=True)]) for k in (-1, 0, 1)]
+        for i, force in enumerate(reference.force(u, [0] * 7)):
+            rhs[i] = force
+            for j in range(8):
+                full[i, j] = reference.mass[i, j]
+            for k in range(7):
+                full[i, 8 + k], full[8 + k, i] = -g[i, k], g[i, k]
+        for k in range(7):
+            rhs[8 + k] = -(moved[0][k] - 2 * moved[1][k] + moved[2][k])
+        multipliers = list(lu_solve(full, rhs))[8:]
+    return [np.array(part, float) for part in (u, v, multipliers)]
+
+
+def test_converged_andrews_is_as_good_as_it_says(andrews):
+    """1e-12 or so, against more digits; what the estimates claim."""
+    true, estimated = true_errors(andrews, [np.array(part) for part in ANDREWS])
+    assert np.all(true <= 2 * estimated)
+    assert np.all(true <= [1e-12, 5e-12, 5e-13])
+    assert np.all(estimated <= [5e-12, 3e-11, 3e-12])
+
+
+def test_andrews_against_the_published_table(andrews, published):
+    """Within what the table is good for: 8e-12 m, 1.1e-8 m/s, 2.6e-10 in λ."""
+    true, _ = true_errors(andrews, published)
+    assert np.all(true <= [2.4e-10, 1.5e-9, 2.7e-10])
+
+
+def test_known_andrews_is_the_published_table(published):
+    """Points, velocities and multipliers that follow from angles and rates; one time only."""
+    found = KNOWN["andrews"](0.03)
+    assert found.source == "published"
+    true, estimated = true_errors(found, published)
+    assert np.all(true <= [1e-14, 1e-14, 1e-12])
+    true, estimated = true_errors(found, [np.array(part) for part in ANDREWS])
+    assert np.all(true <= estimated)
+    assert np.all(estimated <= 1.3 * true)
+    assert KNOWN["andrews"](0.02) is None
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_known_solutions_are_of_shipped_problems(name):
+    """Each is a solution of the problem of its name: it is where the converged one is."""
+    assert name in PROBLEMS
+    known = KNOWN[name](0.03)
+    found = solution(problem(name), 0.03)
+    true, _ = true_errors(found, [getattr(known, part) for part in PARTS])
+    assert np.all(true <= 1e-14 + np.array([known.u_error, known.v_error, known.multipliers_error]))
+
+
+def test_car_axis_against_the_published_reference():
+    """Φ(u, t) in Python, its derivatives by differences: IVP test set, t = 3."""
+    found = solution(python_problem.load(CAR_AXIS, "car_axis", {"compiled": True}, "car axis"), 3.0)
+    exact = [
+        np.array([0.493455784275402809122e-1, 0.496989460230171153861,
+                  0.104174252488542151681e1, 0.373911027265361256927]),
+        np.array([-0.770583684040972357970e-1, 0.744686658723778553466e-2,
+                  0.175568157537232222276e-1, 0.770341043779251976443]),
+        np.array([-0.473688659084893324729e-2, -0.110468033125734368808e-2]),
+    ]  # fmt: skip
+    true, estimated = true_errors(found, exact)
+    assert np.all(true <= 3 * estimated)
+    assert np.all(true <= [1e-12, 2e-11, 3e-11])
+    assert np.all(estimated <= [5e-12, 2e-10, 1e-10])
+
+
+DRIVEN = """\
+points:
+  A: {fixed: [0, 0]}
+  W: {fixed: [2, 2]}
+  B: {at: [0.3, 0.4]}
+  C: {at: [0.9, 1.2], mass: 2}
+  S: {at: [1.4, 0.4], mass: 1}
+bodies:
+  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
+  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
+body_points:
+  P: {on: one, at: [0.25, 0.3]}
+  Q: {on: two, at: [0.75, -0.1]}
+bars:
+  fixed on a body: {from: Q, to: S, length: 0.8}
+sliders:
+  rail: {point: S, through: [1, 0], direction: [1, 1]}
+springs:
+  spring: {from: P, to: W, stiffness: 7, rest_length: 0.3}
+dampers:
+  damper: {from: W, to: Q, damping: 3}
+motions:
+  crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}
+gravity: [1, -9]
+assemble: true
+project_velocities: true
+"""
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A mechanism with a motion, a damper and body-fixed points."""
+    path = tmp_path_factory.mktemp("mechanism") / "driven.yaml"
+    path.write_text(DRIVEN)
+    return planar.load(path, "driven")
+
+
+def march(subject, h, t_end):
+    """Coordinates and velocities of the trapezoidal rule."""
+    form, integrator = FORMS["u-lambda"], Newmark()
+    scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
+    state = initial_state(subject, integrator)
+    steps = round(t_end / h)
+    ending = kernel_march.march(
+        subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
+    )
+    assert ending == (kernel.COMPLETED, steps)
+    return state.fields[:2]
+
+
+def test_newmark_converges_to_the_reference(driven):
+    """Another method, other code: order 2, and the limit is the reference."""
+    found = solution(driven, 0.4)
+    assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-10
+    h = np.array([4e-3, 2e-3, 1e-3])
+    ends = [march(driven, step, 0.4) for step in h]
+    for part, exact in enumerate((found.u, found.v)):
+        errors = [relative_error(end[part], exact) for end in ends]
+        assert linregress(np.log(h), np.log(errors)).slope == pytest.approx(2.0, abs=0.05)
+        # The limit, by Richardson's extrapolation.
+        limit = (4 * ends[2][part] - ends[1][part]) / 3
+        assert relative_error(limit, exact) < 1e-2 * errors[2]
+
+
+def test_reference_meets_the_constraints(driven):
+    """Positions and velocities are on the constraints to rounding, λ is theirs."""
+    t = 0.4
+    found = solution(driven, t)
+    terms = driven.evaluate(t, found.u, found.v, found.multipliers)
+    rate, curvature = driven.constraint_derivatives(t, found.u, found.v)
+    np.testing.assert_allclose(terms.phi, 0, atol=3e-15)
+    np.testing.assert_allclose(terms.G.T @ found.v + rate, 0, atol=1e-14)
+    accelerations = np.linalg.solve(driven.M, terms.force)
+    np.testing.assert_allclose(terms.G.T @ accelerations, -curvature, atol=1e-11)
+
+
+def test_driven_crank_is_where_its_law_says(tmp_path):
+    """A prescribed angle leaves nothing free: u, v and both multipliers are known."""
+    path = tmp_path / "crank.yaml"
+    path.write_text(
+        "points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 3, velocity: [0, 8]}}\n"
+        "bars: {arm: {from: O, to: P, length: 2}}\n"
+        "motions: {drive: {point: P, y: {amplitude: 8, frequency: 1}}}\n"
+    )
+    found = solution(planar.load(path, "crank"), 0.2)
+    sine, cosine = np.sin(0.2), np.cos(0.2)
+    y, vy, ay = 8 * sine, 8 * cosine, -8 * sine
+    x = np.sqrt(4 - y * y)
+    vx = -y * vy / x
+    ax = -(vy**2 + y * ay + vx**2) / x
+    arm = 3 * ax / x
+    exact = [np.array(part) for part in ([x, y], [vx, vy], [arm, 3 * ay - arm * y])]
+    true, estimated = true_errors(found, exact)
+    assert np.all(true <= 3 * estimated)
+    assert np.all(estimated < 1e-10)
+
+
+def test_index_1_system_by_both_factorisations(monkeypatch):
+    """Dense and sparse factors: the same accelerations, multipliers and projections."""
+    subject = FAMILIES["chain"].problem("chain", {"links": 30})
+    random = np.random.default_rng(1)
+    u = subject.u0 + 1e-6 * random.normal(size=subject.n)
+    v = random.normal(size=subject.n)
+    found = []
+    for limit in (10_000, 0):
+        monkeypatch.setattr(index_1, "_DENSE_UP_TO", limit)
+        system = Index1(subject)
+        found.append((*system.accelerations(0.0, u, v), *system.projected(0.0, u, v)))
+    for dense, sparse in zip(*found, strict=True):
+        np.testing.assert_allclose(dense, sparse, rtol=0, atol=1e-12 * np.abs(dense).max())
+    place, speed = found[0][2:]
+    np.testing.assert_allclose(subject.constraint_values(0.0, place), 0, atol=1e-10)
+    gradient = subject.evaluate(0.0, place, speed, np.zeros(subject.m)).G
+    np.testing.assert_allclose(gradient.T @ speed, 0, atol=1e-12)
+    # The nearest in the norm of M: what was added does no work on what is allowed.
+    normal = np.linalg.lstsq(gradient, subject.M @ (v - speed), rcond=None)[0]
+    np.testing.assert_allclose(gradient @ normal, subject.M @ (v - speed), atol=1e-11)
+
+
+def test_long_chain():
+    """Sparse factors along the whole motion; its energy, which nothing enforces, is kept."""
+    subject = FAMILIES["chain"].problem("chain", {"links": 100})
+    found = solution(subject, 1.0)
+    assert found.u_error < 1e-12
+    begin, end = (
+        subject.energies(*at) for at in ((0, subject.u0, subject.v0), (1, found.u, found.v))
+    )
+    assert sum(end) == pytest.approx(sum(begin), abs=1e-11 * end[0])
+
+
+def test_start_is_its_own_reference():
+    """t = 0, for `steps: 0`: the initial state and its multipliers."""
+    subject = problem("andrews")
+    found = solution(subject, 0.0)
+    np.testing.assert_array_equal(found.u, subject.u0)
+    np.testing.assert_array_equal(found.v, subject.v0)
+    assert found.multipliers == pytest.approx(initial_state(subject, Newmark()).multipliers)
+    assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-14
+
+
+def test_motion_through_a_singular_position_has_none():
+    """Four-bars fold up in the horizontal position, where G loses rank."""
+    subject = FAMILIES["four-bars"].problem("four-bars(windows=2)", {"windows": 2})
+    with pytest.raises(
+        NoReference, match=r"four-bars\(windows=2\): no reference beyond t = 0\.714\d*, "
+    ) as caught:
+        solution(subject, 2.0)
+    assert isinstance(caught.value, InputError)
+    assert "\n" not in str(caught.value)
+
+
+def test_motion_of_too_many_steps_has_none(monkeypatch):
+    """Work is bounded; how far it came is said."""
+    monkeypatch.setattr(reference, "_MOST_STEPS", 20)
+    with pytest.raises(NoReference, match=r"no reference beyond t = 0\.\d+, which 20 steps"):
+        solution(problem("double-pendulum"), 10.0)
+
+
+def test_too_sensitive_motion_has_none(monkeypatch):
+    """Two solutions that differ are none."""
+    monkeypatch.setattr(reference, "_WORST", 1e-13)
+    with pytest.raises(NoReference, match=r"so sensitive that its solutions .* are .* apart"):
+        solution(problem("double-pendulum"), 5.0)
+
+
+def test_work_can_be_ended():
+    """An exception of the caller's comes out."""
+
+    def stop():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solution(problem("pendulum"), 1.0, stop)
+
+
+@pytest.mark.parametrize(
+    ("found", "given", "expected"),
+    [([1.0, 2.2], [1.0, 2.0], 0.1), ([0.0], [0.0], 0.0), ([1.0], [0.0], np.inf)],
+)
+def test_relative_error(found, given, expected):
+    """Largest component over largest component; never 0/0."""
+    assert relative_error(np.array(found), np.array(given)) == pytest.approx(expected)
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """Times for which a reference was computed."""
+    times = []
+
+    def count(subject, t, on_work):
+        times.append(t)
+        return solution(subject, t, on_work)
+
+    monkeypatch.setattr(reference, "solution", count)
+    return times
+
+
+SPEC = Shipped("double-pendulum")
+
+
+def files(folder):
+    return sorted((folder / "references").glob("*"))
+
+
+def same(one, other):
+    return all(
+        np.array_equal(a, b) and type(a) is type(b)
+        for a, b in zip(vars(one).values(), vars(other).values(), strict=True)
+    )
+
+
+def test_known_solutions_come_first(tmp_path, counted):
+    """Nothing is computed or stored for them, but at other times."""
+    stored = References(tmp_path)
+    assert stored.of(Shipped("pendulum"), 12.5).source == "exact"
+    assert stored.of(Shipped("andrews"), 0.03).source == "published"
+    assert counted == []
+    assert not (tmp_path / "references").exists()
+    assert stored.of(Shipped("andrews"), 0.003).source == "converged"
+    assert counted == [0.003]
+
+
+def test_computed_once_for_all_threads(tmp_path, counted):
+    """Threads that ask for the same wait for one of them."""
+    stored, found = References(tmp_path), []
+    threads = [
+        threading.Thread(target=lambda: found.append(stored.of(SPEC, 0.2))) for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert counted == [0.2]
+    assert all(reference is found[0] for reference in found)
+
+
+def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
+    """Another run reads the file; its name says what it is."""
+    first = References(tmp_path).of(SPEC, 0.2)
+    second = References(tmp_path).of(SPEC, 0.2)
+    assert counted == [0.2]
+    assert same(first, second)
+    (path,) = files(tmp_path)
+    assert path.name.startswith("double-pendulum-0.2-")
+    record = json.loads(path.read_text())
+    assert record["estimated_error"]["lambda"] == first.multipliers_error
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: "",
+        lambda text: text[: len(text) // 2],
+        lambda text: "[1, 2]",
+        lambda text: '"text"',
+        lambda text: text.replace('"u": [', '"u": [0.0,', 1),
+        lambda text: text.replace('"v": [', '"v": [NaN,', 1).replace(",\n", ",", 1),
+        lambda text: text.replace('"lambda"', '"mu"'),
+        lambda text: text.replace('"content": "', '"content": "0'),
+        lambda text: text.replace('"source": "conv', '"source": "\ud83d'),
+        lambda text: "[" * 100_000,
+    ],
+)
+def test_damaged_files_are_written_anew(tmp_path, counted, damage):
+    """Cut off, of another shape, of something else: computed again, and mended."""
+    first = References(tmp_path).of(SPEC, 0.2)
+    (path,) = files(tmp_path)
+    whole = path.read_text()
+    path.write_bytes(damage(whole).encode(errors="surrogatepass"))
+    assert same(References(tmp_path).of(SPEC, 0.2), first)
+    assert counted == [0.2, 0.2]
+    assert path.read_text() == whole
+    assert files(tmp_path) == [path]
+
+
+def test_what_cannot_be_written_is_an_input_error(tmp_path):
+    """One line, not a traceback."""
+    (tmp_path / "references").write_text("in the way")
+    with pytest.raises(InputError, match="cannot be written"):
+        References(tmp_path).of(SPEC, 0.2)
+
+
+SWING = """\
+points: {O: {fixed: [0, 0]}, P: {at: [0.6, 0.8], mass: 1}}
+bars: {rod: {from: O, to: P, length: 1}}
+springs: {s: {from: O, to: P, stiffness: 2, rest_length: 1}}
+gravity: [0, -1]
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("stiffness: 2", "stiffness: 2.0000000000000004"),
+        ("mass: 1", "mass: 2"),
+        ("[0.6, 0.8]", "[0.8, 0.6]"),
+        ("mass: 1}", "mass: 1, velocity: [-0.8, 0.6]}"),
+        ("gravity: [0, -1]", "gravity: [0, -2]"),
+    ],
+)
+def test_changed_mechanism_has_another_reference(tmp_path, old, new):
+    """Every number of a mechanism counts, to the last bit; its name does not."""
+    problems = []
+    for folder, text in (("one", SWING), ("two", SWING), ("three", SWING.replace(old, new))):
+        path = tmp_path / folder / "swing.yaml"
+        path.parent.mkdir()
+        path.write_text(text)
+        problems.append(MechanismFile(path, path.name).load())
+    one, two, three = (references.digest(subject, 0.5) for subject in problems)
+    assert one == two != three
+    assert references.digest(problems[0], 0.25) != one
+
+
+def test_method_counts(monkeypatch):
+    """A reference of another version is not taken."""
+    before = references.digest(SPEC.load(), 0.5)
+    monkeypatch.setattr(reference, "VERSION", reference.VERSION + 1)
+    assert references.digest(SPEC.load(), 0.5) != before
+
+
+MINE = """\
+import numpy as np
+from newmark_cli.problems.python_problem import Definition
+def swing(weight=1.0):
+    return Definition(
+        mass_matrix=np.eye(2),
+        u0=np.array([1.0, 0.0]),
+        v0=np.array([0.0, 0.0]),
+        force=lambda u, v, t: np.array([0.0, -weight]),
+        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
+        gradient=lambda u, t: u[:, None],
+        energy=lambda u, v, t: v @ v / 2 + weight * u[1],
+    )
+"""
+
+
+def mine(path, text=MINE, **arguments):
+    path.write_text(text)
+    return PythonFactory(path, "swing", tuple(arguments.items()), path.name)
+
+
+def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted):
+    """A line of the source, or an argument: another reference, in another file."""
+    specs = [
+        mine(tmp_path / "a.py"),
+        mine(tmp_path / "b.py", MINE + "# changed"),
+        mine(tmp_path / "a.py", weight=2.0),
+        mine(tmp_path / "c.py"),
+    ]
+    digests = [references.digest(spec.load(), 0.5) for spec in specs]
+    assert len(set(digests)) == 3
+    assert digests[0] == digests[3], "the name of the file does not count"
+    stored = References(tmp_path)
+    found = [stored.of(spec, 0.05) for spec in (*specs[:3], *specs[:3])]
+    assert counted == [0.05] * 3
+    true, _ = true_errors(found[0], pendulum(0.05))
+    assert np.all(true <= [1e-14, 1e-13, 1e-10])
+    assert [path.name.rsplit("-", 1)[0] for path in files(tmp_path)] == [
+        "a.py-swing-0.05", "a.py-swing-weight=2.0-0.05", "b.py-swing-0.05",
+    ]  # fmt: skip
+
+
+def test_members_of_a_family_have_names_of_files(tmp_path):
+    """No parentheses or blanks."""
+    References(tmp_path).of(Sized("chain", (("links", 3),)), 0.25)
+    (path,) = files(tmp_path)
+    assert path.name.startswith("chain-links=3-0.25-")
+
+
+def test_failures_are_not_stored(tmp_path, monkeypatch):
+    """The next run tries again."""
+    monkeypatch.setattr(reference, "_MOST_STEPS", 10)
+    stored = References(tmp_path)
+    for _ in range(2):
+        with pytest.raises(NoReference):
+            stored.of(SPEC, 10.0)
+    assert not (tmp_path / "references").exists()
+
+
+def test_energy_of_a_python_problem_is_checked(tmp_path):
+    """It must give one number."""
+    with pytest.raises(ProblemError, match=r"energy has shape \(2,\), expected \(\)"):
+        mine(tmp_path / "mine.py", MINE.replace("v @ v / 2 + weight * u[1]", "v")).load()
