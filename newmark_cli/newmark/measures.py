@@ -11,7 +11,10 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.invariants import Misfit
+from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.reference import Reference, relative_error
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,38 @@ def sensitivities(samples: Sequence[Mapping[tuple[str, str], float]]) -> list[Me
         )
         for row, unknown in (samples[0] if samples else ())
     ]
+
+
+def errors(reference: Reference, state: State) -> list[Measurement]:
+    """Measurements of a final state's errors, largest component over largest component.
+
+    Args:
+        reference: The solution at the state's time.
+        state: The state.
+    """
+    pairs = {
+        "u": (state.fields[0], reference.u),
+        "v": (state.fields[1], reference.v),
+        "lambda": (state.multipliers, reference.multipliers),
+    }
+    return [
+        Measurement(quantity, "error", "primary", statistics(np.array([relative_error(*pair)])))
+        for quantity, pair in pairs.items()
+    ]
+
+
+def invariants(samples: Sequence[Mapping[str, Misfit]]) -> list[Measurement]:
+    """Measurements of `newmark_cli.newmark.invariants` at the sampled states.
+
+    Each error is divided by the largest size among the samples; 0 where all vanish.
+    """
+    found = []
+    for name in samples[0] if samples else ():
+        misfit, sizes = np.array([sample[name] for sample in samples]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(misfit == 0, 0.0, misfit / sizes.max())
+        found.append(Measurement(name, "invariant", "primary", statistics(relative)))
+    return found
 
 
 def sample_steps(steps: int, samples: int) -> IndexArray:

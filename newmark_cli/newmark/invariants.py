@@ -1,0 +1,90 @@
+"""What an exact motion keeps: constraints, their rates, the multipliers, the energy."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.kernel import State
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.problem import Problem
+
+#: Names of the invariants, in the order of the CSV's rows.
+INVARIANTS = ("position", "velocity", "multiplier", "energy")
+
+
+class Misfit(NamedTuple):
+    """By how much a state misses an invariant, and what that is to be compared with.
+
+    Sizes vanish where a motion turns.  What is reported is therefore the error over
+    the largest size along the motion: see `newmark_cli.newmark.measures.invariants`.
+    """
+
+    error: float
+    size: float
+
+
+def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
+    """Misfits of a state.
+
+    ==========  ==============================================  =====================
+    name        error                                           size
+    ==========  ==============================================  =====================
+    position    max |Φ_k| / ‖G_k‖ (m): distance from the        max |u|
+                surface of a constraint
+    velocity    max |(Gᵀv + Φ_t)_k| / ‖G_k‖ (m/s): speed at     max |v|, |Φ_t| / ‖G‖
+                which one is left
+    multiplier  max |λ − λ₁|, λ₁ from u and v by the index-1    max |λ₁|
+                system
+    energy      |E − E_0|, E = T + V                            T + T_0 + |V − V_0|
+    ==========  ==============================================  =====================
+
+    G_k is the column of G of constraint k: dividing by its length makes links of any
+    length, sliders and angles comparable, and the ratio to max |u| or max |v| reads
+    in units of relative rounding.
+
+    Args:
+        problem: The problem.
+        t: Time (s).
+        state: The state; its coordinates, velocities and multipliers count.
+
+    Returns:
+        By name, in the order of `INVARIANTS`; without energy where none is conserved.
+        NaN where the state is not finite or the index-1 matrix is singular.
+    """
+    u, v = np.asarray(state.fields[:2], float)
+    with np.errstate(all="ignore"):
+        values = problem.values(t, u, v, np.zeros(problem.m))
+        gradient = scipy.sparse.csc_array(
+            (values.g, (problem.pattern.g_rows, problem.pattern.g_columns)),
+            shape=(problem.n, problem.m),
+        )
+        lengths = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
+        rate, _ = problem.constraint_derivatives(t, u, v)
+        found = {
+            "position": Misfit(_largest(values.phi / lengths), _largest(u)),
+            "velocity": Misfit(
+                _largest((gradient.T @ v + rate) / lengths),
+                max(_largest(v), _largest(rate / lengths)),
+            ),
+        }
+        try:
+            _, multipliers = Index1(problem).accelerations(t, u, v)
+        except np.linalg.LinAlgError:
+            found["multiplier"] = Misfit(np.nan, np.nan)
+        else:
+            found["multiplier"] = Misfit(
+                _largest(state.multipliers - multipliers), _largest(multipliers)
+            )
+        now, begin = (
+            problem.energies(*at) for at in ((t, u, v), (problem.t0, problem.u0, problem.v0))
+        )
+        if now is not None and begin is not None:
+            gained, released = now[0] - begin[0], begin[1] - now[1]
+            found["energy"] = Misfit(abs(gained - released), now[0] + begin[0] + abs(released))
+    return found
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max())

@@ -1,0 +1,380 @@
+"""What a motion keeps, and what energy is: misfits of known size, independent energies."""
+
+import numpy as np
+import oracles
+import pytest
+from mpmath import ellipfun, mp, mpf
+from scipy.stats import linregress
+
+from newmark_cli.newmark import kernel, kernel_march, measures
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import consistent_accelerations, initial_state
+from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
+from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import planar, python_problem
+from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.reference import Reference
+from newmark_cli.problems.registry import PROBLEMS, problem
+
+CONSERVATIVE = {"pendulum", "double-pendulum", "slider-crank"}
+
+
+def state_of(subject, u, v, multipliers, t=0.0):
+    """A state; its accelerations play no part."""
+    fields = np.array([u, v, np.zeros_like(u), np.zeros_like(u)])
+    return State(fields, fields[2:], np.asarray(multipliers, float))
+
+
+def consistent(subject, u, v, t=0.0):
+    """A state with the multipliers that follow from u and v."""
+    return state_of(subject, u, v, consistent_accelerations(subject, t, u, v)[1])
+
+
+def relative(samples):
+    """Largest relative value of each invariant."""
+    return {m.quantity: m.statistics.max for m in measures.invariants(samples)}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_start_has_no_misfit(name):
+    """Every shipped problem starts on its constraints, and with all of its energy."""
+    subject = problem(name)
+    found = invariants(subject, subject.t0, initial_state(subject, Newmark()))
+    assert tuple(found) == INVARIANTS[: 4 if name in CONSERVATIVE else 3]
+    for value in relative([found]).values():
+        assert value < 1e-13
+
+
+@pytest.mark.parametrize("t", [0.3, 3.0, 3.708, 9.5])
+def test_exact_motion_of_the_pendulum_keeps_all(t):
+    """Elliptic functions by mpmath; sizes are those of the whole motion, 3.708 is a turn."""
+    subject = problem("pendulum")
+    samples = []
+    for time in (t, 1.85):
+        with mp.workdps(30):
+            sn, cn, dn = (ellipfun(kind, mpf(time), m=mpf("0.5")) for kind in ("sn", "cn", "dn"))
+            rate, x = -sn / dn, cn / dn**2
+            y = -(rate**2) / 2
+            u, v = np.array([x, y], float), np.array([-rate * y, rate * x], float)
+        samples.append(invariants(subject, time, state_of(subject, u, v, [3 * float(y)])))
+    found = relative(samples)
+    assert set(found) == set(INVARIANTS)
+    assert all(value < 2e-15 for value in found.values())
+
+
+def test_misfits_of_the_pendulum():
+    """Off its circle, off its tangent, with another λ: by how much, in metres and so on."""
+    subject = problem("pendulum")
+    u, v = np.array([0.6, -0.8]) * (1 + 1e-6), np.array([0.8, 0.6]) + 1e-5 * np.array([0.6, -0.8])
+    found = invariants(subject, 0.0, state_of(subject, u, v, [5.0]))
+    assert found["position"] == pytest.approx((1e-6, 0.8 * (1 + 1e-6)), rel=1e-6)
+    assert found["velocity"] == pytest.approx((1e-5, 0.8), rel=1e-4)
+    # M a = f + Gλ along the rod: λ |u|² = u·(0, 1) − |v|².
+    multiplier = (u[1] - v @ v) / (u @ u)
+    assert found["multiplier"] == pytest.approx((5 - multiplier, -multiplier), rel=1e-12)
+    # T = 1/2, V = −0.8, from rest at V = 0.
+    error = 0.5 * v @ v + u[1]
+    assert found["energy"] == pytest.approx((abs(error), 0.5 * v @ v - u[1]), rel=1e-12)
+
+
+@pytest.mark.parametrize("body", range(7))
+def test_position_is_a_distance(body):
+    """A bar of Andrews' mechanism longer by 1e-9 m: so much, whatever its length."""
+    subject = problem("andrews")
+    random = np.random.default_rng(body)
+    gradient = subject.evaluate(0, subject.u0, subject.v0, np.zeros(7)).G
+    wanted = np.zeros(7)
+    wanted[body] = 1e-9 * np.linalg.norm(gradient[:, body])
+    u = subject.u0 + np.linalg.lstsq(gradient.T, wanted, rcond=None)[0]
+    v = np.linalg.lstsq(gradient.T, 1e6 * wanted, rcond=None)[0]
+    found = invariants(subject, 0.0, state_of(subject, u, v, random.normal(size=7)))
+    assert found["position"].error == pytest.approx(1e-9, rel=1e-3)
+    assert found["velocity"].error == pytest.approx(1e-3, rel=1e-3)
+    assert found["position"].size == pytest.approx(np.abs(u).max())
+    assert found["velocity"].size == pytest.approx(np.abs(v).max())
+
+
+def test_driven_points_are_compared_with_their_laws(tmp_path):
+    """Φ_t counts, in the misfit and in its size; a motion has no energy."""
+    path = tmp_path / "driven.yaml"
+    path.write_text(
+        "points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 3, velocity: [0, 8]}}\n"
+        "bars: {arm: {from: O, to: P, length: 2}}\n"
+        "motions: {drive: {point: P, y: {rate: 8}}}\n"
+    )
+    subject = planar.load(path, "driven")
+    t = 0.1
+    y = 8 * t
+    x = np.sqrt(4 - y * y)
+    u, v = np.array([x, y]), np.array([-8 * y / x, 8.0])
+    found = invariants(subject, t, consistent(subject, u, v, t))
+    assert set(found) == {"position", "velocity", "multiplier"}
+    assert all(misfit.error <= 1e-13 * misfit.size for misfit in found.values())
+    found = invariants(subject, t, consistent(subject, u + np.array([0, 1e-8]), v * 0, t))
+    assert found["position"].error == pytest.approx(1e-8, rel=1e-6)
+    assert found["velocity"] == pytest.approx((8.0, 8.0))
+
+
+def test_large_mechanism_through_sparse_factors():
+    """Chain of 200 links after a march: λ and the constraints to rounding and scheme."""
+    subject = FAMILIES["chain"].problem("chain", {"links": 200})
+    u, v = subject.u0, np.zeros(subject.n)
+    found = invariants(subject, 0.0, consistent(subject, u, v))
+    assert found["multiplier"].error <= 1e-12 * found["multiplier"].size
+    assert found["position"].error <= 1e-14 * found["position"].size
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_states_that_are_not_finite(value):
+    """Not a number, and no exception."""
+    subject = problem("andrews")
+    broken = np.full(subject.n, value)
+    found = invariants(subject, 0.0, state_of(subject, broken, broken, np.zeros(7)))
+    assert not np.isfinite(relative([found])["position"]) or value == 1e300
+    assert not np.isfinite(relative([found])["multiplier"])
+
+
+def test_singular_positions():
+    """At the centre of its circle the pendulum's constraint has no direction."""
+    subject = problem("pendulum")
+    found = invariants(subject, 0.0, state_of(subject, np.zeros(2), np.ones(2), [0.0]))
+    assert np.isnan(relative([found])["multiplier"])
+
+
+def test_equilibrium_has_no_division_by_zero(tmp_path):
+    """Hanging at rest: no speed, no energy, all misfits zero."""
+    path = tmp_path / "rest.yaml"
+    path.write_text(
+        "points: {O: {fixed: [0, 0]}, P: {at: [0, -1], mass: 1}}\n"
+        "bars: {rod: {from: O, to: P, length: 1}}\ngravity: [0, -1]\n"
+    )
+    subject = planar.load(path, "rest")
+    found = relative([invariants(subject, 0.0, initial_state(subject, Newmark()))])
+    assert found == dict.fromkeys(INVARIANTS, 0.0)
+
+
+def test_samples_are_compared_with_the_largest_size():
+    """The order of samples does not matter; statistics run over them; nothing is no sample."""
+    samples = [
+        {"position": Misfit(1e-3, 1e-3), "energy": Misfit(0.0, 0.0)},
+        {"position": Misfit(4e-3, 2.0), "energy": Misfit(0.0, 0.0)},
+    ]
+    position, energy = measures.invariants(samples)
+    assert (position.quantity, position.measure, position.role) == (
+        "position", "invariant", "primary",
+    )  # fmt: skip
+    assert position.statistics.max == pytest.approx(2e-3)
+    assert position.statistics.last == pytest.approx(2e-3)
+    assert position.statistics.rms == pytest.approx(np.sqrt((0.5e-3**2 + 2e-3**2) / 2))
+    assert energy.statistics.max == 0
+    assert energy.statistics.zeros == 2
+    assert measures.invariants([]) == []
+
+
+def test_errors_are_relative_in_the_max_norm():
+    """One value for each of u, v and λ."""
+    given = Reference(
+        1.0, np.array([2.0, -4.0]), np.zeros(2), np.array([5.0]), "exact", 0.0, 0.0, 0.0
+    )
+    state = state_of(None, np.array([2.0, -4.4]), np.zeros(2), [5.0 + 1e-9])
+    found = measures.errors(given, state)
+    assert [(m.quantity, m.measure, m.role) for m in found] == [
+        (quantity, "error", "primary") for quantity in ("u", "v", "lambda")
+    ]
+    for measurement, expected in zip(found, (0.1, 0.0, 2e-10), strict=True):
+        statistics = measurement.statistics
+        assert statistics.last == pytest.approx(expected, rel=1e-6)
+        assert statistics.rms == statistics.max == statistics.median == statistics.last
+        assert statistics.zeros == (expected == 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "t_end", "h", "multipliers"),
+    [
+        ("pendulum", 0.6, [1e-1, 3e-2, 1e-2, 3e-3], (0, 0.1)),
+        ("slider-crank", 0.3, [3e-3, 1e-3, 3e-4], (5, 10)),
+    ],
+)
+def test_trapezoidal_rule_misses_energy_and_rate_at_second_order(name, t_end, h, multipliers):
+    """Φ is solved for, at every step; Φ' and the energy follow at order 2, λ need not."""
+    subject, form, integrator = problem(name), FORMS["u-lambda"], Newmark()
+    found = []
+    for step in h:
+        scheme = Scheme(integrator, form, named_scaling("optimal", form), step)
+        state, samples = initial_state(subject, integrator), []
+        steps = round(t_end / step)
+        for first in range(0, steps, steps // 2):
+            ending = kernel_march.march(
+                subject, scheme, state, first,
+                np.zeros((steps // 2, 2)), np.zeros(steps // 2, np.int64),
+            )  # fmt: skip
+            assert ending == (kernel.COMPLETED, steps // 2)
+            samples.append(invariants(subject, (first + steps // 2) * step, state))
+        found.append(relative(samples))
+    for quantity in ("velocity", "energy"):
+        values = [entry[quantity] for entry in found]
+        assert linregress(np.log(h), np.log(values)).slope == pytest.approx(2.0, abs=0.15)
+    assert all(entry["position"] < 1e-12 for entry in found)
+    assert all(multipliers[0] < entry["multiplier"] < multipliers[1] for entry in found)
+
+
+SPRUNG = """\
+points:
+  A: {fixed: [0, 0]}
+  W: {fixed: [2, 2]}
+  B: {at: [0.3, 0.4], velocity: [-0.8, 0.6]}
+  C: {at: [0.3, 1.4], mass: 2, velocity: [-0.8, 0.6]}
+bodies:
+  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
+  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
+body_points:
+  P: {on: one, at: [0.25, 0.3]}
+  Q: {on: two, at: [0.75, -0.1]}
+springs:
+  inner: {from: P, to: Q, stiffness: 7, rest_length: 0.3}
+  outer: {from: W, to: Q, stiffness: 5, rest_length: 0.9}
+gravity: [1, -9]
+"""
+
+
+def rigid(points, velocities, centre, length):
+    """Mass centre, its velocity and the rate of turn of a two-point body."""
+    along = (points[1] - points[0]) / length
+    spin = ((velocities[1] - velocities[0]) / (1j * (points[1] - points[0]))).real
+    place = points[0] + centre * along
+    return place, velocities[0] + 1j * spin * (place - points[0]), spin
+
+
+def mechanical_energy(u, v):
+    """Kinetic and potential energy of SPRUNG from mass centres, turns and stretches."""
+    b, c, vb, vc = complex(*u[:2]), complex(*u[2:]), complex(*v[:2]), complex(*v[2:])
+    one, v1, spin1 = rigid((0, b), (0, vb), 0.2 + 0.1j, 0.5)
+    two, v2, spin2 = rigid((b, c), (vb, vc), 0.5 - 0.2j, 1.0)
+    kinetic = 0.5 * (3 * abs(v1) ** 2 + 0.5 * spin1**2 + 4 * abs(v2) ** 2 + 0.25 * spin2**2)
+    kinetic += 0.5 * 2 * abs(vc) ** 2
+    potential = -sum(
+        mass * ((1 - 9j).conjugate() * place).real for mass, place in ((3, one), (4, two), (2, c))
+    )
+    p, _, _ = rigid((0, b), (0, vb), 0.25 + 0.3j, 0.5)
+    q, _, _ = rigid((b, c), (vb, vc), 0.75 - 0.1j, 1.0)
+    potential += 0.5 * 7 * (abs(q - p) - 0.3) ** 2 + 0.5 * 5 * (abs(q - (2 + 2j)) - 0.9) ** 2
+    return kinetic, potential
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Problem from the text of a mechanism."""
+
+    def loaded(text):
+        path = tmp_path / "mechanism.yaml"
+        path.write_text(text)
+        return planar.load(path, "mechanism")
+
+    return loaded
+
+
+def test_energy_is_that_of_rigid_bodies(load):
+    """T, and V up to a constant, at positions that two angles describe."""
+    subject = load(SPRUNG)
+    random = np.random.default_rng(0)
+    differences = []
+    for _ in range(20):
+        angles, turns = random.uniform(0, 2 * np.pi, 2), random.normal(size=2)
+        b = 0.5 * np.exp(1j * angles[0])
+        c = b + np.exp(1j * angles[1])
+        vb = 1j * turns[0] * b
+        vc = vb + 1j * turns[1] * (c - b)
+        u, v = (
+            np.array([b.real, b.imag, c.real, c.imag]),
+            np.array([vb.real, vb.imag, vc.real, vc.imag]),
+        )
+        kinetic, potential = subject.energies(0.0, u, v)
+        expected = mechanical_energy(u, v)
+        assert kinetic == pytest.approx(expected[0], rel=1e-12)
+        differences.append(potential - expected[1])
+    np.testing.assert_allclose(differences, differences[0], rtol=0, atol=1e-12)
+
+
+def test_forces_are_slopes_of_the_energy(load):
+    """f = −∂V/∂u at any position, on the constraints or not."""
+    subject = load(SPRUNG)
+    random = np.random.default_rng(1)
+    u, v = subject.u0 + 0.1 * random.normal(size=4), random.normal(size=4)
+    force = subject.evaluate(0.0, u, v, np.zeros(subject.m)).force
+    for i, step in enumerate(1e-3 * np.eye(4)):
+        values = [subject.energies(0.0, u + k * step, v)[1] for k in (-2, -1, 1, 2)]
+        slope = np.array([1, -8, 8, -1]) @ values / (12 * 1e-3)
+        assert -slope == pytest.approx(force[i], abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("addition", "conserved"),
+    [
+        ("", True),
+        ("dampers: {d: {from: W, to: C, damping: 0}}\n", True),
+        ("dampers: {d: {from: W, to: C, damping: 1}}\n", False),
+        ("torques: {t: {on: one, torque: 0}}\n", True),
+        ("torques: {t: {on: one, torque: 2}}\n", False),
+        ("motions: {m: {point: C, x: {}}}\nproject_velocities: true\n", True),
+        ("motions: {m: {point: C, x: {value: 0.3}}}\nproject_velocities: true\n", True),
+        ("motions: {m: {point: C, x: {rate: 1}}}\nproject_velocities: true\n", False),
+        ("motions: {m: {body: one, angle: {acceleration: 1}}}\nproject_velocities: true\n", False),
+        (
+            "motions: {m: {point: C, y: {amplitude: 1, frequency: 2}}}\nproject_velocities: true\n",
+            False,
+        ),
+    ],
+)
+def test_what_conserves_energy(load, addition, conserved):
+    """Nothing that damps, drives or moves with time."""
+    subject = load(SPRUNG + addition)
+    found = invariants(subject, 0.0, consistent(subject, subject.u0, subject.v0))
+    assert ("energy" in found) == conserved
+    assert (subject.energies(0.0, subject.u0, subject.v0) is not None) == conserved
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_shipped_problems_with_energy(name):
+    """Torques drive Andrews' mechanism and the four-bar linkage."""
+    subject = problem(name)
+    found = subject.energies(0.0, subject.u0, subject.v0)
+    assert (found is not None) == (name in CONSERVATIVE)
+
+
+def test_energy_of_a_python_problem():
+    """The user's total energy, of which the kinetic part is known; none if none is given."""
+    given = {
+        "mass_matrix": np.diag([2.0, 3.0]),
+        "u0": np.array([1.0, 0.0]),
+        "v0": np.zeros(2),
+        "force": lambda u, v, t: np.array([0.0, -4.0]),
+        "constraints": lambda u, t: np.array([(u @ u - 1) / 2]),
+        "gradient": lambda u, t: u[:, None],
+    }
+    silent = python_problem.from_definition(python_problem.Definition(**given), "silent")
+    assert silent.energies(0.0, silent.u0, silent.v0) is None
+    given["energy"] = lambda u, v, t: v[0] ** 2 + 1.5 * v[1] ** 2 + 4 * u[1] + 7
+    told = python_problem.from_definition(python_problem.Definition(**given), "told")
+    kinetic, potential = told.energies(0.0, np.array([0.6, -0.8]), np.array([1.0, 2.0]))
+    assert kinetic == pytest.approx(1 + 6)
+    assert potential == pytest.approx(7 - 3.2)
+    u, speed = np.array([0.6, -0.8]), 1.1
+    v = speed * np.array([0.8, 0.6])
+    found = invariants(told, 0.0, consistent(told, u, v))["energy"]
+    gained = 0.5 * (2 * v[0] ** 2 + 3 * v[1] ** 2)
+    assert found == pytest.approx((abs(gained - 3.2), gained + 3.2))
+
+
+def test_andrews_published_state_keeps_its_invariants():
+    """Points of the table are off the loops by what their angles are off."""
+    subject = problem("andrews")
+    with mp.workdps(30):
+        parts = oracles.andrews_points(oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES)
+    u, v = (np.array(part, float) for part in parts)
+    found = relative([invariants(subject, 0.03, consistent(subject, u, v))])
+    assert found["position"] < 1e-9
+    assert found["velocity"] < 1e-8
+    assert found["multiplier"] < 1e-12
