@@ -6,6 +6,7 @@ package reads the same data from a YAML file and assembles element by element.
 
 from dataclasses import dataclass
 
+import numpy as np
 from mpmath import cos, matrix, mp, mpf, sin, sqrt
 
 DIGITS = 60
@@ -284,3 +285,16 @@ def condition_number(scaled):
     """2-norm condition number from singular values at 60 digits."""
     values = mp.svd_r(scaled, compute_uv=False)
     return values[0] / values[len(values) - 1]
+
+
+def index_1(subject, t, u, v):
+    """a and λ that u and v imply: the bordered matrix written out, solved in 30 digits."""
+    terms = subject.evaluate(t, u, v, np.zeros(subject.m))
+    _, curvature = subject.constraint_derivatives(t, u, v)
+    bordered = np.block([[subject.M, -terms.G], [terms.G.T, np.zeros((subject.m, subject.m))]])
+    with mp.workdps(30):
+        solution = mp.lu_solve(
+            mp.matrix(bordered.tolist()), mp.matrix([*terms.force.tolist(), *(-curvature).tolist()])
+        )
+        found = np.array([float(x) for x in solution])
+    return found[: subject.n], found[subject.n :]

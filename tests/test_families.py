@@ -8,11 +8,12 @@ from marching import march, start
 
 from newmark_cli.newmark import kernel_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import consistent_accelerations, initial_state
+from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.registry import problem
 from newmark_cli.problems.spec import Shipped, Sized
 
@@ -80,7 +81,7 @@ def test_chain_starts_across_its_line(links):
     The bar above mass i carries the 0.6-fold weight of all masses from i on.
     """
     subject = member("chain", links).load()
-    a, multipliers = consistent_accelerations(subject, 0.0, subject.u0, subject.v0)
+    a, multipliers = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     across = -0.8 * np.array([0.6, 0.8])
     np.testing.assert_allclose(a.reshape(-1, 2), np.tile(across, (links, 1)), atol=1e-12 * links)
     carried = -0.6 * np.arange(links, 0, -1)
@@ -91,7 +92,7 @@ def test_chain_starts_across_its_line(links):
 def test_four_bars_move_as_one_rod(windows):
     """All rods stay parallel: θ'' of the one degree of freedom, whatever the number of windows."""
     subject = member("four-bars", windows).load()
-    a, _ = consistent_accelerations(subject, 0.0, subject.u0, subject.v0)
+    a, _ = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     # Upright, θ' = 1: the top is drawn inward by θ'², and gravity has no lever.
     np.testing.assert_allclose(a.reshape(-1, 2), np.tile([0.0, -1.0], (windows + 1, 1)), atol=1e-10)
     couplers, rods = windows, windows + 1

@@ -11,11 +11,12 @@ from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
 from newmark_cli.newmark import kernel_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import consistent_accelerations, initial_state
+from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import elements, planar
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.registry import PROBLEMS, problem
 
 REFERENCED = [name for name in PROBLEMS if name in oracles.REFERENCES]
@@ -81,7 +82,7 @@ def test_terms_against_mpmath(name, seed):
 def test_andrews_initial_acceleration():
     """β'' = 14222.4439199541 to 1e-12, from the consistent start."""
     subject = problem("andrews")
-    a, _ = consistent_accelerations(subject, 0.0, subject.u0, subject.v0)
+    a, _ = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     f, df = subject.u0[2:4], a[2:4]
     beta = (f[0] * df[1] - f[1] * df[0]) / (f @ f)
     assert beta == pytest.approx(14222.4439199541, rel=1e-12)
@@ -102,7 +103,7 @@ def test_andrews_start_follows_from_its_angles():
 def test_pendulum_start():
     """From rest at (1, 0): a = (0, −1), λ = 3y = 0."""
     subject = problem("pendulum")
-    a, multipliers = consistent_accelerations(subject, 0.0, subject.u0, subject.v0)
+    a, multipliers = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     np.testing.assert_allclose(a, [0, -1], atol=1e-16)
     np.testing.assert_allclose(multipliers, [0], atol=1e-16)
 
@@ -112,7 +113,7 @@ def test_accelerations_in_motion(angle, rate):
     """λ = y − |v|² on the pendulum at any angle and speed: the curvature term is there."""
     u = np.array([np.cos(angle), np.sin(angle)])
     v = rate * np.array([-u[1], u[0]])
-    a, multipliers = consistent_accelerations(problem("pendulum"), 0.0, u, v)
+    a, multipliers = Index1(problem("pendulum")).accelerations(0.0, u, v)
     assert multipliers[0] == pytest.approx(u[1] - rate**2, abs=1e-13)
     np.testing.assert_allclose(a, multipliers[0] * u + [0, -1], atol=1e-13)
 
@@ -328,7 +329,7 @@ def test_assembled_positions_meet_the_constraints():
 def test_starts_are_consistent(name):
     """Φ, Φ' and Φ'' vanish at the start of every shipped problem."""
     subject = problem(name)
-    a, multipliers = consistent_accelerations(subject, subject.t0, subject.u0, subject.v0)
+    a, multipliers = Index1(subject).accelerations(subject.t0, subject.u0, subject.v0)
     terms = subject.evaluate(subject.t0, subject.u0, subject.v0, multipliers)
     rate, curvature = subject.constraint_derivatives(subject.t0, subject.u0, subject.v0)
     size = np.abs(subject.u0).max()

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import oracles
 import pytest
+from marching import start
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 from scipy.stats import linregress
 
@@ -210,7 +211,7 @@ def march(subject, h, t_end):
     """Coordinates and velocities of the trapezoidal rule."""
     form, integrator = FORMS["u-lambda"], Newmark()
     scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
-    state = initial_state(subject, integrator)
+    state = initial_state(subject, scheme)
     steps = round(t_end / h)
     ending = kernel_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
@@ -305,7 +306,7 @@ def test_start_is_its_own_reference():
     found = solution(subject, 0.0)
     np.testing.assert_array_equal(found.u, subject.u0)
     np.testing.assert_array_equal(found.v, subject.v0)
-    assert found.multipliers == pytest.approx(initial_state(subject, Newmark()).multipliers)
+    assert found.multipliers == pytest.approx(start(subject).multipliers)
     assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-14
 
 

@@ -7,7 +7,6 @@ from damped import damped
 from marching import EPS, STEP, assert_same_step, copy, march, start, states
 
 from newmark_cli import documents
-from newmark_cli.newmark import initial as initial_module
 from newmark_cli.newmark import kernel, kernel_march, scipy_march, sensitivity
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
@@ -16,6 +15,7 @@ from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.sparse import SparseSystem
+from newmark_cli.problems import index_1
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import Shipped, Sized
 from newmark_cli.study import cell as cell_module
@@ -137,7 +137,7 @@ def test_consistent_starts_agree(name, monkeypatch):
     """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
     subject = SUBJECTS[name]
     dense = start(subject)
-    monkeypatch.setattr(initial_module, "DENSE_UP_TO", 0)
+    monkeypatch.setattr(index_1, "_DENSE_UP_TO", 0)
     sparse = start(subject)
     for found, expected in ((sparse.fields, dense.fields), (sparse.multipliers, dense.multipliers)):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e3 * EPS * np.abs(expected).max())

@@ -5,8 +5,6 @@ dense.  What makes the plain LU factorisation of J̄ usable at small step sizes,
 scaled or not, is the order of elimination: see `elimination_order`.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -125,30 +123,6 @@ def mass_matrix(problem: Problem) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array(
         (problem.mass_values, (pattern.mass_rows, pattern.mass_columns)), (problem.n, problem.n)
     )
-
-
-def index_1_solver(
-    problem: Problem, values: Values, mass_unit: float
-) -> tuple[scipy.sparse.csr_array, Callable[[Array], Array]]:
-    """Matrix [[M/unit, −G], [Gᵀ, 0]] of the index-1 system, and what solves it.
-
-    Args:
-        problem: The problem.
-        values: Its values at the state.
-        mass_unit: Unit of M (kg).
-
-    Raises:
-        numpy.linalg.LinAlgError: When the matrix is singular.
-    """
-    n, size, pattern = problem.n, problem.n + problem.m, problem.pattern
-    rows = (pattern.mass_rows, pattern.g_rows, n + pattern.g_columns)
-    columns = (pattern.mass_columns, n + pattern.g_columns, pattern.g_rows)
-    entries = np.concatenate([problem.mass_values / mass_unit, -values.g, values.g])
-    places = np.concatenate(rows), np.concatenate(columns)
-    matrix = scipy.sparse.csr_array((entries, places), (size, size))
-    row_order, column_order = elimination_order(problem, 1)
-    ordered = scipy.sparse.csc_array(matrix[row_order][:, column_order])
-    return matrix, Factors(ordered, row_order, column_order).solve
 
 
 def _summed(slots: IndexArray, values: Array, size: int) -> Array:

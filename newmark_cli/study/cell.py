@@ -11,10 +11,12 @@ from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.invariants import Misfit, invariants
 from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.measures import Measurement
 from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.newmark.scheme import DIRECT, Scheme, Tolerance
+from newmark_cli.problems.reference import Reference
 from newmark_cli.problems.spec import ProblemSpec
 
 #: Statuses of a cell, from good to bad.
@@ -82,11 +84,16 @@ class Outcome:
     history: Sequence[tuple[int, Array]] = ()
 
 
-def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Outcome:
+def run(
+    cell: Cell,
+    reference: Reference | None = None,
+    on_steps: Callable[[int], None] = lambda steps: None,
+) -> Outcome:
     """March a cell and measure it.
 
     Args:
         cell: What to compute.
+        reference: The solution at the end, where errors are measured.
         on_steps: Told how many steps were done, now and then; an exception
             that it raises ends the march.
     """
@@ -111,6 +118,7 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
     conditions: list[float] = []
     sensitivities: list[dict[tuple[str, str], float]] = []
     history: list[tuple[int, Array]] = []
+    misfits: list[dict[str, Misfit]] = []
 
     def sample() -> None:
         time = subject.t0 + done * cell.h
@@ -118,6 +126,8 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         here = State(*(array.astype(float) for array in state))
         if "condition" in cell.measure:
             conditions.append(system.balanced(time, here).condition())
+        if "invariant" in cell.measure:
+            misfits.append(invariants(subject, time, here))
         if "sensitivity" in cell.measure:
             sensitivities.append(sensitivity.sensitivities(subject, scheme, time, here, system))
 
@@ -151,6 +161,11 @@ def run(cell: Cell, on_steps: Callable[[int], None] = lambda steps: None) -> Out
         found.append(measures.condition(np.array(conditions)))
     if "sensitivity" in cell.measure:
         found += measures.sensitivities(sensitivities)
+    if "error" in cell.measure and done == cell.steps:
+        assert reference is not None
+        found += measures.errors(reference, state)
+    if "invariant" in cell.measure:
+        found += measures.invariants(misfits)
     if "tolerance" in cell.measure:
         found.append(measures.newton(iterations[:done]))
     if "history" in cell.measure:

@@ -39,9 +39,11 @@ from newmark_cli.problems.spec import (
 )
 from newmark_cli.study.cell import STATUSES, Cell
 
-MEASURES = ("correction", "condition", "sensitivity", "tolerance", "history")
+MEASURES = (
+    "correction", "condition", "sensitivity", "error", "invariant", "tolerance", "history",
+)  # fmt: skip
 #: Measures that need steps; the others can be taken at the initial state.
-_ALONG_STEPS = ("correction", "tolerance", "history")
+_ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history")
 
 #: Shipped configs that `reproduce` runs.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -336,6 +338,11 @@ class Case(StrictModel):
                     raise misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
                 if self.t_end / h > _MOST_STEPS:
                     raise misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
+                steps = self.t_end / h
+                if "error" in self.measure and abs(steps - round(steps)) > 1e-6:
+                    raise misfit(
+                        "h", f"errors are measured at t_end: no whole number of steps, given {h:g}"
+                    )
         along = [measure for measure in self.measure if measure in _ALONG_STEPS]
         if self.steps == 0 and along:
             raise misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")

@@ -11,10 +11,12 @@ import numpy as np
 
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.problems.reference import NoReference
 from newmark_cli.study import cell as cells_module
 from newmark_cli.study import provenance, results
 from newmark_cli.study.cell import Cell, Outcome
 from newmark_cli.study.config import Study
+from newmark_cli.study.references import References
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ def run_studies(
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
 
+    references = References(folder)
     stopped = threading.Event()
 
     def checked(steps: int) -> None:
@@ -81,7 +84,7 @@ def run_studies(
         if stopped.is_set():
             raise _Stopped
         start = time.perf_counter()
-        outcome = _guarded(cell, checked)
+        outcome = _guarded(cell, references, checked)
         return outcome, time.perf_counter() - start
 
     grid = [(s, c, cell) for s, study in enumerate(studies) for c, cell in enumerate(study.cells())]
@@ -117,11 +120,16 @@ def _cost(cell: Cell) -> int:
     return cell.weight * len(FORMS[cell.form].unknowns) ** 3
 
 
-def _guarded(cell: Cell, on_steps: Callable[[int], None]) -> Outcome:
+def _guarded(cell: Cell, references: References, on_steps: Callable[[int], None]) -> Outcome:
     """Run a cell; what goes wrong inside becomes its status."""
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
-            return cells_module.run(cell, on_steps)
+            reference = None
+            if "error" in cell.measure:
+                reference = references.of(cell.problem, cell.t_end, lambda: on_steps(0))
+            return cells_module.run(cell, reference, on_steps)
+    except NoReference as error:
+        return Outcome([], 0, np.nan, "failed", str(error))
     except (_Stopped, InputError):
         raise
     except np.linalg.LinAlgError as error:
