@@ -297,17 +297,17 @@ def draw(
         raise InputError("--animate: needs --at T, the end of the motion")
     spec = config.problem_named(problem)
     subject = spec.load()
-    from newmark_cli.report import draw as drawing
+    from newmark_cli.report import draw_mechanism, style
     from newmark_cli.study import motion
 
     count = frames if animated else 2
     places = motion.positions(subject, time, step or time / 2000, count) if time else [subject.u0]
     title = (subject.drawing.title or spec.label) + (f", t = {time:g} s" if time else "")
     if animated is not None:
-        click.echo(drawing.animation(title, subject, places, animated))
+        click.echo(draw_mechanism.animation(title, subject, places, animated))
         return 0
     stem = folder / "figures" / re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-")
-    for file in drawing.save(drawing.mechanism_figure(title, subject, places[-1]), stem):
+    for file in style.save(draw_mechanism.mechanism_figure(title, subject, places[-1]), stem):
         click.echo(file)
     return 0
 

@@ -1,11 +1,15 @@
 """Figures by the data that they draw, and verdicts by the rows that they read."""
 
+import ast
+from pathlib import Path
+
 import matplotlib as mpl
 import numpy as np
 import pytest
 
+import newmark_cli
 from newmark_cli.problems.registry import problem
-from newmark_cli.report import draw, plot
+from newmark_cli.report import draw, draw_mechanism, plot, style
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.slopes import (
@@ -70,9 +74,22 @@ def test_order_figures_draw_the_csv(folder, figure):
     assert "h" in axes.get_xlabel()
 
 
+def test_only_the_drawing_modules_import_matplotlib():
+    """All else reads CSVs and gives values; it can be used where nothing is drawn."""
+    package = Path(newmark_cli.__file__).parent
+    importing = set()
+    for file in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            if {name.partition(".")[0] for name in names} & {"matplotlib", "PIL"}:
+                importing.add(file.relative_to(package).as_posix())
+    assert importing == {f"report/{name}.py" for name in ("style", "draw", "draw_mechanism")}
+
+
 def test_series_can_be_told_apart():
     """Distinct markers and line styles; colours apart in grey and for the colour blind."""
-    looks = draw._LOOKS[:4]
+    looks = style.LOOKS[:4]
     assert len({look["marker"] for look in looks}) == 4
     assert len({look["linestyle"] for look in looks}) == 4
     grey = [np.dot(mpl.colors.to_rgb(look["color"]), [0.2126, 0.7152, 0.0722]) for look in looks]
@@ -88,7 +105,7 @@ def test_mechanism_figures_show_every_joint(figure):
     """All points are labelled, fixed ones filled, at their initial positions in mm."""
     subject = problem(figure.problem)
     mechanism = subject.drawing
-    drawing = draw.mechanism_figure(figure.title, subject, subject.u0)
+    drawing = draw_mechanism.mechanism_figure(figure.title, subject, subject.u0)
     (axes,) = drawing.axes
     labels = {text.get_text() for text in axes.texts}
     assert set("OABCDEFGH") | set(mechanism.bodies) <= labels
@@ -111,7 +128,7 @@ def test_both_files_have_the_same_bytes_again(folder, tmp_path):
     contents = []
     for name in ("one", "two"):
         slopes = plot.series(figure, collect(folder, [figure.study]), folder)
-        files = draw.save(draw.order_figure(figure, slopes), tmp_path / name)
+        files = style.save(draw.order_figure(figure, slopes), tmp_path / name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]
     assert contents[0][0].startswith(b"\x89PNG")

@@ -9,7 +9,7 @@ from PIL import Image
 
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.registry import PROBLEMS
-from newmark_cli.report import draw
+from newmark_cli.report import draw_mechanism
 from newmark_cli.study import config
 
 EXAMPLES = Path(__file__).parents[1] / "docs/examples"
@@ -144,14 +144,14 @@ def test_problems_that_cannot_be_used(cli, problem, words):
 def test_every_mechanism_can_be_drawn(name):
     """Shipped ones and members of every family: each bar and body has its line."""
     subject = config.problem_named(name).load()
-    (axes,) = draw.mechanism_figure(name, subject, subject.u0).axes
+    (axes,) = draw_mechanism.mechanism_figure(name, subject, subject.u0).axes
     mechanism = subject.drawing
     ends = {
         (line.get_xdata()[0], line.get_ydata()[0], line.get_xdata()[-1], line.get_ydata()[-1])
         for line in axes.get_lines()
     }
     factor = 1e3 if "(mm)" in axes.get_xlabel() else 1.0
-    places = {n: factor * place for n, place in draw.places(subject, subject.u0).items()}
+    places = {n: factor * place for n, place in draw_mechanism.places(subject, subject.u0).items()}
     for part in (*mechanism.bodies.values(), *mechanism.bars.values()):
         start, end = places[part.from_], places[part.to]
         assert (start.real, start.imag, end.real, end.imag) in ends

@@ -74,18 +74,18 @@ def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[P
     }
 
     from newmark_cli.problems.registry import problem
-    from newmark_cli.report import draw
+    from newmark_cli.report import draw, draw_mechanism, style
 
     files = []
     for entry in entries:
         if isinstance(entry, MechanismFigure):
             subject = problem(entry.problem)
-            drawing = draw.mechanism_figure(entry.title, subject, subject.u0)
+            drawing = draw_mechanism.mechanism_figure(entry.title, subject, subject.u0)
         elif isinstance(entry, SensitivityFigure):
             drawing = draw.sensitivity_figure(entry, data[entry.name])
         else:
             drawing = draw.order_figure(entry, data[entry.name])
-        files += draw.save(drawing, folder / "figures" / f"figure-{entry.name}")
+        files += style.save(drawing, folder / "figures" / f"figure-{entry.name}")
     return files
 
 
