@@ -93,7 +93,7 @@ def run(configs: tuple[str, ...], folder: Path, jobs: int | None, allow_code: bo
 @click.argument("figures", nargs=-1, metavar="[FIGURE...]")
 @_results
 def plot(figures: tuple[str, ...], folder: Path) -> int:
-    r"""Draw figures, all nine by default, from the CSVs in DIR.
+    r"""Draw figures, by default all that the CSVs in DIR are enough for.
 
     Writes DIR/figures/figure-<n>.png and .svg, and DIR/slopes.csv.
 
@@ -107,10 +107,13 @@ def plot(figures: tuple[str, ...], folder: Path) -> int:
     wanted = plotting.names(figures)
     # Read everything before anything is written.
     found = slopes.collect(folder) if plotting.needs_results(wanted) else []
-    for file in plotting.plot(folder, wanted, found):
+    lacking = [] if figures else plotting.without_data(wanted, found, folder)
+    for file in plotting.plot(folder, [name for name in wanted if name not in lacking], found):
         click.echo(file)
     if found:
         slopes.write(folder, found)
+    if lacking:
+        _complain(plotting.how_to_get(lacking))
     return 0
 
 
@@ -120,21 +123,24 @@ def plot(figures: tuple[str, ...], folder: Path) -> int:
 @click.option("--json", "as_json", is_flag=True, help="Print every slope as JSON.")
 @click.option("--markdown", is_flag=True, help="Print the table as Markdown.")
 def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
-    r"""Check every fitted slope in DIR against its predicted order.
+    r"""Check every fitted slope in DIR against its predicted order, and the claims.
 
     Writes DIR/slopes.csv.  Exits with 1 when a slope misses its prediction by
-    more than its tolerance, or cannot be fitted.
+    more than its tolerance, or cannot be fitted, or when a claim of a figure
+    fails whose study is in DIR.
 
     \b
     Example:
       newmark-study check --json
     """
+    from newmark_cli.report import check as checking
     from newmark_cli.report import slopes
 
     found = slopes.collect(folder)
     slopes.write(folder, found)
     if as_json:
-        click.echo(_json([slope.row() for slope in found]))
+        judged = checking.judge(found)
+        click.echo(_json([s.row() for s in found] + [entry.row() for entry in judged]))
     else:
         _show_claims(found, show_all, markdown)
     return _verdict(found)
@@ -143,10 +149,12 @@ def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
 @cli.command()
 @_results
 @_jobs
-def reproduce(folder: Path, jobs: int | None) -> int:
+@click.option("--all", "everything", is_flag=True, help="The studies past the paper too.")
+def reproduce(folder: Path, jobs: int | None, everything: bool) -> int:
     r"""Run the paper's studies, draw its nine figures, check every slope.
 
-    Exits with 1 when a slope is not as predicted.
+    With --all also the studies past the paper, their figures and claims.  Exits
+    with 1 when a slope is not as predicted or a claim fails.
 
     \b
     Example:
@@ -154,14 +162,15 @@ def reproduce(folder: Path, jobs: int | None) -> int:
     """
     from newmark_cli.study import config
 
-    code = _run([config.load_shipped(name) for name in config.REPRODUCED], folder, jobs)
+    studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
+    code = _run([config.load_shipped(name) for name in studies], folder, jobs)
 
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
     from newmark_cli.report import tables as tabling
 
-    found = slopes.collect(folder, config.REPRODUCED)
-    files = plotting.plot(folder, plotting.names(()), found)
+    found = slopes.collect(folder, studies)
+    files = plotting.plot(folder, plotting.of_studies(studies), found)
     click.echo(f"{len(files)} files in {folder / 'figures'}")
     slopes.write(folder, found)
     click.echo()
@@ -387,24 +396,27 @@ def _progress(steps: int) -> Iterator[Callable[[int], None]]:
 
 
 def _show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bool = False) -> None:
-    from newmark_cli.report import plot as plotting
-    from newmark_cli.report.slopes import PASS
+    from newmark_cli.report import check as checking
 
-    claimed = plotting.claimed(slopes)
-    rest = [s for s in slopes if s not in claimed and (show_all or s.verdict != PASS)]
-    table = plotting.claims([*claimed, *rest])
-    if len(table) > 1:
-        click.echo((plotting.markdown_table if markdown else plotting.text_table)(table))
-        click.echo()
+    judged = checking.judge(slopes)
+    tables = [
+        checking.slope_rows(checking.chosen(slopes, show_all)),
+        checking.claim_rows(judged),
+    ]
+    for table in tables:
+        if len(table) > 1:
+            click.echo((checking.markdown_table if markdown else checking.text_table)(table))
+            click.echo()
     if not markdown:
-        click.echo(plotting.summary(slopes))
+        click.echo(checking.summary(slopes, judged))
 
 
 def _verdict(found: "Sequence[Slope]") -> int:
-    """1 when a slope, or an entry of the tables, is not as predicted."""
-    from newmark_cli.report import slopes, tables
+    """1 when a slope, a claim or an entry of the tables is not as predicted."""
+    from newmark_cli.report import check as checking
+    from newmark_cli.report import tables
 
-    if not found or any(slope.verdict != slopes.PASS for slope in found):
+    if not checking.all_hold(found, checking.judge(found)):
         return 1
     if not any(slope.study == tables.STUDY for slope in found):
         return 0
@@ -417,11 +429,11 @@ def _verdict(found: "Sequence[Slope]") -> int:
 
 
 def _show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
-    from newmark_cli.report import plot as plotting
+    from newmark_cli.report import check as checking
     from newmark_cli.report import tables as tabling
 
     for title, grid in tabling.grids(entries):
-        click.echo(f"{title}\n\n{plotting.text_table(grid)}\n")
+        click.echo(f"{title}\n\n{checking.text_table(grid)}\n")
     click.echo(f"{tabling.worst(entries)}\n")
     for file in tabling.write(folder, entries):
         click.echo(file)

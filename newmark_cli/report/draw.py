@@ -11,76 +11,298 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.report.figures import OrderFigure, SensitivityFigure
-from newmark_cli.report.slopes import Slope, format_fit, format_order
+from newmark_cli.report.figures import (
+    HistoryFigure,
+    OrderFigure,
+    PrecisionFigure,
+    SensitivityFigure,
+    SeriesFigure,
+    StudyFigure,
+)
+from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report.history import History
+from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import LOOKS, STYLE, WIDTH
 
 _SYMBOLS = {"u": "u", "v": "v", "a": "a", "lambda": r"\lambda"}
+
+#: Curves over time; the first alternates from step to step, the last two coincide.
+_OVER_TIME: tuple[dict[str, Any], ...] = (
+    {"color": "#D55E00", "linewidth": 0.4, "marker": ".", "markersize": 1.2, "alpha": 0.7},
+    {"color": "#56B4E9", "linewidth": 2.6},
+    {"color": "#000000", "linewidth": 0.8, "linestyle": "--"},
+)
+
+#: Problems of unit mass, length and gravity; all others are in SI units.
+_WITHOUT_UNITS = ("pendulum", "chain")
+
+#: A line of a legend (inch), and how many fit under axes of the usual size.
+_LINE, _LINES = 0.147, 4
 
 
 def axis_label(quantity: str, measure: str) -> str:
     """Label of the ordinate in the field's symbols."""
     if measure == "condition":
         return r"condition number $C = \|\bar J\|\,\|\bar J^{-1}\|$"
+    if measure == "krylov_iterations":
+        return "iterations per linear solve (median)"
+    if measure == "tolerance":
+        return "share of steps that meet the tolerance"
     symbol = _SYMBOLS[quantity]
+    if measure == "error":
+        return rf"error at the end, $\max|\Delta {symbol}| \,/\, \max|{symbol}|$"
     if measure == "correction":
         return rf"last decreasing correction $\|\Delta\bar {symbol}\|$ (rms)"
     return rf"last decreasing correction $\|\Delta {symbol}\|$ (rms)"
 
 
-def order_figure(figure: OrderFigure, slopes: Sequence[Slope]) -> Figure:
+def figure_of(figure: SeriesFigure, slopes: Sequence[Slope]) -> Figure:
+    """Any figure of series.
+
+    Args:
+        figure: The entry.
+        slopes: Its series, in the order of its curves.
+    """
+    if isinstance(figure, SensitivityFigure):
+        return sensitivity_figure(figure, slopes)
+    if isinstance(figure, PrecisionFigure):
+        return precision_figure(figure, slopes)
+    return order_figure(figure, slopes)
+
+
+def order_figure(figure: OrderFigure | StudyFigure, slopes: Sequence[Slope]) -> Figure:
     """A quantity against h: points, fitted slopes in the legend, predicted ones as lines.
 
     Args:
         figure: The entry.
         slopes: Its series, in the order of the legend.
     """
+    linear, note = (figure.linear, figure.note) if isinstance(figure, StudyFigure) else (False, "")
     with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(WIDTH, 3.3))
-        axes = drawing.add_axes((0.165, 0.305, 0.815, 0.63))
+        places = {curve.key: i for i, curve in enumerate(figure.curves)}
+        labels = [
+            figure.curves[places[slope.key]].label
+            + ("" if np.isnan(slope.expected) else f": {format_fit(slope.fit)}")
+            for slope in slopes
+        ]
+        predicted = any(not np.isnan(slope.expected) for slope in slopes)
+        columns = 2 if max(map(len, labels)) <= 26 else 1
+        lines = math.ceil((len(labels) + predicted) / columns) + bool(predicted or note)
+        more = (lines - _LINES) * _LINE
+        height = 3.3 + more
+        drawing = Figure(figsize=(WIDTH, height))
+        foot = (0.305 * 3.3 + more) / height
+        axes = drawing.add_axes((0.165, foot, 0.815, 0.63 * 3.3 / height))
         axes.set_xscale("log")
-        axes.set_yscale("log")
-        for slope, look in zip(slopes, LOOKS, strict=False):
-            shown = np.isfinite(slope.values) & (slope.values > 0)
-            order = np.argsort(slope.h[shown])
-            name = slope.preconditioning.partition("[")[0]
-            axes.plot(
-                slope.h[shown][order],
-                slope.values[shown][order],
-                color=look["color"],
-                marker=look["marker"],
-                markersize=look["markersize"],
-                markerfacecolor=look["color"] if look["fill"] else "none",
-                linestyle=look["linestyle"],
-                label=f"{name}: {format_fit(slope.fit)}",
-            )
-        _widen(axes, slopes)
-        _predicted_lines(axes, slopes)
-        axes.set_xlabel(f"step size $h${figure.unit}")
-        axes.set_ylabel(axis_label(figure.quantity, figure.measure))
+        if not linear:
+            axes.set_yscale("log")
+        for slope, label in zip(slopes, labels, strict=True):
+            _series(axes, slope, LOOKS[places[slope.key]], label, zeros=linear)
+        if linear:
+            _from_zero(axes, slopes)
+        else:
+            _widen(axes, slopes)
+            axes.yaxis.set_major_locator(LogLocator(numticks=10))
+            axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+            axes.yaxis.set_minor_formatter(NullFormatter())
+            _predicted_lines(axes, slopes)
+        _mark_stagnation(axes, slopes)
+        axes.set_xlabel(_step_label(slopes))
+        axes.set_ylabel(axis_label(slopes[0].quantity, slopes[0].measure))
         axes.set_title(figure.title)
-        for axis, ticks in ((axes.xaxis, 12), (axes.yaxis, 10)):
-            axis.set_major_locator(LogLocator(numticks=ticks))
-            axis.set_major_formatter(FuncFormatter(_power_of_ten))
-            axis.set_minor_formatter(NullFormatter())
+        axes.xaxis.set_major_locator(LogLocator(numticks=12))
+        axes.xaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(color="0.92", linewidth=0.5)
         axes.set_axisbelow(True)
         handles, labels = axes.get_legend_handles_labels()
         drawing.legend(
             handles,
             labels,
-            title="fitted slope",
+            title="fitted slope" if predicted else note,
             loc="lower center",
-            ncols=2,
+            ncols=columns,
             handlelength=3.0,
             borderpad=0.2,
             columnspacing=1.2,
             bbox_to_anchor=(0.56, 0.0),
         )
         missing = sum(int(np.count_nonzero(slope.values == 0)) for slope in slopes)
-        if missing:
+        if missing and not linear:
             axes.annotate(f"{missing} values are exactly 0", (0.02, 0.02), xycoords="axes fraction")
     return drawing
+
+
+def _step_label(slopes: Sequence[Slope]) -> str:
+    family = slopes[0].problem.partition("(")[0]
+    return "step size $h$" + ("" if family in _WITHOUT_UNITS else " (s)")
+
+
+def _series(
+    axes: Any, slope: Slope, look: dict[str, Any], label: str, zeros: bool = False, size: float = 1
+) -> None:
+    """Points of one series, joined; cells that stagnated as open markers, not joined."""
+    shown = np.isfinite(slope.values) & ((slope.values > 0) | zeros)
+    stagnated = np.array([status == "stagnated" for status in slope.statuses], bool)
+    for chosen, line, fill, name in (
+        (shown & ~stagnated, look["linestyle"], look["fill"], label),
+        (shown & stagnated, "none", False, None),
+    ):
+        order = np.argsort(slope.h[chosen])
+        if name is not None or chosen.any():
+            axes.plot(
+                slope.h[chosen][order],
+                slope.values[chosen][order],
+                color=look["color"],
+                marker=look["marker"],
+                markersize=size * look["markersize"],
+                markerfacecolor=look["color"] if fill else "none",
+                linestyle=line if len(order) > 1 else "none",
+                label=name,
+            )
+
+
+def _from_zero(axes: Any, slopes: Sequence[Slope]) -> None:
+    """A share from 0 to 1, a count from 0 to its largest, with room for markers."""
+    values = np.concatenate([slope.values for slope in slopes])
+    top = 1.0 if slopes[0].measure == "tolerance" else 1.1 * float(np.nanmax(values))
+    axes.set_ylim(-0.06 * top, 1.07 * top)
+
+
+def _mark_stagnation(axes: Any, slopes: Sequence[Slope]) -> None:
+    """Say what the open markers at the solver's limit are."""
+    limits = [
+        value
+        for slope in slopes
+        for value, status in zip(slope.values, slope.statuses, strict=True)
+        if status == "stagnated" and np.isfinite(value)
+    ]
+    for limit in dict.fromkeys(limits):
+        axes.axhline(limit, color="0.55", linewidth=0.6, zorder=1)
+        axes.annotate(
+            f"no convergence in {limit:.0f} iterations",
+            (0.98, limit),
+            xycoords=axes.get_yaxis_transform(),
+            xytext=(0, 6),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            color="0.35",
+        )
+
+
+def precision_figure(figure: PrecisionFigure, slopes: Sequence[Slope]) -> Figure:
+    """Corrections in two precisions against h, one panel below the other.
+
+    Args:
+        figure: The entry.
+        slopes: Its series, panel by panel and precision by precision.
+    """
+    unknowns = FORMS[figure.form].unknowns
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(WIDTH, 0.75 + 1.75 * len(unknowns)))
+        panels = drawing.subplots(
+            len(unknowns),
+            sharex=True,
+            squeeze=False,
+            gridspec_kw={
+                "left": 0.165, "right": 0.98, "bottom": 0.155, "top": 0.945, "hspace": 0.06,
+            },
+        )[:, 0]  # fmt: skip
+        for unknown, axes in zip(unknowns, panels, strict=True):
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            ours = [slope for slope in slopes if slope.quantity == unknown]
+            for slope in ours:
+                first = slope.precision == figure.precisions[0]
+                variant = figure.variants.index(slope.preconditioning)
+                label = slope.preconditioning if first else "_"
+                _series(axes, slope, LOOKS[variant], label, size=0.8)
+            _widen(axes, ours, headroom=0.06)
+            axes.set_ylabel(axis_label(unknown, "correction").removeprefix("last decreasing "))
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(LogLocator(numticks=10))
+                axis.set_major_formatter(FuncFormatter(_power_of_ten))
+                axis.set_minor_formatter(NullFormatter())
+            axes.grid(color="0.92", linewidth=0.5)
+            axes.set_axisbelow(True)
+            for precision in figure.precisions:
+                _name_beside(axes, precision, [s for s in ours if s.precision == precision])
+        left, right = panels[0].get_xlim()
+        panels[0].set_xlim(left, right * (right / left) ** 0.17)
+        panels[0].set_title(figure.title)
+        panels[-1].set_xlabel(_step_label(slopes))
+        drawing.legend(
+            *panels[0].get_legend_handles_labels(),
+            loc="lower center",
+            ncols=len(figure.variants),
+            handlelength=2.6,
+            columnspacing=1.0,
+            bbox_to_anchor=(0.56, 0.0),
+        )
+    return drawing
+
+
+def history_figure(figure: HistoryFigure, histories: Sequence[History]) -> Figure:
+    """A multiplier over time: above in the range of the last curve, below as far as any goes.
+
+    Args:
+        figure: The entry.
+        histories: Its time series, in the order of its curves.
+    """
+    reference = histories[-1].multipliers
+    component = int(np.argmax(np.max(np.abs(reference), axis=0)))
+    low, high = (1e-3 * extreme(reference[:, component]) for extreme in (np.min, np.max))
+    with mpl.rc_context(STYLE):
+        drawing = Figure(figsize=(WIDTH, 4.4))
+        zoomed, whole = drawing.subplots(
+            2,
+            sharex=True,
+            gridspec_kw={
+                "left": 0.165, "right": 0.965, "bottom": 0.24, "top": 0.95, "hspace": 0.08,
+            },
+        )  # fmt: skip
+        for axes in (zoomed, whole):
+            for curve, history, look in zip(figure.curves, histories, _OVER_TIME, strict=False):
+                values = 1e-3 * history.multipliers[:, component]
+                axes.plot(history.t, values, label=curve.label, **look)
+            axes.set_ylabel(rf"$\lambda_{component + 1}$ (kN/m)")
+            axes.grid(color="0.92", linewidth=0.5)
+            axes.set_axisbelow(True)
+        zoomed.set_ylim(low - 0.25 * (high - low), high + 0.25 * (high - low))
+        whole.set_yscale("symlog", linthresh=10 ** math.floor(math.log10(high - low)))
+        whole.yaxis.set_major_formatter(FuncFormatter(_signed_power_of_ten))
+        zoomed.set_title(figure.title)
+        whole.set_xlabel("time $t$ (s)")
+        drawing.legend(
+            *zoomed.get_legend_handles_labels(),
+            title=f"$h$ = {_power_of_ten(figure.h)} s; pairs of successive steps",
+            loc="lower center",
+            handlelength=2.6,
+            borderpad=0.2,
+            bbox_to_anchor=(0.56, 0.0),
+        )
+    return drawing
+
+
+def _signed_power_of_ten(value: float, position: int | None = None) -> str:
+    if value == 0:
+        return "0"
+    return ("−" if value < 0 else "") + _power_of_ten(abs(value))
+
+
+def _name_beside(axes: Any, name: str, slopes: Sequence[Slope]) -> None:
+    """Write a name right of the last points of series that belong together."""
+    last = [slope.values[np.argmax(slope.h)] for slope in slopes]
+    place = float(np.exp(np.mean(np.log([value for value in last if value > 0]))))
+    axes.annotate(
+        name,
+        (max(float(slope.h.max()) for slope in slopes), place),
+        xytext=(8, 0),
+        textcoords="offset points",
+        ha="left",
+        va="center",
+    )
 
 
 def sensitivity_figure(figure: SensitivityFigure, slopes: Sequence[Slope]) -> Figure:
@@ -214,9 +436,9 @@ def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
     low, high = np.log10(axes.get_ylim())
     shift = 0.045 * (high - low)
     for slope in slopes:
-        if slope.expected in drawn or slope.fit.points < 1:
+        shown = slope.fitted & np.isfinite(slope.values) & (slope.values > 0)
+        if np.isnan(slope.expected) or slope.expected in drawn or not shown.any():
             continue
-        shown = np.isfinite(slope.values) & (slope.values > 0)
         log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
         ends = np.array([log_h.min(), log_h.max()])
         # Beside the data, not under them.
@@ -241,5 +463,6 @@ def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
             fontsize=7,
             color="0.35",
         )
-    left, right = axes.get_xlim()
-    axes.set_xlim(left, right * (right / left) ** 0.08)
+    if drawn:
+        left, right = axes.get_xlim()
+        axes.set_xlim(left, right * (right / left) ** 0.08)

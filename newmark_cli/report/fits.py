@@ -1,5 +1,6 @@
 """Straight lines through log–log data."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,3 +48,19 @@ def power_law(h: Array, values: Array) -> Fit:
     misfit = y - intercept - slope * x
     stderr = float(np.sqrt(misfit @ misfit / (points - 2) / spread)) if points > 2 else np.nan
     return Fit(slope, stderr, intercept, points)
+
+
+def format_fit(fit: Fit) -> str:
+    """Slope ± standard error: two decimals, more where the error asks for them."""
+    if np.isnan(fit.slope):
+        return "n/a"
+    # As many decimals as the error has, at least two: "± 0.000" would claim too much.
+    small = 0 < fit.stderr < 0.005
+    decimals = min(-math.floor(math.log10(fit.stderr)), 6) if small else 2
+    slope = f"{round(fit.slope, decimals) + 0.0:.{decimals}f}".replace("-", "−")
+    return slope if np.isnan(fit.stderr) else f"{slope} ± {fit.stderr:.{decimals}f}"
+
+
+def format_order(value: float) -> str:
+    """A predicted order: a whole number with a true minus sign; nothing where there is none."""
+    return "" if np.isnan(value) else f"{value + 0:g}".replace("-", "−")

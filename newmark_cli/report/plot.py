@@ -1,19 +1,14 @@
-"""From the results folder to figures, and the table of claims."""
+"""From the results folder to figures."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
-from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
-from newmark_cli.report.slopes import (
-    PASS,
-    Slope,
-    format_fit,
-    format_order,
-    in_figure_order,
-)
-from newmark_cli.study.results import ResultsError
+from newmark_cli.report.figures import FIGURES, HistoryFigure, MechanismFigure, SeriesFigure
+from newmark_cli.report.history import History, read_histories
+from newmark_cli.report.slopes import Slope
+from newmark_cli.study.results import ResultsError, history_path
 
 
 def names(given: Iterable[str]) -> list[str]:
@@ -29,27 +24,78 @@ def names(given: Iterable[str]) -> list[str]:
     return given or list(FIGURES)
 
 
-def series(
-    figure: OrderFigure | SensitivityFigure, slopes: Sequence[Slope], folder: Path
-) -> list[Slope]:
-    """Series of a figure, in the order of its legend.
+def of_studies(studies: Iterable[str]) -> list[str]:
+    """Figures that studies are enough for."""
+    enough = set(studies)
+    return [
+        name
+        for name, figure in FIGURES.items()
+        if isinstance(figure, MechanismFigure) or figure.study in enough
+    ]
+
+
+def series(figure: SeriesFigure, slopes: Sequence[Slope], folder: Path) -> list[Slope]:
+    """Series of a figure, in the order of its curves.
 
     Raises:
         ResultsError: When the results lack one.
     """
-    drawn = [slope for slope in slopes if figure.name in slope.figures]
-    missing = [v for v in figure.variants if v not in {slope.preconditioning for slope in drawn}]
+    found = {slope.key: slope for slope in slopes}
+    missing = [curve.label for curve in figure.curves if curve.key not in found]
     if missing:
-        raise ResultsError(
-            f"{folder / figure.study}.csv: figure {figure.name} needs {', '.join(missing)}; "
-            f"run 'newmark-study run {figure.study}' again"
-        )
-    return sorted(drawn, key=lambda slope: figure.variants.index(slope.preconditioning))
+        raise _lacks(folder / f"{figure.study}.csv", figure, missing)
+    return [found[curve.key] for curve in figure.curves]
+
+
+def histories(figure: HistoryFigure, folder: Path) -> list[History]:
+    """Time series of a figure, in the order of its curves.
+
+    Raises:
+        ResultsError: When the results lack one.
+    """
+    found = read_histories(folder, figure.study, figure.curves, figure.h)
+    given = [history for history in found if history is not None]
+    if len(given) < len(found):
+        missing = [c.label for c, there in zip(figure.curves, found, strict=True) if not there]
+        raise _lacks(history_path(folder, figure.study), figure, missing)
+    return given
+
+
+def _lacks(
+    path: Path, figure: SeriesFigure | HistoryFigure, missing: Iterable[str]
+) -> ResultsError:
+    return ResultsError(
+        f"{path}: figure {figure.name} needs {', '.join(dict.fromkeys(missing))}; "
+        f"run 'newmark-study run {figure.study}' again"
+    )
 
 
 def needs_results(wanted: Iterable[str]) -> bool:
     """Whether a figure reads a study; a mechanism's reads the problem alone."""
     return any(not isinstance(FIGURES[name], MechanismFigure) for name in wanted)
+
+
+def without_data(wanted: Iterable[str], slopes: Sequence[Slope], folder: Path) -> list[str]:
+    """Figures that the results are not enough for."""
+    lacking = []
+    for name in wanted:
+        figure = FIGURES[name]
+        try:
+            if isinstance(figure, HistoryFigure):
+                histories(figure, folder)
+            elif not isinstance(figure, MechanismFigure):
+                series(figure, slopes, folder)
+        except ResultsError:
+            lacking.append(name)
+    return lacking
+
+
+def how_to_get(lacking: Sequence[str]) -> str:
+    """What to run for figures, in one line."""
+    needed = (FIGURES[name] for name in lacking)
+    studies = dict.fromkeys(f.study for f in needed if not isinstance(f, MechanismFigure))
+    figures = f"figure{'s' if len(lacking) > 1 else ''} {', '.join(lacking)}"
+    return f"not drawn: {figures}; run 'newmark-study run {' '.join(studies)}' first"
 
 
 def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[Path]:
@@ -69,9 +115,8 @@ def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[P
         ResultsError: When results are missing or cannot be used.
     """
     entries = [FIGURES[name] for name in wanted]
-    data = {
-        e.name: series(e, slopes, folder) for e in entries if not isinstance(e, MechanismFigure)
-    }
+    against_h = {e.name: series(e, slopes, folder) for e in entries if isinstance(e, SeriesFigure)}
+    over_time = {e.name: histories(e, folder) for e in entries if isinstance(e, HistoryFigure)}
 
     from newmark_cli.problems.registry import problem
     from newmark_cli.report import draw, draw_mechanism, style
@@ -81,84 +126,9 @@ def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[P
         if isinstance(entry, MechanismFigure):
             subject = problem(entry.problem)
             drawing = draw_mechanism.mechanism_figure(entry.title, subject, subject.u0)
-        elif isinstance(entry, SensitivityFigure):
-            drawing = draw.sensitivity_figure(entry, data[entry.name])
+        elif isinstance(entry, HistoryFigure):
+            drawing = draw.history_figure(entry, over_time[entry.name])
         else:
-            drawing = draw.order_figure(entry, data[entry.name])
+            drawing = draw.figure_of(entry, against_h[entry.name])
         files += style.save(drawing, folder / "figures" / f"figure-{entry.name}")
     return files
-
-
-_HEADINGS = (
-    "figure",
-    "config",
-    "quantity",
-    "variant",
-    "predicted",
-    "fitted",
-    "tolerance",
-    "verdict",
-)
-
-
-def claimed(slopes: Sequence[Slope]) -> list[Slope]:
-    """Slopes that the paper's figures show, in their order."""
-    return [
-        slope
-        for slope in in_figure_order(slopes)
-        if any(isinstance(FIGURES[name], OrderFigure) for name in slope.figures)
-    ]
-
-
-def claims(slopes: Sequence[Slope]) -> list[tuple[str, ...]]:
-    """Rows of the table of claims, headings first."""
-    rows: list[tuple[str, ...]] = [_HEADINGS]
-    for slope in slopes:
-        where = slope.study if slope.figures else f"{slope.study} {slope.problem} {slope.form}"
-        rows.append(
-            (
-                " ".join(slope.figures),
-                where,
-                _quantity(slope),
-                slope.preconditioning,
-                format_order(slope.expected),
-                format_fit(slope.fit),
-                f"{slope.tolerance:g}",
-                slope.verdict,
-            )
-        )
-    return rows
-
-
-def _quantity(slope: Slope) -> str:
-    if not slope.measure:
-        return "(failed)"
-    symbol = {"lambda": "λ", "jacobian": "C"}.get(slope.quantity, slope.quantity)
-    return {
-        "correction": f"Δ{symbol}",
-        "physical_correction": f"Δ{symbol} (physical)",
-        "condition": symbol,
-        "sensitivity": f"∂{symbol}/∂b_{slope.row_block}",
-    }[slope.measure]
-
-
-def text_table(rows: Sequence[Sequence[str]]) -> str:
-    """Columns for a terminal."""
-    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
-    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
-
-
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """The same as Markdown."""
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
-
-
-def summary(slopes: Sequence[Slope]) -> str:
-    """How many slopes are as predicted."""
-    passed = sum(slope.verdict == PASS for slope in slopes)
-    return f"{passed} of {len(slopes)} slopes as predicted"

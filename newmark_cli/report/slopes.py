@@ -2,11 +2,11 @@
 
 One `Slope` for each series in the CSVs: the rows of one study that differ in
 the step size alone.  Predictions come from exponent arithmetic
-(`newmark_cli.newmark.orders`), never from a table of expected numbers.
+(`newmark_cli.newmark.orders`) and from the order of the integrator, never from a
+table of expected numbers.  Where theory predicts none, the series is shown.
 """
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,12 +18,15 @@ import pandas as pd
 from newmark_cli.arrays import Array
 from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
+from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import UNKNOWNS, FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
+from newmark_cli.report.curves import KEY, key_of
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
 from newmark_cli.report.fits import Fit, power_law
-from newmark_cli.report.table import SERIES, read_study, study_files
+from newmark_cli.report.table import SERIES, accepted_statuses, read_study, study_files
+from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
 from newmark_cli.study import results
 from newmark_cli.study.results import ResultsError
 
@@ -31,17 +34,24 @@ from newmark_cli.study.results import ResultsError
 COLUMNS = (
     "figure", "study", "form", "preconditioning", "quantity", "measure", "slope", "stderr",
     "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
+    "evaluation", "precision", "linear_solver", "stop",
 )  # fmt: skip
 
-PASS, MISS, INCOMPLETE = "pass", "miss", "incomplete"
-
-#: Statistic over the steps that is drawn and fitted.
+#: Column that is drawn and fitted; of `tolerance` as a share of the steps.
 STATISTIC = {
     "correction": "rms",
     "physical_correction": "rms",
     "condition": "median",
     "sensitivity": "median",
+    "error": "last",
+    "invariant": "max",
+    "krylov_iterations": "median",
+    "krylov_residual": "max",
+    "tolerance": "met",
+    "history": "max",
 }
+
+_CORRECTIONS = ("correction", "physical_correction")
 
 #: Largest |fitted − predicted| where no figure sets its own.  Condition numbers
 #: are not noisy; along a run they still vary with the motion.
@@ -50,6 +60,7 @@ _TOLERANCE = {
     "physical_correction": 0.15,
     "condition": 0.05,
     "sensitivity": 0.15,
+    "error": 0.2,
 }
 _TOLERANCE_AT_START = {"condition": 0.02, "sensitivity": 0.05}
 
@@ -60,14 +71,18 @@ class Slope:
 
     Attributes:
         figures: Figures that draw it.
-        study, problem, integrator, form, preconditioning, quantity, measure, role,
-        row_block: As in the CSV.
+        study, problem, integrator, form, preconditioning, evaluation, precision,
+        linear_solver, quantity, measure, role, row_block, stop: As in the CSV.
         h: (points,) step sizes.
-        values: (points,) the statistic that is drawn.
+        values: (points,) the statistic that is drawn; where a Krylov solver
+            stagnated, the number of iterations that it was allowed.
+        statuses: Status of the cell behind each point.
+        fitted: (points,) which of them the fit is for: of an error those above
+            the rounding floor, of all else every one.
         fit: Power law through them.
-        expected: Predicted order.
-        tolerance: Largest |fit.slope − expected|.
-        verdict: pass, miss, or incomplete (a cell is not ok, or has no value).
+        expected: Predicted order; NaN where theory says nothing.
+        tolerance: Largest |fit.slope − expected|; NaN likewise.
+        verdict: pass, miss, incomplete (a cell is not ok, or has no value), or shown.
     """
 
     figures: tuple[str, ...]
@@ -76,16 +91,27 @@ class Slope:
     integrator: str
     form: str
     preconditioning: str
+    evaluation: str
+    precision: str
+    linear_solver: str
     quantity: str
     measure: str
     role: str
     row_block: str
+    stop: str
     h: Array
     values: Array
+    statuses: tuple[str, ...]
+    fitted: Array
     fit: Fit
     expected: float
     tolerance: float
     verdict: str
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What a `Curve` finds it by."""
+        return tuple(getattr(self, column) for column in KEY)
 
     def row(self) -> dict[str, Any]:
         """Row of ``slopes.csv``."""
@@ -124,13 +150,19 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
         frame: Rows as `read_study` gives them.
         path: How errors name the file.
     """
+    # A form, a variant or a quantity that lacks step sizes which others of the same
+    # problem have was cut off; cases may differ in the rest on purpose.
+    alike = ["problem", "integrator", "evaluation", "precision", "linear_solver", "measure", "stop"]
+    at_start = frame["steps"] == 0
+    most = frame.groupby([*alike, at_start])["h"].transform("nunique")
+    accepted = ("ok", *accepted_statuses(path))
     found = []
-    groups = frame.groupby(["problem", "measure", frame["steps"] == 0])
-    most = {group: rows["h"].nunique() for group, rows in groups}
-    for key, rows in frame.groupby([*SERIES, frame["steps"] == 0], sort=False):
+    for _, rows in frame.groupby([*SERIES, at_start], sort=False):
         first = {column: str(rows[column].iloc[0]) for column in SERIES}
-        points = most[first["problem"], first["measure"], key[-1]]
-        found.append(_slope(first, rows, points, path) if first["measure"] else _failed(first))
+        if first["measure"]:
+            found.append(_slope(first, rows, int(most[rows.index[0]]), accepted, path))
+        elif not rows["status"].isin(accepted).all():
+            found.append(_failed(first))
     return found
 
 
@@ -149,47 +181,75 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     return sorted(drawn, key=lambda slope: names.index(slope.figures[0]))
 
 
-def _draws(figure: OrderFigure | SensitivityFigure, first: dict[str, str]) -> bool:
-    asked = {
-        key: value
-        for key, value in vars(figure).items()
-        if key in ("study", "problem", "form", "quantity", "measure")
-    }
-    return first["preconditioning"] in figure.variants and asked.items() <= first.items()
+@cache
+def _drawing() -> Mapping[tuple[str, ...], list[str]]:
+    """Key of a series → names of the figures that draw it."""
+    names: dict[tuple[str, ...], list[str]] = {}
+    for figure in FIGURES.values():
+        if not isinstance(figure, MechanismFigure):
+            for curve in figure.curves:
+                names.setdefault(curve.key, []).append(figure.name)
+    return names
 
 
-def _slope(first: dict[str, str], rows: pd.DataFrame, points: int, path: Path) -> Slope:
+def _slope(
+    first: dict[str, str], rows: pd.DataFrame, points: int, accepted: Sequence[str], path: Path
+) -> Slope:
     measure = first["measure"]
     if measure not in STATISTIC:
         raise ResultsError(f"{path}: unknown measure {measure!r}; is it from a newer version?")
-    at_start = bool(rows["steps"].iloc[0] == 0)
     h = rows["h"].to_numpy(float)
-    values = rows[STATISTIC[measure]].to_numpy(float)
-    fit = power_law(h, values)
-    figures = [
-        figure
-        for figure in FIGURES.values()
-        if not isinstance(figure, MechanismFigure) and _draws(figure, first)
-    ]
-    default = _TOLERANCE_AT_START.get(measure) if at_start else None
-    default = default or _TOLERANCE[measure]
-    tolerance = min([figure.tolerance for figure in figures], default=default)
+    values = _drawn(measure, rows)
+    figures = tuple(_drawing().get(key_of(first), ()))
     expected = _predicted(first, path)
-    # An exact zero at every h is within any order: a block that this problem lacks.
-    absent = measure == "sensitivity" and bool((values == 0).all())
-    usable = absent or fit.points == points >= 2
-    complete = bool((rows["status"] == "ok").all()) and usable
-    within = absent or abs(fit.slope - expected) <= tolerance
+    fitted = np.full(len(h), True)
+    if measure == "error":
+        fitted = h >= h[np.argmin(np.where(np.isfinite(values), values, np.inf))]
+        points = int(np.count_nonzero(fitted))
+        if points < 3:
+            expected = np.nan
+    statuses = tuple(rows["status"])
+    if not set(statuses) <= {"ok"} and set(statuses) <= set(accepted):
+        expected = np.nan  # a cell that was expected to end like this measured something else
+    fit = power_law(h[fitted], values[fitted])
+    tolerance, verdict = np.nan, SHOWN
+    if not np.isnan(expected):
+        tolerance = _tolerance(measure, bool(rows["steps"].iloc[0] == 0), figures)
+        # An exact zero at every h is within any order: a block that this problem lacks.
+        absent = measure == "sensitivity" and bool((values == 0).all())
+        usable = absent or fit.points == points >= 2
+        within = absent or abs(fit.slope - expected) <= tolerance
+        complete = set(statuses) == {"ok"} and usable
+        verdict = (PASS if within else MISS) if complete else INCOMPLETE
     return Slope(
-        figures=tuple(figure.name for figure in figures),
+        figures=figures,
         **_described(first),
         h=h,
         values=values,
+        statuses=statuses,
+        fitted=fitted,
         fit=fit,
         expected=expected,
         tolerance=tolerance,
-        verdict=(PASS if within else MISS) if complete else INCOMPLETE,
+        verdict=verdict,
     )
+
+
+def _drawn(measure: str, rows: pd.DataFrame) -> Array:
+    values = rows[STATISTIC[measure]].to_numpy(float)
+    if measure == "tolerance":
+        return np.asarray(values / rows["steps"].to_numpy(float))
+    if measure == "krylov_iterations":
+        return np.asarray(np.where(rows["status"] == "stagnated", rows["max"], values))
+    return values
+
+
+def _tolerance(measure: str, at_start: bool, figures: Sequence[str]) -> float:
+    """The strictest of the figures that draw a series, else that of its measure."""
+    drawing = [FIGURES[name] for name in figures]
+    own = [f.tolerance for f in drawing if isinstance(f, OrderFigure | SensitivityFigure)]
+    default = _TOLERANCE_AT_START.get(measure) if at_start else None
+    return min(own, default=default or _TOLERANCE[measure])
 
 
 def _described(first: dict[str, str]) -> dict[str, str]:
@@ -204,6 +264,8 @@ def _failed(first: dict[str, str]) -> Slope:
         **_described(first),
         h=np.array([]),
         values=np.array([]),
+        statuses=(),
+        fitted=np.array([], bool),
         fit=power_law(np.array([]), np.array([])),
         expected=np.nan,
         tolerance=np.nan,
@@ -212,22 +274,29 @@ def _failed(first: dict[str, str]) -> Slope:
 
 
 def _predicted(first: dict[str, str], path: Path) -> float:
-    form, quantity = first["form"], first["quantity"]
+    """Order by theory; NaN where it says nothing."""
+    form, quantity, measure = first["form"], first["quantity"], first["measure"]
     try:
-        if not first["integrator"].startswith("newmark "):
-            raise ResultsError(f"unknown integrator {first['integrator']!r}; allowed: newmark")
+        method = integrator.parse(first["integrator"])
         if form not in FORMS:
             raise ResultsError(f"unknown form {form!r}{nearest(form, FORMS)}")
-        if quantity not in (*UNKNOWNS, "jacobian"):
+        if measure in _TOLERANCE and quantity not in (*UNKNOWNS, "jacobian"):
             raise ResultsError(f"unknown quantity {quantity!r}{nearest(quantity, UNKNOWNS)}")
-        orders = _orders(form)
+        if measure not in _TOLERANCE:
+            return np.nan
+        if measure == "error":
+            # Without damping an odd–even mode of λ is left as rounding has fed it.
+            return float(method.order) if quantity != "lambda" or method.damped else np.nan
+        if measure in _CORRECTIONS and first["stop"] != "saturation":
+            return np.nan
+        orders = _orders(form, first["evaluation"] == "compensated")
         scaling = Preconditioning.parse(first["preconditioning"]).scaling(FORMS[form])
-        if first["measure"] == "condition":
+        if measure == "condition":
             return orders.condition(scaling)
-        if first["measure"] == "sensitivity":
+        if measure == "sensitivity":
             row = FORMS[form].rows.index(first["row_block"])
             return float(orders.scaled(scaling)[1][FORMS[form].unknowns.index(quantity), row])
-        if first["measure"] == "correction":
+        if measure == "correction":
             return orders.corrections(scaling)[quantity]
         return orders.physical_corrections()[quantity]
     except (InputError, KeyError, ValueError) as error:
@@ -235,21 +304,5 @@ def _predicted(first: dict[str, str], path: Path) -> float:
 
 
 @cache
-def _orders(form: str) -> FormOrders:
-    return form_orders(FORMS[form])
-
-
-def format_fit(fit: Fit) -> str:
-    """Slope ± standard error: two decimals, more where the error asks for them."""
-    if np.isnan(fit.slope):
-        return "n/a"
-    # As many decimals as the error has, at least two: "± 0.000" would claim too much.
-    small = 0 < fit.stderr < 0.005
-    decimals = min(-math.floor(math.log10(fit.stderr)), 6) if small else 2
-    slope = f"{round(fit.slope, decimals) + 0.0:.{decimals}f}".replace("-", "−")
-    return slope if np.isnan(fit.stderr) else f"{slope} ± {fit.stderr:.{decimals}f}"
-
-
-def format_order(value: float) -> str:
-    """A predicted order: a whole number with a true minus sign."""
-    return f"{value + 0:g}".replace("-", "−")
+def _orders(form: str, compensated: bool) -> FormOrders:
+    return form_orders(FORMS[form], compensated=compensated)

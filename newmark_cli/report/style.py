@@ -38,7 +38,8 @@ LOOKS: tuple[dict[str, Any], ...] = (
     {"color": "#D55E00", "marker": "s", "markersize": 7.0, "fill": False, "linestyle": "-."},
     {"color": "#E69F00", "marker": "D", "markersize": 3.0, "fill": True, "linestyle": ":"},
     {"color": "#009E73", "marker": "^", "markersize": 5.0, "fill": False, "linestyle": "-"},
-    {"color": "#56B4E9", "marker": "v", "markersize": 3.5, "fill": True, "linestyle": "--"},
+    {"color": "#56B4E9", "marker": "v", "markersize": 7.5, "fill": False, "linestyle": "--"},
+    {"color": "#CC79A7", "marker": "*", "markersize": 4.5, "fill": True, "linestyle": "-."},
 )
 
 

@@ -3,7 +3,9 @@
 import csv
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -12,13 +14,13 @@ from newmark_cli.study.results import COLUMNS, ResultsError
 
 _NUMBERS = {
     "h", "t_end", "steps", "rms", "max", "median", "last", "zeros", "not_converged",
-    "newton_iterations",
+    "newton_iterations", "met",
 }  # fmt: skip
 
 #: Columns that name a series: rows that differ in the step size alone.
 SERIES = (
     "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver", "quantity", "measure", "role", "row_block",
+    "linear_solver", "quantity", "measure", "role", "row_block", "stop",
 )  # fmt: skip
 
 #: Files in a results folder that are not studies.
@@ -37,14 +39,12 @@ def study_files(folder: Path) -> list[Path]:
     return files
 
 
-def read_study(path: Path) -> pd.DataFrame:
-    """Rows of one study's CSV.
+def read_csv(path: Path, columns: Sequence[str]) -> pd.DataFrame:
+    """A CSV as text, cell by cell.
 
     Args:
         path: The CSV.
-
-    Returns:
-        A frame with the CSV's columns, numbers as floats, what is empty as NaN.
+        columns: With which its header must begin.
 
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
@@ -60,23 +60,38 @@ def read_study(path: Path) -> pd.DataFrame:
     except csv.Error as error:
         raise ResultsError(f"{path}: not a CSV: {error}") from None
     header = tuple(lines[0]) if lines else ()
-    if header[: len(COLUMNS)] != COLUMNS:
-        missing = [column for column in COLUMNS if column not in header]
+    if header[: len(columns)] != tuple(columns):
+        missing = [column for column in columns if column not in header]
         what = f"lacks {', '.join(missing)}" if missing else "has them in another order"
         raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
     if len(set(header)) < len(header):
         raise ResultsError(f"{path}, line 1: a column is named twice")
     if not text.endswith("\n") or len(lines) < 2:
         raise ResultsError(f"{path}, line {len(lines)}: truncated; run the study again")
-    for number, line in enumerate(lines[1:], start=2):
+    for row, line in enumerate(lines[1:], start=2):
         if len(line) != len(header):
             raise ResultsError(
-                f"{path}, line {number}: {len(line)} fields where {len(header)} belong; truncated?"
+                f"{path}, line {row}: {len(line)} fields where {len(header)} belong; truncated?"
             )
-    frame = pd.DataFrame(lines[1:], columns=list(header))
+    return pd.DataFrame(lines[1:], columns=list(header))
+
+
+def read_study(path: Path) -> pd.DataFrame:
+    """Rows of one study's CSV.
+
+    Args:
+        path: The CSV.
+
+    Returns:
+        A frame with the CSV's columns, numbers as floats, what is empty as NaN.
+
+    Raises:
+        ResultsError: When the file is missing, truncated or of another schema.
+    """
+    frame = read_csv(path, COLUMNS)
     for column in _NUMBERS:
         frame[column] = [
-            _number(path, row, column, given) for row, given in enumerate(frame[column], start=2)
+            number(path, row, column, given) for row, given in enumerate(frame[column], start=2)
         ]
     for column, allowed in (("status", STATUSES), ("study", (path.stem,))):
         for row, given in enumerate(frame[column], start=2):
@@ -94,19 +109,41 @@ def read_study(path: Path) -> pd.DataFrame:
     return frame
 
 
+def accepted_statuses(path: Path) -> tuple[str, ...]:
+    """Statuses that the study of a CSV is about, by the config that stands beside it."""
+    config = _record(path).get("config")
+    cases = config.get("cases") if isinstance(config, dict) else None
+    accepted: list[str] = []
+    for case in cases if isinstance(cases, list) else []:
+        given = case.get("accept") if isinstance(case, dict) else None
+        accepted += [status for status in given or [] if status in STATUSES]
+    return tuple(dict.fromkeys(accepted))
+
+
 def _require_recorded_rows(path: Path, rows: int) -> None:
     """A CSV that was cut at the end of a line tells by what stands beside it."""
-    try:
-        recorded = json.loads(path.with_suffix(".json").read_text()).get("rows")
-    except (OSError, ValueError, AttributeError):
-        return  # a CSV may travel alone
+    recorded = _record(path).get("rows")
     if isinstance(recorded, int) and recorded != rows:
         raise ResultsError(
             f"{path}, line {rows + 1}: {rows} rows where {recorded} were written; truncated?"
         )
 
 
-def _number(path: Path, row: int, column: str, given: str) -> float:
+def _record(path: Path) -> dict[str, Any]:
+    """Provenance of a CSV; empty where it travels alone."""
+    try:
+        record = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def number(path: Path, row: int, column: str, given: str) -> float:
+    """A number of a CSV; NaN where the cell is empty.
+
+    Raises:
+        ResultsError: When it is none; names the row, counted from 1.
+    """
     if given == "":
         return math.nan
     try:

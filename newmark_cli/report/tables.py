@@ -20,8 +20,9 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.scaling import TABLE_2
-from newmark_cli.report.fits import Fit, power_law
-from newmark_cli.report.slopes import PASS, Slope, format_fit, format_order
+from newmark_cli.report.fits import Fit, format_fit, format_order, power_law
+from newmark_cli.report.slopes import Slope
+from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.study import results
 from newmark_cli.study.results import ResultsError
 
@@ -138,7 +139,7 @@ def _table_2(slopes: Sequence[Slope], problem: str) -> Iterable[Entry]:
                     predicted=powers[block],
                     fit=fit,
                     eliminated=False,
-                    verdict=PASS if within else "miss",
+                    verdict=PASS if within else MISS,
                 )
 
 

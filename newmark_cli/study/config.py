@@ -45,8 +45,9 @@ MEASURES = (
 #: Measures that need steps; the others can be taken at the initial state.
 _ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history")
 
-#: Shipped configs that `reproduce` runs.
+#: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
+BEYOND = ("multipliers", "error", "tolerance", "krylov", "precision", "history")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _RESERVED = ("slopes",)
 _MOST_STEPS = 20_000_000

@@ -1,0 +1,171 @@
+"""What `check` says: slopes beside predictions, and the claims of the figures."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from newmark_cli.report.claims import Claim, Finding, evaluate
+from newmark_cli.report.curves import TRAPEZOIDAL, Curve
+from newmark_cli.report.figures import FIGURES, ClaimingFigure, OrderFigure
+from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report.slopes import Slope, in_figure_order
+from newmark_cli.report.verdicts import PASS, SHOWN
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A claim of a figure, and what it comes to."""
+
+    figure: ClaimingFigure
+    claim: Claim
+    finding: Finding
+
+    def row(self) -> dict[str, Any]:
+        """As values for programs."""
+        return {
+            "figure": self.figure.name,
+            "study": self.figure.study,
+            "claim": self.claim.text,
+            **vars(self.finding),
+        }
+
+
+def judge(slopes: Sequence[Slope]) -> list[Judged]:
+    """Claims of the figures whose studies are among the results, in their order."""
+    studies = {slope.study for slope in slopes}
+    found = {slope.key: slope for slope in slopes}
+
+    def find(curve: Curve) -> Slope | None:
+        return found.get(curve.key)
+
+    return [
+        Judged(figure, claim, evaluate(claim, find))
+        for figure in FIGURES.values()
+        if isinstance(figure, ClaimingFigure) and figure.study in studies
+        for claim in figure.claims
+    ]
+
+
+def all_hold(slopes: Sequence[Slope], judged: Sequence[Judged]) -> bool:
+    """Whether there are slopes, none is other than predicted, and every claim holds."""
+    return (
+        bool(slopes)
+        and all(slope.verdict in (PASS, SHOWN) for slope in slopes)
+        and all(entry.finding.verdict == PASS for entry in judged)
+    )
+
+
+def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
+    """Slopes that the paper's figures show, in their order."""
+    return [
+        slope
+        for slope in in_figure_order(slopes)
+        if any(isinstance(FIGURES[name], OrderFigure) for name in slope.figures)
+    ]
+
+
+def chosen(slopes: Sequence[Slope], everything: bool) -> list[Slope]:
+    """Slopes to print: those of the paper's figures, then what is not as predicted, or all."""
+    first = in_paper(slopes)
+    rest = [s for s in slopes if everything or s.verdict not in (PASS, SHOWN)]
+    return first + [slope for slope in rest if slope not in first]
+
+
+def slope_rows(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
+    """Rows of the table of slopes, headings first."""
+    headings = (
+        "figure", "config", "quantity", "variant", "predicted", "fitted", "tolerance", "verdict",
+    )  # fmt: skip
+    return [
+        headings,
+        *(
+            (
+                " ".join(slope.figures),
+                _where(slope),
+                quantity(slope),
+                _variant(slope),
+                format_order(slope.expected),
+                format_fit(slope.fit),
+                "" if math.isnan(slope.tolerance) else f"{slope.tolerance:g}",
+                slope.verdict,
+            )
+            for slope in slopes
+        ),
+    ]
+
+
+def claim_rows(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
+    """Rows of the table of claims, headings first."""
+    return [
+        ("figure", "config", "quantity", "claim", "measured", "verdict"),
+        *(
+            (
+                entry.figure.name,
+                entry.figure.study,
+                ", ".join(dict.fromkeys(quantity(curve) for curve in entry.figure.curves)),
+                entry.claim.text,
+                entry.finding.measured,
+                entry.finding.verdict,
+            )
+            for entry in judged
+        ),
+    ]
+
+
+def _where(slope: Slope) -> str:
+    if slope.figures:
+        return slope.study
+    beside = "" if slope.integrator == TRAPEZOIDAL else f" {slope.integrator}"
+    return f"{slope.study} {slope.problem} {slope.form}{beside}"
+
+
+def _variant(slope: Slope) -> str:
+    given = (slope.evaluation, slope.precision, slope.linear_solver)
+    usual = (Curve.evaluation, Curve.precision, Curve.linear_solver)
+    beside = [value for value, default in zip(given, usual, strict=True) if value != default]
+    return ", ".join([slope.preconditioning, *beside])
+
+
+def quantity(series: Slope | Curve) -> str:
+    """What a series measures, in the field's symbols."""
+    symbol = {"lambda": "λ", "jacobian": "C"}.get(series.quantity, series.quantity)
+    return {
+        "": "(failed)",
+        "correction": f"Δ{symbol}",
+        "physical_correction": f"Δ{symbol} (physical)",
+        "condition": symbol,
+        "sensitivity": f"∂{symbol}/∂b_{series.row_block}",
+        "error": f"error of {symbol}",
+        "invariant": f"invariant: {symbol}",
+        "krylov_iterations": "Krylov iterations",
+        "krylov_residual": "Krylov residual",
+        "tolerance": "share of steps",
+        "history": f"{symbol} over time",
+    }[series.measure]
+
+
+def text_table(rows: Sequence[Sequence[str]]) -> str:
+    """Columns for a terminal."""
+    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """The same as Markdown."""
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
+
+
+def summary(slopes: Sequence[Slope], judged: Sequence[Judged]) -> str:
+    """How many slopes are as predicted, and how many claims hold."""
+    checked = [slope.verdict for slope in slopes if slope.verdict != SHOWN]
+    text = f"{checked.count(PASS)} of {len(checked)} slopes as predicted"
+    if judged:
+        held = [entry.finding.verdict for entry in judged].count(PASS)
+        text += f", {held} of {len(judged)} claims hold"
+    return text
