@@ -392,6 +392,26 @@ def test_missing_series(cli):
     assert "figure 1 needs left, right" in cli.refused("plot", "1")
 
 
+def test_plot_draws_what_the_results_are_enough_for(cli, pendulum_results):
+    """Without names: the rest is named in one line, with what to run for it."""
+    (cli.folder / "results").mkdir()
+    shutil.copy(pendulum_results / "pendulum-u.csv", cli.folder / "results")
+    # A study of one's own under a shipped one's name is not enough for Figure 14.
+    text = (pendulum_results / "pendulum-u.csv").read_text()
+    cli.write("results/precision.csv", text.replace("pendulum-u,", "precision,"))
+    done = cli("plot")
+    drawn = [f"results/figures/figure-{n}.{s}" for n in (1, 2, 3, 6) for s in ("png", "svg")]
+    assert done.stdout.split() == drawn
+    rest = [name for name in FIGURES if name not in ("1", "2", "3", "6")]
+    studies = dict.fromkeys(FIGURES[name].study for name in rest)
+    assert done.stderr == (
+        f"newmark-study: not drawn: figures {', '.join(rest)}; "
+        f"run 'newmark-study run {' '.join(studies)}' first\n"
+    )
+    assert "figure 14 needs none, float32, " in cli.refused("plot", "14")
+    assert "history/history.csv: cannot be read" in cli.refused("plot", "15")
+
+
 def test_figure_6_needs_no_results(cli):
     """It is drawn from the mechanism; nothing is said about missing CSVs."""
     assert cli("plot", "6").stdout.split() == [

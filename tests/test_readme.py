@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from newmark_cli.report import plot
+from newmark_cli.report import check
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.slopes import PASS, collect
 from newmark_cli.study import config, results
@@ -21,7 +21,7 @@ def committed():
 
 def test_claims_table_is_that_of_the_results(committed):
     """What `check --markdown` prints is what stands in the README."""
-    table = plot.markdown_table(plot.claims(plot.claimed(committed)))
+    table = check.markdown_table(check.slope_rows(check.in_paper(committed)))
     begin, end = "<!-- claims: begin -->\n", "<!-- claims: end -->"
     assert README.split(begin)[1].split(end)[0].strip() == table
 

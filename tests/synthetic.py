@@ -1,0 +1,151 @@
+"""CSVs of the studies past the paper as they should be, made from a few numbers."""
+
+import copy
+
+import numpy as np
+
+from newmark_cli.report.figures import FIGURES, ClaimingFigure
+from newmark_cli.study import results
+
+#: Figures that make claims.
+CLAIMING = [figure for figure in FIGURES.values() if isinstance(figure, ClaimingFigure)]
+
+DAMPED = "generalized-alpha rho=0.9"
+
+#: Error of λ of Andrews' mechanism at t = 0.03 by integrator and evaluation.
+ERROR = {
+    ("newmark beta=0.25 gamma=0.5", "direct"): {1e-4: 1.4, 1e-5: 0.3, 1e-6: 9e2, 1e-7: 2e6},
+    ("newmark beta=0.25 gamma=0.5", "compensated"): {1e-4: 1.4, 1e-5: 2e-2, 1e-6: 0.3, 1e-7: 60.0},
+    (DAMPED, "direct"): {1e-4: 1.1e-3, 1e-5: 1.3e-5, 1e-6: 1.4e-7, 1e-7: 5.8e-6},
+    (DAMPED, "compensated"): {1e-4: 1.1e-3, 1e-5: 1.3e-5, 1e-6: 1.3e-7, 1e-7: 1.5e-9},
+}
+
+#: Most iterations that the Krylov solver is allowed.
+LIMIT = 600
+
+
+def _multipliers(curve):
+    order = -1 if curve.evaluation == "compensated" else -2
+    at_largest = 3.5e-11 if curve.evaluation == "compensated" else 5e-9
+    return {h: {"rms": at_largest * (h / 1e-4) ** order} for h in (1e-4, 1e-5, 1e-6, 1e-7)}
+
+
+def _error(curve):
+    found = ERROR[curve.integrator, curve.evaluation]
+    if curve.preconditioning != "optimal":
+        found = {1e-6: {"none": 3e3, "left": 4e2, "right": 1.2e3}[curve.preconditioning]}
+    statistics = ("rms", "max", "median", "last")
+    return {h: dict.fromkeys(statistics, value) for h, value in found.items()}
+
+
+def _tolerance(curve):
+    share = dict.fromkeys((1e-4, 1e-5, 1e-6, 1e-7), 1.0)
+    if curve.preconditioning in ("none", "left"):
+        share = {1e-4: 0.99, 1e-5: 0.02, 1e-6: 0.0, 1e-7: 0.0}
+    return {
+        h: {
+            "steps": 1000,
+            "met": round(1000 * part),
+            "not_converged": 1000 - round(1000 * part),
+            "status": "ok" if part == 1 else "not_converged",
+        }
+        for h, part in share.items()
+    }
+
+
+def _krylov(curve):
+    medians = {
+        "none": {1e-2: 588, 1e-3: None, 1e-4: None, 1e-5: None},
+        "left": {1e-2: 410, 1e-3: 560, 1e-4: None, 1e-5: None},
+        "right": {1e-2: 300, 1e-3: 340, 1e-4: 380, 1e-5: None},
+        "optimal": {1e-2: 89, 1e-3: 80, 1e-4: 79, 1e-5: 79},
+    }[curve.preconditioning]
+    return {
+        h: {"median": median, "max": median + 5, "status": "ok"}
+        if median
+        else {"median": 590, "max": LIMIT, "status": "stagnated"}
+        for h, median in medians.items()
+    }
+
+
+def _precision(curve):
+    order = -2 if curve.quantity == "lambda" and curve.preconditioning in ("none", "left") else 0
+    unit = 2**-24 if curve.precision == "float32" else 2**-53
+    own = 1 + 0.2 * len(curve.preconditioning)
+    return {h: {"rms": 0.3 * own * unit * h**order} for h in (1e-1, 1e-2, 1e-3)}
+
+
+def _history(curve):
+    largest = 1.2e8 if (curve.integrator, curve.evaluation) != (DAMPED, "direct") else 9.9e4
+    return {1e-6: {"max": 9.97e4 if curve.evaluation == "compensated" else largest}}
+
+
+_POINTS = {
+    "multipliers": _multipliers,
+    "error": _error,
+    "tolerance": _tolerance,
+    "krylov": _krylov,
+    "precision": _precision,
+    "history": _history,
+}
+
+
+def rows_of(curve):
+    """Rows of one series: the study's CSV with numbers that its claims hold for."""
+    table = []
+    for h, given in _POINTS[curve.study](curve).items():
+        row = dict.fromkeys(results.COLUMNS, "")
+        row |= {column: value for column, value in vars(curve).items() if column in row}
+        row |= {
+            "h": h, "t_end": 0.03, "steps": 30, "role": "primary", "zeros": 0, "not_converged": 0,
+            "newton_iterations": 4.0, "status": "ok",
+        }  # fmt: skip
+        table.append(row | given)
+    return table
+
+
+def rows(figure):
+    """Rows of the study of a figure."""
+    return [row for curve in figure.curves for row in rows_of(curve)]
+
+
+def write(folder, figure, table=None):
+    """Write the study of a figure, or other rows in its place."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{figure.study}.csv"
+    path.write_text(results.csv_text(results.COLUMNS, rows(figure) if table is None else table))
+    return path
+
+
+def multipliers(curve):
+    """Times (s) and two multipliers (N/m); the trapezoidal rule's second one alternates."""
+    t = 1e-6 * np.arange(0, 30_000, 100).repeat(2) + np.tile([0, 1e-6], 300)
+    found = np.column_stack([10 * np.cos(200 * t), 5e4 * np.sin(300 * t)])
+    if (curve.integrator, curve.evaluation) != (DAMPED, "direct"):
+        small = 1e-4 if curve.evaluation == "compensated" else 1
+        found[:, 1] += small * np.tile([-1, 1], 300) * 1e-3 * np.exp(1000 * t)
+    return t, found
+
+
+def write_history(folder, figure):
+    """Write the time series of a figure; returns the file."""
+    table = []
+    for curve in figure.curves:
+        t, found = multipliers(curve)
+        for when, values in zip(t, found, strict=True):
+            row = {column: getattr(curve, column, "") for column in results.HISTORY_COLUMNS}
+            row |= {"h": figure.h, "step": round(when / figure.h), "t": float(when)}
+            table.append(row | {f"lambda_{k + 1}": float(v) for k, v in enumerate(values)})
+    columns = (*results.HISTORY_COLUMNS, "lambda_1", "lambda_2")
+    path = results.history_path(folder, figure.study)
+    results.write_atomically(path, results.csv_text(columns, table))
+    return path
+
+
+def spoilt(table, where, change):
+    """Rows with those that agree with `where` changed by a function of a row."""
+    table = copy.deepcopy(table)
+    for row in table:
+        if all(row[column] == value for column, value in where.items()):
+            row.update(change(row))
+    return table

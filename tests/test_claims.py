@@ -1,0 +1,277 @@
+"""Claims of the figures past the paper: true of good results, false of spoilt ones."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import synthetic
+from click.testing import CliRunner
+
+from newmark_cli.cli import cli as command_line
+from newmark_cli.report import check
+from newmark_cli.report.claims import (
+    BoundClaim,
+    RatioClaim,
+    SlopeClaim,
+    SpreadClaim,
+    StatusClaim,
+    evaluate,
+)
+from newmark_cli.report.curves import KEY, Curve
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.slopes import study_slopes
+from newmark_cli.report.table import read_study
+from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
+
+CLAIMS = [
+    pytest.param(figure, i, id=f"figure-{figure.name}: {claim.text}")
+    for figure in synthetic.CLAIMING
+    for i, claim in enumerate(figure.claims)
+]
+
+
+def judged(folder, figure, table=None):
+    """Findings of a figure's claims on its study's CSV."""
+    path = synthetic.write(folder, figure, table)
+    entries = check.judge(study_slopes(read_study(path), path))
+    assert all(entry.figure is figure for entry in entries)
+    assert [entry.claim.text for entry in entries] == [claim.text for claim in figure.claims]
+    return [entry.finding for entry in entries]
+
+
+def where(curve):
+    """Columns of the CSV that pick a curve's rows."""
+    return {column: getattr(curve, column) for column in KEY}
+
+
+def curves_of(claim):
+    """Series that a claim reads."""
+    return [c for pair in claim.pairs for c in pair] if hasattr(claim, "pairs") else [claim.curve]
+
+
+def scaled(factor):
+    """Change of a row: every statistic times a factor, which may depend on the row."""
+
+    def change(row):
+        by = factor(row) if callable(factor) else factor
+        found = {k: row[k] * by for k in ("rms", "max", "median", "last") if row[k] != ""}
+        return found | ({"met": int(row["met"] * by)} if row["met"] != "" else {})
+
+    return change
+
+
+def spoil(claim, table):
+    """Rows that a claim is false of, and nothing else is wrong with."""
+    if isinstance(claim, SlopeClaim):
+        change = scaled(lambda row: row["h"] ** 0.5)
+        return synthetic.spoilt(table, where(claim.curve), change)
+    if isinstance(claim, StatusClaim):
+        return synthetic.spoilt(table, where(claim.curve), lambda row: {"status": "ok"})
+    if isinstance(claim, SpreadClaim):
+        change = scaled(lambda row: 3 if row["h"] == 1e-3 else 1)
+        return synthetic.spoilt(table, where(claim.curve), change)
+    if isinstance(claim, BoundClaim):
+        if claim.high == 0.5:  # steps that must not meet the tolerance all do
+            return synthetic.spoilt(table, where(claim.curve), lambda row: {"met": row["steps"]})
+        up = math.isfinite(claim.high) and claim.high != claim.low
+        return synthetic.spoilt(table, where(claim.curve), scaled(1e6 if up else 1e-6))
+    above = claim.pairs[-1][0]
+    at = claim.at or (None, None)
+    change = scaled(lambda row: 1e-9 if at[0] in (None, row["h"]) else 1)
+    return synthetic.spoilt(table, where(above), change)
+
+
+@pytest.mark.parametrize("figure", synthetic.CLAIMING, ids=lambda f: f"figure-{f.name}")
+def test_claims_hold_on_good_results(tmp_path, figure):
+    """Every claim, with a number or words for what was measured."""
+    for finding in judged(tmp_path, figure):
+        assert finding.verdict == PASS, finding
+        assert finding.measured
+
+
+@pytest.mark.parametrize(("figure", "index"), CLAIMS)
+def test_claims_fail_on_spoilt_results(tmp_path, figure, index):
+    """Each claim is false of numbers that say otherwise, though all cells are as before."""
+    table = spoil(figure.claims[index], synthetic.rows(figure))
+    assert judged(tmp_path, figure, table)[index].verdict == MISS
+
+
+@pytest.mark.parametrize(("figure", "index"), CLAIMS)
+def test_claims_need_their_data(tmp_path, figure, index):
+    """Without the series, and with cells that failed, a claim is incomplete."""
+    claim = figure.claims[index]
+    for curve in curves_of(claim):
+        picked = where(curve)
+        table = synthetic.rows(figure)
+        rest = [r for r in table if not all(r[k] == v for k, v in picked.items())]
+        assert len(rest) < len(table), "the figure draws what it claims"
+        # What is left must not be empty, or it would be no study at all.
+        rest = rest or synthetic.spoilt(table, picked, lambda row: {"quantity": "v"})
+        assert judged(tmp_path, figure, rest)[index].verdict == INCOMPLETE
+        broken = synthetic.spoilt(table, picked, lambda row: {"status": "diverged"})
+        expected = MISS if isinstance(claim, StatusClaim) else INCOMPLETE
+        assert judged(tmp_path, figure, broken)[index].verdict == expected
+        if not isinstance(claim, StatusClaim):
+            empty = synthetic.spoilt(
+                table, picked, lambda row: dict.fromkeys(("rms", "max", "median", "last", "met"))
+            )
+            assert judged(tmp_path, figure, empty)[index].verdict == INCOMPLETE
+
+
+def test_claims_of_the_figures():
+    """What the figures are held to, as check prints it."""
+    assert {f.name: [claim.text for claim in f.claims] for f in synthetic.CLAIMING} == {
+        "10": [
+            "none: slope −2 ± 0.15",
+            "left: slope −2 ± 0.15",
+            "right: slope −2 ± 0.15",
+            "optimal: slope −2 ± 0.15",
+            "optimal, compensated: slope −1 ± 0.15",
+            "optimal / none, every h: 0.5 to 2",
+            "optimal / optimal, compensated, h = 1e-07: at least 10000",
+        ],
+        "11": [
+            "generalized-α, compensated: slope 2 ± 0.1",
+            "generalized-α, compensated, h = 1e-07: at most 5e-09",
+            "generalized-α, direct, h = 1e-07: at least 1e-06",
+            "generalized-α, direct, h = 1e-07 / h = 1e-06: at least 1",
+            "trapezoidal, none, h = 1e-06: at least 10",
+            "trapezoidal, left, h = 1e-06: at least 10",
+            "trapezoidal, right, h = 1e-06: at least 10",
+            "trapezoidal, optimal, h = 1e-06: at least 10",
+        ],
+        "12": [
+            "right, every h: 1",
+            "optimal, every h: 1",
+            "none, h = 1e-07: at most 0.5",
+            "left, h = 1e-07: at most 0.5",
+        ],
+        "13": [
+            "optimal: (max − min)/min over h at most 0.3",
+            "none, smallest h: stagnated",
+        ],
+        "14": ["float32 / float64 / 2²⁹, every unknown, variant and h: 0.25 to 4"],
+        "15": ["max |λ|, trapezoidal, direct / generalized-α, direct: at least 100"],
+    }
+
+
+# -- the kinds, by numbers ------------------------------------------------------------------
+
+
+class Series:
+    """Values against h, all of cells that are ok."""
+
+    def __init__(self, **points):
+        self.h = np.array([10.0 ** -int(name[1:]) for name in points])
+        self.values = np.array(list(points.values()), float)
+        self.statuses = ("ok",) * len(points)
+
+
+ONE, OTHER = (Curve(label, "s", "pendulum", "u", "correction") for label in ("one", "other"))
+
+
+def finding(claim, **series):
+    """What a claim comes to on series of the two curves."""
+    return evaluate(claim, lambda curve: series.get(curve.label))
+
+
+@pytest.mark.parametrize(
+    ("claim", "value", "verdict"),
+    [
+        (SlopeClaim(ONE, 2, 0.05), 2.0, PASS),
+        (SlopeClaim(ONE, 1.9, 0.05), 2.0, MISS),
+        (BoundClaim(ONE, high=1), 1.0, PASS),
+        (BoundClaim(ONE, high=0.5), 1.0, MISS),
+        (BoundClaim(ONE, low=1e-4), 1e-4, PASS),
+        (BoundClaim(ONE, low=2e-4), 1e-4, MISS),
+        (BoundClaim(ONE, low=1e-3, high=0.9), 1e-4, MISS),
+        (BoundClaim(ONE, high=0.5, h=1e-1), 1e-2, PASS),
+        (BoundClaim(ONE, high=0.5, h=1e-3), np.nan, INCOMPLETE),
+        (RatioClaim("q", ((ONE, OTHER),), 0.005, 0.5), 0.5, PASS),
+        (RatioClaim("q", ((ONE, OTHER),), 0.02, 10), 0.01, MISS),
+        (RatioClaim("q", ((ONE, OTHER),), 0.1, 0.5), 0.01, MISS),
+        (RatioClaim("q", ((ONE, OTHER),), 0.01, 0.2), 0.5, MISS),
+        (RatioClaim("q", ((ONE, OTHER),), 0.9, 50, unit=0.01), 50.0, PASS),
+        (RatioClaim("q", ((ONE, ONE),), 1, at=(1.0, 1e-2)), 1e4, PASS),
+        (RatioClaim("q", ((ONE, ONE),), 1, at=(1e-2, 1.0)), 1e-4, MISS),
+        (RatioClaim("q", ((ONE, ONE), (OTHER, ONE)), high=5), 100.0, MISS),
+        (SpreadClaim(OTHER, 199), 199.0, PASS),
+        (SpreadClaim(OTHER, 198), 199.0, MISS),
+        (StatusClaim(ONE, "ok"), np.nan, PASS),
+    ],
+    ids=lambda entry: getattr(entry, "text", None),
+)
+def test_kinds(claim, value, verdict):
+    """The value that is farthest beyond a bound, or nearest to one, decides."""
+    found = finding(claim, one=Series(e0=1, e1=1e-2, e2=1e-4), other=Series(e0=2, e1=1, e2=1e-2))
+    assert found.verdict == verdict
+    assert found.value == pytest.approx(value, rel=1e-12, nan_ok=True)
+
+
+def test_quotients_need_the_same_step_sizes():
+    """One step size more in the denominator is a hole, not a detail."""
+    claim = RatioClaim("q", ((ONE, OTHER),), 0, 10)
+    found = finding(claim, one=Series(e0=1, e1=1), other=Series(e0=1, e1=1, e2=1))
+    assert (found.verdict, found.measured) == (INCOMPLETE, "one, other: at different step sizes")
+    found = finding(claim, one=Series(e0=1), other=Series(e0=0))
+    assert (found.verdict, found.measured) == (INCOMPLETE, "other: zero")
+
+
+# -- the command line -----------------------------------------------------------------------
+
+
+def checked(folder, *options):
+    """Exit code and output of `check` in this process."""
+    done = CliRunner().invoke(
+        command_line, ["check", "--results", str(folder), *options], standalone_mode=False
+    )
+    assert done.exception is None, done.exception
+    return done.return_value, done.stdout
+
+
+def test_check_prints_claims(tmp_path):
+    """Below the slopes, in three formats; only of studies that are there."""
+    synthetic.write(tmp_path, FIGURES["12"])
+    synthetic.write(tmp_path, FIGURES["10"])
+    code, text = checked(tmp_path)
+    assert code == 0
+    lines = text.splitlines()
+    (start,) = (i for i, line in enumerate(lines) if line.startswith("figure  config"))
+    rows = lines[start + 2 : -2]
+    assert [line.split()[0] for line in rows] == ["10"] * 7 + ["12"] * 4
+    assert all(line.endswith("pass") for line in rows)
+    assert lines[-1] == "5 of 5 slopes as predicted, 11 of 11 claims hold"
+    markdown = checked(tmp_path, "--markdown")[1]
+    row = "| 12 | tolerance | share of steps | none, h = 1e-07: at most 0.5 | 0 | pass |"
+    assert row in markdown.splitlines()
+    found = json.loads(checked(tmp_path, "--json")[1])
+    assert len(found) == 5 + 4 + 11
+    assert found[-1] == {
+        "figure": "12",
+        "study": "tolerance",
+        "claim": "left, h = 1e-07: at most 0.5",
+        "measured": "0",
+        "value": 0.0,
+        "verdict": "pass",
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda row: {"met": 999 if row["h"] == 1e-5 else row["met"]}, "0.999"),
+        (lambda row: {"preconditioning": "none[left:]"}, "no optimal"),
+    ],
+    ids=["false", "missing"],
+)
+def test_check_fails_on_a_claim(tmp_path, change, said):
+    """Exit 1 when a claim is false, or its data are missing in a study that is there."""
+    figure = FIGURES["12"]
+    table = synthetic.spoilt(synthetic.rows(figure), {"preconditioning": "optimal"}, change)
+    synthetic.write(tmp_path, figure, table)
+    code, text = checked(tmp_path)
+    assert code == 1
+    (line,) = (line for line in text.splitlines() if " optimal, every h: 1 " in line)
+    assert said in line
+    assert text.splitlines()[-1] == "0 of 0 slopes as predicted, 3 of 4 claims hold"

@@ -1,0 +1,300 @@
+"""Verdicts on series: predicted, shown, incomplete; synthetic CSVs with known slopes."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.report import check
+from newmark_cli.report.slopes import COLUMNS, study_slopes, write
+from newmark_cli.report.table import read_study
+from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
+from newmark_cli.study import results
+
+STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
+
+USUAL = {
+    "study": "own", "problem": "andrews", "integrator": "newmark beta=0.25 gamma=0.5",
+    "form": "u-lambda", "preconditioning": "none", "evaluation": "direct",
+    "precision": "float64", "linear_solver": "dense-lu", "t_end": 1.0, "steps": 1000,
+    "quantity": "lambda", "measure": "correction", "role": "primary", "zeros": 0,
+    "not_converged": 0, "newton_iterations": 4.0, "status": "ok", "row_block": "",
+    "stop": "saturation", "met": "",
+}  # fmt: skip
+
+
+def series(values, **columns):
+    """Rows of one series: values against step sizes; every statistic is the value."""
+    values = values if isinstance(values, dict) else dict(zip(STEPS, values, strict=False))
+    statistics = ("rms", "max", "median", "last")
+    return [
+        USUAL | {"h": h} | dict.fromkeys(statistics, value) | columns for h, value in values.items()
+    ]
+
+
+def power(order, steps=STEPS):
+    """Values of an exact power law."""
+    return {h: 1e-9 * h**order for h in steps}
+
+
+def found(folder, table, accept=None):
+    """Slopes of a study's rows."""
+    path = folder / "own.csv"
+    path.write_text(results.csv_text(results.COLUMNS, table))
+    if accept is not None:
+        record = {"rows": len(table), "config": {"cases": [{"h": [1]}, {"accept": accept}]}}
+        path.with_suffix(".json").write_text(json.dumps(record))
+    return study_slopes(read_study(path), path)
+
+
+# -- what theory says -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("evaluation", "orders"),
+    [
+        ("direct", {"u": 0, "v": -1, "a": -2, "lambda": -2}),
+        ("compensated", {"u": 1, "v": 0, "a": -1, "lambda": -1}),
+    ],
+)
+def test_predictions_of_physical_corrections(tmp_path, form, evaluation, orders):
+    """One order better in increments; the same under every scaling and in every form."""
+    table = [
+        row
+        for quantity, order in orders.items()
+        for variant in ("none", "left", "right", "optimal")
+        for row in series(
+            power(order), quantity=quantity, measure="physical_correction", form=form,
+            preconditioning=variant, evaluation=evaluation,
+        )
+    ]  # fmt: skip
+    slopes = found(tmp_path, table)
+    assert [s.verdict for s in slopes] == [PASS] * 16
+    assert [s.expected for s in slopes[::4]] == list(orders.values())
+
+
+def test_evaluation_does_not_change_condition_and_sensitivity(tmp_path):
+    """They are properties of J̄, not of how the residual is formed."""
+    for evaluation in ("direct", "compensated"):
+        condition = series(
+            power(-4), quantity="jacobian", measure="condition", evaluation=evaluation
+        )
+        sensitivity = series(
+            power(2), quantity="u", measure="sensitivity", row_block="D", evaluation=evaluation
+        )
+        assert [s.expected for s in found(tmp_path, condition + sensitivity)] == [-4, 2]
+
+
+@pytest.mark.parametrize(
+    ("label", "order", "damped"),
+    [
+        ("newmark beta=0.25 gamma=0.5", 2, False),
+        ("newmark beta=0.3025 gamma=0.6", 1, True),
+        ("generalized-alpha rho=0.9", 2, True),
+        ("generalized-alpha rho=1.0", 2, False),
+        ("hht alpha=0.1", 2, True),
+        ("bdf1", 1, True),
+        ("bdf2", 2, True),
+    ],
+)
+def test_integrators(tmp_path, label, order, damped):
+    """Errors converge with the integrator's order, λ only if it damps; corrections alike."""
+    table = series(power(-2), integrator=label)
+    for quantity in ("u", "v", "lambda"):
+        table += series(power(order), integrator=label, measure="error", quantity=quantity)
+    correction, *errors = found(tmp_path, table)
+    assert (correction.expected, correction.verdict) == (-2, PASS)
+    assert [s.verdict for s in errors] == [PASS, PASS, PASS if damped else SHOWN]
+    assert [s.expected for s in errors[:2]] == [order, order]
+    assert {s.tolerance for s in errors[:2]} == {0.2}
+
+
+def test_error_is_fitted_above_the_rounding_floor(tmp_path):
+    """From the largest step down to the smallest error; what rises below does not count."""
+    values = {1e-2: 1e-2, 1e-3: 1e-4, 1e-4: 1e-6, 1e-5: 3e-5, 1e-6: 2e-3}
+    (slope,) = found(tmp_path, series(values, measure="error", quantity="u"))
+    np.testing.assert_array_equal(slope.fitted, [True, True, True, False, False])
+    assert (slope.fit.points, slope.verdict) == (3, PASS)
+    assert slope.fit.slope == pytest.approx(2, abs=1e-12)
+    np.testing.assert_array_equal(slope.values, list(values.values()))
+
+
+@pytest.mark.parametrize(
+    ("values", "verdict"),
+    [
+        ((1e-2, 1e-3, 1e-4, 1e-5), MISS),
+        ((1e-2, 1e-4, 1e-5, 1e-3), MISS),
+        ((1e-2, 1e-4, 1e-3, 1e-2), SHOWN),
+        ((1e-2, 1e-1, 1.0, 1e1), SHOWN),
+        ((1e-2,), SHOWN),
+        ((1e-2, None, 1e-6, 1e-8), INCOMPLETE),
+    ],
+)
+def test_verdicts_on_errors(tmp_path, values, verdict):
+    """Another order misses; two points above the floor are no fit; a gap is incomplete."""
+    (slope,) = found(tmp_path, series(values, measure="error", quantity="v"))
+    assert slope.verdict == verdict
+    assert np.isnan(slope.expected) == np.isnan(slope.tolerance) == (verdict == SHOWN)
+
+
+# -- what it does not say -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("measure", "quantity"),
+    [
+        ("krylov_iterations", "jacobian"),
+        ("krylov_residual", "jacobian"),
+        ("invariant", "position"),
+        ("invariant", "energy"),
+        ("history", "lambda"),
+        ("tolerance", "newton"),
+    ],
+)
+@pytest.mark.parametrize("status", ["ok", "not_converged", "diverged"])
+def test_shown(tmp_path, measure, quantity, status):
+    """No prediction, no tolerance; neither counted nor failed, whatever the cells' status."""
+    table = series(
+        power(-0.3), measure=measure, quantity=quantity, linear_solver="gmres", status=status,
+        met=999,
+    )  # fmt: skip
+    (shown,) = found(tmp_path, table)
+    assert shown.verdict == SHOWN
+    assert np.isnan([shown.expected, shown.tolerance]).all()
+    predicted, _ = slopes = found(tmp_path, series(power(-2)) + table)
+    assert check.summary(slopes, []) == "1 of 1 slopes as predicted"
+    assert check.all_hold(slopes, [])
+    assert check.chosen(slopes, everything=False) == []
+    assert check.chosen(slopes, everything=True) == slopes
+    assert predicted.verdict == PASS
+
+
+def test_tolerance_is_shown_as_the_share_of_steps(tmp_path):
+    """Steps that met it over all steps, an early end included."""
+    table = series((1, 1, 1), measure="tolerance", quantity="newton", stop="relative 1e-06")
+    for row, met in zip(table, (1000, 20, 0), strict=True):
+        row["met"] = met
+    (slope,) = found(tmp_path, table)
+    np.testing.assert_array_equal(slope.values, [1, 0.02, 0])
+    assert slope.stop == "relative 1e-06"
+
+
+def test_corrections_at_a_tolerance_are_shown(tmp_path):
+    """Newton stops where it is told to, not where rounding ends it; J̄ is what it was."""
+    table = []
+    for measure in ("correction", "physical_correction"):
+        table += series(power(-0.7), measure=measure, stop="absolute 1e-08")
+    table += series(power(-4), measure="condition", quantity="jacobian", stop="absolute 1e-08")
+    assert [s.verdict for s in found(tmp_path, table)] == [SHOWN, SHOWN, PASS]
+
+
+def test_stagnated_cells_show_the_limit(tmp_path):
+    """The iterations that the solver was allowed, not the median of those that it took."""
+    table = series((80, 590), measure="krylov_iterations", quantity="jacobian")
+    table[1] |= {"status": "stagnated", "max": 600}
+    (slope,) = found(tmp_path, table)
+    np.testing.assert_array_equal(slope.values, [80, 600])
+    assert slope.statuses == ("ok", "stagnated")
+
+
+@pytest.mark.parametrize(
+    ("accept", "verdicts"),
+    [
+        (None, [PASS, INCOMPLETE, INCOMPLETE]),
+        ([], [PASS, INCOMPLETE, INCOMPLETE]),
+        (["not_converged"], [PASS, INCOMPLETE, INCOMPLETE]),
+        (["stagnated"], [PASS, SHOWN, INCOMPLETE]),
+        (["stagnated", "singular"], [PASS, SHOWN]),
+    ],
+)
+def test_accepted_statuses(tmp_path, accept, verdicts):
+    """Cells that end as the study's config says are findings; others are failures."""
+    stagnated = series(power(-3.1), preconditioning="left")
+    stagnated[2]["status"] = "stagnated"
+    nothing = dict.fromkeys(("quantity", "measure", "role", "rms", "max", "median", "last"), "")
+    singular = [USUAL | nothing | {"h": 1e-3, "preconditioning": "right", "status": "singular"}]
+    slopes = found(tmp_path, series(power(-2)) + stagnated + singular, accept)
+    assert [s.verdict for s in slopes] == verdicts
+
+
+def test_records_of_all_kinds_are_read(tmp_path):
+    """What stands beside a CSV may be anything; then nothing is accepted."""
+    table = series(power(-2))
+    for text in ("", "[]", "{}", '{"config": 3}', '{"config": {"cases": [1, {"accept": null}]}}'):
+        (tmp_path / "own.json").write_text(text)
+        assert [s.verdict for s in found(tmp_path, table)] == [PASS]
+
+
+# -- completeness ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("integrator", "bdf2"),
+        ("evaluation", "compensated"),
+        ("precision", "float32"),
+        ("linear_solver", "sparse-lu"),
+        ("problem", "pendulum"),
+    ],
+)
+def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value):
+    """Another integrator, precision or solver is another case of the study."""
+    order = -1 if value == "compensated" else -2
+    short = series(power(order, STEPS[:2]), **{column: value})
+    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, PASS]
+
+
+@pytest.mark.parametrize(
+    ("columns", "order"),
+    [
+        ({"form": "v-lambda"}, -2),
+        ({"preconditioning": "right"}, 0),
+        ({"quantity": "u"}, 0),
+    ],
+)
+def test_a_series_that_was_cut(tmp_path, columns, order):
+    """Fewer step sizes than other forms, variants and quantities of its case have."""
+    short = series(power(order, STEPS[:2]), **columns)
+    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, INCOMPLETE]
+
+
+# -- slopes.csv -----------------------------------------------------------------------------
+
+
+def test_slopes_csv(tmp_path):
+    """Columns appended, none renamed; empty where theory says nothing."""
+    assert COLUMNS == (
+        "figure", "study", "form", "preconditioning", "quantity", "measure", "slope", "stderr",
+        "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
+        "evaluation", "precision", "linear_solver", "stop",
+    )  # fmt: skip
+    kinds = {"evaluation": "compensated", "precision": "float32", "linear_solver": "sparse-lu"}
+    table = series(power(-1), **kinds)
+    table += series(power(0), measure="tolerance", quantity="newton", stop="absolute 1e-08", met=7)
+    write(tmp_path, found(tmp_path, table))
+    with (tmp_path / "slopes.csv").open() as file:
+        first, second = csv.DictReader(file)
+    assert {column: first[column] for column in kinds} == kinds
+    assert (first["stop"], first["expected"], first["verdict"]) == ("saturation", "-1.0", PASS)
+    assert float(first["slope"]) == pytest.approx(-1)
+    assert (second["expected"], second["tolerance"], second["verdict"]) == ("", "", SHOWN)
+    assert second["stop"] == "absolute 1e-08"
+
+
+def test_misses_are_named_in_full(tmp_path):
+    """A row of the table says which integrator, evaluation, precision and solver it is."""
+    slopes = found(
+        tmp_path,
+        series(
+            power(-3), integrator="bdf2", evaluation="compensated", precision="float32",
+            linear_solver="sparse-lu",
+        ),
+    )  # fmt: skip
+    _, row = check.slope_rows(check.chosen(slopes, everything=False))
+    assert row[1] == "own andrews u-lambda bdf2"
+    assert row[3] == "none, compensated, float32, sparse-lu"
+    assert row[-1] == MISS
