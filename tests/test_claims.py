@@ -129,7 +129,7 @@ def test_claims_of_the_figures():
             "optimal: slope −2 ± 0.15",
             "optimal, compensated: slope −1 ± 0.15",
             "optimal / none, every h: 0.5 to 2",
-            "optimal / optimal, compensated, h = 1e-07: at least 10000",
+            "optimal, direct / compensated, h = 1e-07: at least 10000",
         ],
         "11": [
             "generalized-α, compensated: slope 2 ± 0.1",

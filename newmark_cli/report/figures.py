@@ -237,7 +237,7 @@ def _multipliers() -> StudyFigure:
             SlopeClaim(compensated, -1, 0.15),
             RatioClaim("optimal / none, every h", ((optimal, none),), 0.5, 2),
             RatioClaim(
-                "optimal / optimal, compensated, h = 1e-07", ((optimal, compensated),), 1e4,
+                "optimal, direct / compensated, h = 1e-07", ((optimal, compensated),), 1e4,
                 at=(1e-7, 1e-7),
             ),
         ),
