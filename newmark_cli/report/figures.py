@@ -136,7 +136,7 @@ class PrecisionFigure:
         name: Number, after the paper's.
         title: What it shows.
         study: Study whose CSV it reads.
-        problem, form: Which rows.
+        problem, integrator, form: Which rows are drawn; the claim holds for every form.
         factor: How far the quotient of the precisions may be from that of their unit roundoffs.
         variants: Series of each panel and precision.
         precisions: The two, their unit roundoffs 2^29 apart.
@@ -146,6 +146,7 @@ class PrecisionFigure:
     title: str
     study: str
     problem: str
+    integrator: str
     form: str
     factor: float
     variants: tuple[str, ...] = PAPER_VARIANTS
@@ -154,12 +155,16 @@ class PrecisionFigure:
     @property
     def curves(self) -> tuple[Curve, ...]:
         """Its series, panel by panel and in each panel precision by precision."""
+        return self._of_form(self.form)
+
+    def _of_form(self, form: str) -> tuple[Curve, ...]:
         return tuple(
             Curve(
                 f"{variant}, {precision}", self.study, self.problem, unknown, "correction",
-                form=self.form, preconditioning=variant, precision=precision,
+                form=form, preconditioning=variant, integrator=self.integrator,
+                precision=precision,
             )
-            for unknown in FORMS[self.form].unknowns
+            for unknown in FORMS[form].unknowns
             for precision in self.precisions
             for variant in self.variants
         )  # fmt: skip
@@ -168,10 +173,15 @@ class PrecisionFigure:
     def claims(self) -> tuple[Claim, ...]:
         """Corrections are proportional to the unit roundoff."""
         single, double = (
-            [curve for curve in self.curves if curve.precision == precision]
+            [
+                curve
+                for form in FORMS
+                for curve in self._of_form(form)
+                if curve.precision == precision
+            ]
             for precision in self.precisions
         )
-        what = f"{' / '.join(self.precisions)} / 2²⁹, every unknown, variant and h"
+        what = f"{' / '.join(self.precisions)} / 2²⁹, every form, unknown, variant and h"
         pairs = tuple(zip(single, double, strict=True))
         return (RatioClaim(what, pairs, 1 / self.factor, self.factor, unit=2**29),)
 
@@ -377,7 +387,7 @@ FIGURES: Mapping[str, Figure] = MappingProxyType(
             _krylov(),
             PrecisionFigure(
                 "14", "Pendulum, (u, λ) form: single and double precision",
-                "precision", "pendulum", "u-lambda", 4,
+                "precision", "pendulum", "bdf2", "u-lambda", 4,
             ),
             _history(),
         )
