@@ -88,6 +88,21 @@ def test_chain_starts_across_its_line(links):
     np.testing.assert_allclose(multipliers, carried, rtol=1e-9)
 
 
+def test_random_chain_is_well_conditioned_at_any_length():
+    """cond(GᵀM⁻¹G), which a straight chain's length squares; a shorter one is its beginning."""
+    condition = {}
+    for family in ("random-chain", "chain"):
+        for links in (30, 300):
+            subject = member(family, links).load()
+            g = subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(links)).G
+            condition[family, links] = np.linalg.cond(g.T @ np.linalg.solve(subject.M, g))
+    assert condition["random-chain", 300] < 3 * condition["random-chain", 30] < 300
+    assert condition["chain", 300] > 50 * condition["chain", 30]
+    short, long = member("random-chain", 30).load(), member("random-chain", 300).load()
+    np.testing.assert_array_equal(short.u0, long.u0[:60])
+    np.testing.assert_array_equal(short.M, long.M[:60, :60])
+
+
 @pytest.mark.parametrize("windows", [1, 6, 200])
 def test_four_bars_move_as_one_rod(windows):
     """All rods stay parallel: θ'' of the one degree of freedom, whatever the number of windows."""

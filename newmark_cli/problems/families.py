@@ -1,8 +1,10 @@
 """Mechanisms of any size: the data of a planar mechanism, made from a few numbers."""
 
 import math
-from collections.abc import Callable, Mapping
+import random
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Any
 
@@ -13,6 +15,8 @@ from newmark_cli.problems.problem import Problem
 
 #: A million links take gigabytes; more is a slip of the finger.
 Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
+#: Of what is drawn at random.
+_SEED = 20061012
 
 
 class ChainSize(StrictModel):
@@ -66,22 +70,45 @@ def chain(links: int) -> dict[str, Any]:
     one unit in the last place of it, and corrections of λ die out, or are caught
     on their way, instead of showing rounding.
     """
+    places = [(0.8 * i, -0.6 * i) for i in range(1, links + 1)]
+    return _hung(f"Falling chain of {links} links", places, [1.0] * links)
+
+
+def random_chain(links: int) -> dict[str, Any]:
+    """A chain like `chain`, its links in random directions and of random masses.
+
+    In a straight chain GᵀM⁻¹G is a second difference: its condition number, and
+    under the optimal scaling that of J̄, grows with the square of ``links``, and
+    Krylov solvers need twice as many iterations as there are links.  Where the links
+    turn at random the condition number hardly depends on their number.  Masses
+    between 0.5 and 1.5, because equal ones make the largest block of an unscaled J̄
+    all but a multiple of the identity, which a Krylov solver disposes of in one
+    iteration.  Directions and masses are drawn from a fixed seed, one link after the
+    other, so that a shorter chain is the beginning of a longer one.
+    """
+    draw = random.Random(_SEED)
+    places, masses = [], []
+    x, y = 0.0, 0.0
+    for _ in range(links):
+        heading = math.tau * draw.random()
+        x, y = x + math.cos(heading), y + math.sin(heading)
+        places.append((x, y))
+        masses.append(0.5 + draw.random())
+    return _hung(f"Falling chain of {links} links in random directions", places, masses)
+
+
+def _hung(
+    title: str, places: Sequence[tuple[float, float]], masses: Sequence[float]
+) -> dict[str, Any]:
+    """Point masses joined by massless bars, the first to the origin, under gravity 1."""
     points: dict[str, Any] = {"P0": {"fixed": (0.0, 0.0)}}
     bars: dict[str, Any] = {}
-    x, y = 0.0, 0.0
-    for i in range(1, links + 1):
-        start = x, y
-        x, y = 0.8 * i, -0.6 * i
-        points[f"P{i}"] = {"at": (x, y), "mass": 1.0}
+    for i, (place, mass) in enumerate(zip(places, masses, strict=True), 1):
+        points[f"P{i}"] = {"at": place, "mass": mass}
+    for i, (start, end) in enumerate(pairwise([(0.0, 0.0), *places]), 1):
         # 1 but for the rounding of the ends, so that any length starts assembled.
-        length = math.dist(start, (x, y))
-        bars[f"bar{i}"] = {"from": f"P{i - 1}", "to": f"P{i}", "length": length}
-    return {
-        "title": f"Falling chain of {links} links",
-        "points": points,
-        "bars": bars,
-        "gravity": (0.0, -1.0),
-    }
+        bars[f"bar{i}"] = {"from": f"P{i - 1}", "to": f"P{i}", "length": math.dist(start, end)}
+    return {"title": title, "points": points, "bars": bars, "gravity": (0.0, -1.0)}
 
 
 def four_bars(windows: int) -> dict[str, Any]:
@@ -116,6 +143,9 @@ def four_bars(windows: int) -> dict[str, Any]:
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
         "chain": Family("falling chain of point masses", ChainSize, chain),
+        "random-chain": Family(
+            "falling chain of random directions and masses", ChainSize, random_chain
+        ),
         "four-bars": Family("four-bar linkages side by side", FourBarsSize, four_bars),
     }
 )
