@@ -2,20 +2,21 @@
 
 from typing import Protocol
 
-import numpy as np
-
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import Form
 from newmark_cli.newmark.jacobian import DenseSystem
 from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.krylov import Krylov, KrylovSystem
+from newmark_cli.newmark.krylov import Stagnation as Stagnation
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems.problem import Problem, Values
 
 DENSE, SPARSE = "dense-lu", "sparse-lu"
+GMRES, MINRES = "gmres", "minres"
 AUTO = "auto"
-LINEAR_SOLVERS = (AUTO, DENSE, SPARSE)
+LINEAR_SOLVERS = (AUTO, DENSE, SPARSE, GMRES, MINRES)
 
 #: Most unknowns for which `AUTO` takes the dense kernel.  Time per Newton iteration
 #: of both marches, optimally scaled, on chains and rows of four-bars of growing
@@ -24,10 +25,6 @@ LINEAR_SOLVERS = (AUTO, DENSE, SPARSE)
 DENSE_UP_TO = 300
 #: Most unknowns for which a dense matrix is built at all: 3 GB each.
 _DENSE_AT_MOST = 20_000
-
-
-class Stagnation(np.linalg.LinAlgError):
-    """An iterative solver did not reach its tolerance."""
 
 
 class BalancedSystem(Protocol):
@@ -72,8 +69,21 @@ def choose(linear_solver: str, problem: Problem, form: Form) -> str:
     return linear_solver
 
 
-def system(linear_solver: str, problem: Problem, scheme: Scheme) -> LinearSystem:
-    """The linear system of a scheme on a problem, for `DENSE` or `SPARSE`."""
+def system(
+    linear_solver: str, problem: Problem, scheme: Scheme, krylov: Krylov | None = None
+) -> LinearSystem:
+    """The linear system of a scheme on a problem.
+
+    Args:
+        linear_solver: One of `LINEAR_SOLVERS` but `AUTO`.
+        problem, scheme: What the system belongs to.
+        krylov: When `GMRES` and `MINRES` stop; its defaults when omitted.
+
+    Raises:
+        InputError: When `MINRES` is asked for and J̄ is not symmetric.
+    """
+    if linear_solver in (GMRES, MINRES):
+        return KrylovSystem(problem, scheme, krylov or Krylov(), symmetric=linear_solver == MINRES)
     if linear_solver == SPARSE:
         return SparseSystem(problem, scheme)
     return DenseSystem(problem, scheme)

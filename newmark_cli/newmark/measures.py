@@ -111,6 +111,18 @@ def newton(iterations: IndexArray) -> Measurement:
     return Measurement("newton", "tolerance", "primary", statistics(np.abs(iterations) * 1.0))
 
 
+def krylov(iterations: Sequence[int], residuals: Sequence[float]) -> list[Measurement]:
+    """Measurements of a Krylov solver over all solves.
+
+    Args:
+        iterations, residuals: Of each; see `newmark_cli.newmark.krylov.KrylovSystem`.
+    """
+    return [
+        Measurement("jacobian", measure, "primary", statistics(np.array(values, float)))
+        for measure, values in (("krylov_iterations", iterations), ("krylov_residual", residuals))
+    ]
+
+
 def sensitivities(samples: Sequence[Mapping[tuple[str, str], float]]) -> list[Measurement]:
     """Measurements of `newmark_cli.newmark.sensitivity` at the sampled states."""
     return [

@@ -1,0 +1,270 @@
+"""Krylov solvers: their solutions, what they record, when they give up."""
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg
+from damped import damped
+from marching import assert_same_step, copy, march, start
+
+from newmark_cli.errors import InputError
+from newmark_cli.newmark import kernel, linear, scipy_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
+from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
+from newmark_cli.newmark.krylov import Krylov, KrylovSystem, Stagnation, is_symmetric
+from newmark_cli.newmark.measures import krylov
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.sparse import SparseSystem
+from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.problems.spec import Shipped, Sized
+
+SUBJECTS = {name: Shipped(name).load() for name in PROBLEMS} | {
+    "chain": Sized("chain", (("links", 12),)).load(),
+    "random-chain": Sized("random-chain", (("links", 12),)).load(),
+    "damped": damped(),
+}
+LONG = Sized("random-chain", (("links", 120),)).load()
+#: Forms and variants whose J̄ is symmetric where X is and Y = 0, by the factors that
+#: Table 2 gives −G and Gᵀ.  A mass matrix of ones adds some that keep row K.
+SYMMETRIC = {
+    ("u-lambda", "none"),
+    ("u-lambda", "optimal"),
+    ("u-lambda", "optimal-printed"),
+    ("a-lambda", "left"),
+    ("a-lambda", "optimal"),
+    ("a-lambda", "optimal-printed"),
+}
+
+
+def scheme_of(form, variant, h, integrator=None):
+    return Scheme(integrator or Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+
+
+def in_motion(subject, seed=3):
+    """A state in general position."""
+    random = np.random.default_rng(seed)
+    state = start(subject)
+    state.fields[0] += 0.05 * np.abs(subject.u0).max() * random.normal(size=subject.n)
+    state.fields[1] += random.normal(size=subject.n)
+    state.multipliers[:] += random.normal(size=subject.m)
+    return state
+
+
+def values_of(subject, state):
+    return subject.values(0.0, *state.fields[:2], state.multipliers)
+
+
+def right_hand_side(scheme, subject, seed=7):
+    """Random, of the same size in every balanced row."""
+    size = len(scheme.form.kept) * subject.n + subject.m
+    return np.random.default_rng(seed).normal(size=size)
+
+
+@pytest.mark.parametrize("h", [1e-2, 1e-5])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_solutions(name, form, h):
+    """As near to that of the LU factors as the condition number says, optimally scaled."""
+    subject, scheme = SUBJECTS[name], scheme_of(form, "optimal", h)
+    state = in_motion(subject)
+    values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
+    system = KrylovSystem(subject, scheme, Krylov(tolerance=1e-10))
+    found, exact = system.solve(values, rhs), SparseSystem(subject, scheme).solve(values, rhs)
+    condition = BalancedJacobian(subject, scheme, 0.0, state).condition()
+    # Twice: in the (v, λ) form balanced rows D are half those of the optimal scaling.
+    assert np.linalg.norm(found - exact) <= 2 * condition * 1e-10 * np.linalg.norm(exact)
+    assert system.iterations[0] <= 2 * len(rhs)
+
+
+@pytest.mark.parametrize(
+    ("solver", "form", "variant"),
+    [
+        *((linear.GMRES, "u-lambda", variant) for variant in PAPER_VARIANTS),
+        *((linear.GMRES, "a-lambda", variant) for variant in PAPER_VARIANTS),
+        (linear.MINRES, "u-lambda", "none"),
+        (linear.MINRES, "u-lambda", "optimal"),
+        (linear.MINRES, "a-lambda", "left"),
+    ],
+)
+def test_recorded_residual(solver, form, variant):
+    """That of the solution, with rows D times βh² where D_L is 1: the same in every scaling."""
+    subject, h = LONG, 0.4
+    scheme, state = scheme_of(form, variant, h), in_motion(subject)
+    values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
+    rows = np.ones(len(rhs))
+    if variant in ("none", "right"):
+        rows[: subject.n] = h**2 / 4
+    rhs /= rows
+    system = linear.system(solver, subject, scheme, Krylov(tolerance=1e-6))
+    found = system.solve(values, rhs)
+    matrix = scaled_jacobian(scheme, subject.dense(values), subject.M)
+    exact = np.linalg.norm(rows * (rhs - matrix @ found)) / np.linalg.norm(rows * rhs)
+    assert system.residuals == [pytest.approx(exact, rel=1e-6)]
+    assert 1e-8 < exact <= 1e-6
+    assert len(system.iterations) == 1
+
+
+@pytest.mark.parametrize("form", ["u-lambda", "a-lambda", "v-a-lambda"])
+def test_as_many_iterations_as_scipy(form):
+    """Where the balanced rows are the solver's own."""
+    scheme, state = scheme_of(form, "optimal", 1e-4), in_motion(LONG)
+    values, rhs = values_of(LONG, state), right_hand_side(scheme, LONG)
+    system = KrylovSystem(LONG, scheme, Krylov())
+    found = system.solve(values, rhs)
+    matrix = scipy.sparse.csr_array(scaled_jacobian(scheme, LONG.dense(values), LONG.M))
+    estimates = []
+    theirs, _ = scipy.sparse.linalg.gmres(
+        matrix, rhs, rtol=1e-8, atol=0, restart=600, maxiter=1,
+        callback=estimates.append, callback_type="pr_norm",
+    )  # fmt: skip
+    assert system.iterations == [len(estimates)]
+    np.testing.assert_allclose(found, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
+
+
+@pytest.mark.parametrize("h", [1e-2, 1e-6])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["andrews", "slider-crank", "random-chain", "damped"])
+def test_where_symmetric(name, form, h):
+    """Elsewhere MINRES is refused, in one line."""
+    subject = SUBJECTS[name]
+    for variant in VARIANTS:
+        scheme = scheme_of(form, variant, h)
+        expected = name != "damped" and (form, variant) in SYMMETRIC
+        assert is_symmetric(subject, scheme) == expected
+        if not expected:
+            with pytest.raises(InputError) as refusal:
+                linear.system(linear.MINRES, subject, scheme)
+            assert str(refusal.value) == (
+                f"linear_solver minres: the Jacobian of {subject.name}, {form}, "
+                f"preconditioning {variant} is not symmetric; take gmres"
+            )
+
+
+@pytest.mark.parametrize("h", [1e-2, 1e-6])
+@pytest.mark.parametrize(
+    ("form", "variant"), [("u-lambda", "optimal"), ("a-lambda", "left"), ("a-lambda", "optimal")]
+)
+@pytest.mark.parametrize("name", [name for name in SUBJECTS if name != "damped"])
+def test_minres_finds_what_gmres_does(name, form, variant, h):
+    """As near as the condition number says."""
+    subject, scheme = SUBJECTS[name], scheme_of(form, variant, h)
+    state = in_motion(subject)
+    values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
+    minres, gmres = (
+        linear.system(solver, subject, scheme, Krylov(tolerance=1e-10)).solve(values, rhs)
+        for solver in (linear.MINRES, linear.GMRES)
+    )
+    condition = BalancedJacobian(subject, scheme, 0.0, state).condition()
+    assert np.linalg.norm(minres - gmres) <= 2e-10 * condition * np.linalg.norm(gmres)
+
+
+@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
+    """And without scaling the tolerance is out of reach, whatever the solver makes of it."""
+    state, counts = in_motion(LONG), []
+    for h in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+        scheme = scheme_of("u-lambda", "optimal", h)
+        values, rhs = values_of(LONG, state), right_hand_side(scheme, LONG)
+        system = linear.system(solver, LONG, scheme)
+        system.solve(values, rhs)
+        counts += system.iterations
+        rhs[: LONG.n] *= 4 / h**2
+        plain = linear.system(solver, LONG, scheme_of("u-lambda", "none", h))
+        if h <= 1e-4:
+            with pytest.raises(Stagnation):
+                plain.solve(values, rhs)
+    assert max(counts) < 1.05 * min(counts)
+
+
+def test_rows_of_different_size_do_not_hide_a_residual():
+    """Unscaled, at h = 1e-6, nine digits of ‖rhs‖ are gone with the rows D alone."""
+    scheme, state = scheme_of("u-lambda", "none", 1e-6), in_motion(LONG)
+    values, rhs = values_of(LONG, state), right_hand_side(scheme, LONG)
+    rhs[: LONG.n] *= 4e12
+    matrix = scipy.sparse.csr_array(scaled_jacobian(scheme, LONG.dense(values), LONG.M))
+    theirs, _ = scipy.sparse.linalg.gmres(matrix, rhs, rtol=1e-8, atol=0, restart=600)
+    residual = rhs - matrix @ theirs
+    assert np.linalg.norm(residual) <= 1e-8 * np.linalg.norm(rhs)
+    assert np.linalg.norm(residual[LONG.n :]) > 0.1 * np.linalg.norm(rhs[LONG.n :])
+
+
+@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+def test_stagnation(solver):
+    """At the limit it is raised, as one of numpy's errors, and the solve is recorded."""
+    subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
+    values = values_of(subject, in_motion(subject))
+    rhs = right_hand_side(scheme, subject)
+    system = linear.system(solver, subject, scheme, Krylov(limit=9))
+    with pytest.raises(np.linalg.LinAlgError, match="after 9 iterations, tolerance 1e-08"):
+        system.solve(values, rhs)
+    assert system.iterations == [9]
+    assert 1e-8 < system.residuals[0] < 1
+
+
+@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+def test_special_right_hand_sides(solver):
+    """Zero, far below the root of the smallest number, and none at all."""
+    subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
+    values = values_of(subject, in_motion(subject))
+    rhs = right_hand_side(scheme, subject)
+    system = linear.system(solver, subject, scheme)
+    np.testing.assert_array_equal(system.solve(values, 0 * rhs), 0)
+    assert (system.iterations, system.residuals) == ([0], [0.0])
+    tiny, usual = system.solve(values, 2.0**-800 * rhs), system.solve(values, rhs)
+    np.testing.assert_allclose(2.0**800 * tiny, usual, rtol=1e-12)
+    assert system.iterations[1] == system.iterations[2]
+    assert np.isnan(system.solve(values, np.inf * rhs)).all()
+    assert np.isnan(system.solve(values._replace(x=np.nan * values.x), rhs)).all()
+    assert len(system.iterations) == len(system.residuals) == 3
+
+
+@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+def test_singular_matrices_end_the_march(solver):
+    """G vanishes at the pendulum's pivot, and the length of the rod is out of reach."""
+    subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "optimal", 0.1)
+    system = linear.system(solver, subject, scheme)
+    at_pivot = start(subject)
+    for array in at_pivot:
+        array[:] = 0
+    norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
+    ending = scipy_march.march(subject, scheme, at_pivot, 0, norms, iterations, system)
+    assert ending == (kernel.STAGNATED, 0)
+    assert system.residuals[0] > 0.1
+
+
+@pytest.mark.parametrize("integrator", [Newmark(), GeneralizedAlpha(0.9)])
+@pytest.mark.parametrize(("name", "h"), [("andrews", 1e-5), ("random-chain", 1e-2)])
+def test_newton_saturates_as_with_lu(name, h, integrator):
+    """Solves to 1e-8 do for Newton's corrections to end in rounding, the same as LU's."""
+    subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
+    first, second = start(subject, integrator, h), start(subject, integrator, h)
+    ours, taken = march(scipy_march, subject, scheme, first, 0, 40,
+                        system=linear.system(linear.GMRES, subject, scheme))  # fmt: skip
+    theirs, _ = march(scipy_march, subject, scheme, second, 0, 40,
+                      system=SparseSystem(subject, scheme))  # fmt: skip
+    assert taken.min() > 0
+    rms = np.sqrt(np.mean(ours**2, 0) / np.mean(theirs**2, 0))
+    assert rms == pytest.approx(1, rel=0.5)
+    again = copy(first)
+    march(scipy_march, subject, scheme, first, 40, 1,
+          system=linear.system(linear.GMRES, subject, scheme))  # fmt: skip
+    march(scipy_march, subject, scheme, again, 40, 1, system=SparseSystem(subject, scheme))
+    assert_same_step(subject, scheme, first, again)
+
+
+@pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"tolerance": 1.0}, {"limit": 0}])
+def test_options(options):
+    """One line that names the option."""
+    with pytest.raises(InputError, match=f"krylov {next(iter(options))} = .*: must be"):
+        Krylov(**options)
+
+
+def test_measures():
+    """Statistics over all solves, a stagnated one among them."""
+    iterations, residuals = krylov([70, 75, 600], [8e-9, 9e-9, 1e-2])
+    assert (iterations.quantity, iterations.measure) == ("jacobian", "krylov_iterations")
+    assert (iterations.statistics.median, iterations.statistics.last) == (75, 600)
+    assert (residuals.quantity, residuals.measure) == ("jacobian", "krylov_residual")
+    assert (residuals.statistics.median, residuals.statistics.max) == (9e-9, 1e-2)
+    assert all(np.isnan(found.statistics.max) for found in krylov([], []))
