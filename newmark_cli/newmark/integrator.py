@@ -113,6 +113,9 @@ def _refuse_outside(name: str, value: float, low: float, high: float, why: str) 
 class Newmark:
     """Newmark's scheme (eqs. 12b, 12c); β = 1/4, γ = 1/2 is the trapezoidal rule.
 
+    Under constraints an alternating error of a and λ grows by a factor in every step
+    where β < γ/2; at β = γ/2, as in the trapezoidal rule, nothing damps it.
+
     Attributes:
         beta: β > 0; at β = 0 the displacements do not depend on the new
             acceleration and the constraint cannot be met.
@@ -149,8 +152,8 @@ class Newmark:
 
     @property
     def damped(self) -> bool:
-        """Whether γ > 1/2."""
-        return self.gamma > 0.5
+        """Whether γ > 1/2 and β > γ/2."""
+        return self.gamma > 0.5 and 2 * self.beta > self.gamma
 
     def symbols(self, h: float) -> dict[str, float]:
         """β, γ and h."""
@@ -384,11 +387,11 @@ def parse(label: str) -> Integrator:
         raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
     pairs = [part.partition("=") for part in given]
     try:
-        values = {name: float(value) for name, _, value in pairs}
+        values = [float(value) for _, _, value in pairs]
     except ValueError:
         raise IntegratorError(f"integrator {label!r}: parameters are numbers") from None
-    if tuple(values) != parameters(method):
+    if tuple(name for name, _, _ in pairs) != parameters(method):
         names = ", ".join(parameters(method)) or "none"
         raise IntegratorError(f"integrator {label!r}: its parameters are {names}")
-    found: Integrator = INTEGRATORS[method](**values)
+    found: Integrator = INTEGRATORS[method](*values)
     return found
