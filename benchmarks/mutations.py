@@ -85,7 +85,7 @@ def signs() -> Iterator[Mutation]:
             ('"u": identity', '"u": -identity'), ("-relations.u_from_a", "relations.u_from_a"),
             ("terms.G.T", "-terms.G.T"),
         )),
-        (CORE / "kernel.py", "def _march", "march_compiled", engines, (
+        (CORE / "kernel.py", "def _march", "_compiling", engines, (
             ("+= factor * problem.mass", "-= factor * problem.mass"),
             ("i] = factor\n", "i] = -factor\n"),
             ("+= x_factor", "-= x_factor"), ("+= y_factor", "-= y_factor"),

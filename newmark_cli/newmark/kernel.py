@@ -431,9 +431,9 @@ def _march(
     return COMPLETED, norms.shape[0]
 
 
-march_compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
 _compiling = threading.Lock()
-_compiled: set = set()
+#: Type of the march's numbers → compiled march.
+_compiled: dict = {}
 
 
 def march(
@@ -476,10 +476,10 @@ def march(
     with _compiling:
         if dtype not in _compiled:
             signature = (evaluate_type(dtype), *(typeof(a) for a in arguments))
-            march_compiled.disable_compile(False)
-            march_compiled.compile(signature)
+            compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
+            compiled.compile(signature)
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
-            march_compiled.disable_compile()
-            _compiled.add(dtype)
-    return march_compiled(evaluate, *arguments)
+            compiled.disable_compile()
+            _compiled[dtype] = compiled
+    return _compiled[dtype](evaluate, *arguments)
