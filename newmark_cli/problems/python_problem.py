@@ -370,11 +370,14 @@ def _require_quadratic(problem: Problem, functions: Mapping[str, Any], where: st
     """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ."""
     u, t = problem.u0, problem.t0
     for seed in range(3):
-        change = np.random.default_rng(seed).normal(size=problem.n) * np.abs(u).max()
+        random = np.random.default_rng(seed)
+        change = random.normal(size=problem.n) * np.abs(u).max()
+        # Not a whole number of seconds, in which a law of time may repeat itself.
+        elapsed = random.uniform(0.1, 1.0)
         expected = np.asarray(functions["gradient"](u + change / 2, t)).T @ change
         begin, end, later = (
             np.asarray(functions["constraints"](*at))
-            for at in ((u, t), (u + change, t), (u + change, t + 1.0))
+            for at in ((u, t), (u + change, t), (u + change, t + elapsed))
         )
         size = float(np.abs(expected).max() + np.abs(begin).max() + np.abs(end).max())
         if np.abs(end - begin - expected).max() > _CONSISTENCY * size:
