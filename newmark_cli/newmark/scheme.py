@@ -46,7 +46,7 @@ class Tolerance:
     @property
     def label(self) -> str:
         """How the CSV names it."""
-        parts = [f"{name} {value:g}" for name, value in vars(self).items() if value]
+        parts = [f"{name} {value!r}" for name, value in vars(self).items() if value]
         return " ".join(parts)
 
 
