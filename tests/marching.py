@@ -8,7 +8,7 @@ from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scheme import DIRECT, Scheme
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
@@ -47,10 +47,11 @@ def start(subject, integrator=None, h=1e-2):
     return initial_state(subject, scheme)
 
 
-def states(subject, integrator, h, count=6, apart=25):
+def states(subject, integrator, h, count=6, apart=25, evaluation=DIRECT):
     """States along a run of the (u, λ) form."""
     form = FORMS["u-lambda"]
-    scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
+    scaling = named_scaling("optimal", form)
+    scheme = Scheme(integrator, form, scaling, h, evaluation=evaluation)
     state = initial_state(subject, scheme)
     for k in range(count):
         yield k * apart, copy(state)

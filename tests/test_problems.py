@@ -1,5 +1,6 @@
 """Problems: tangents, mass matrices, consistent starts, the mechanism model."""
 
+import mechanisms
 import numpy as np
 import oracles
 import pytest
@@ -224,45 +225,10 @@ def test_unknown_problem():
         problem("andrew")
 
 
-EVERYTHING = """\
-points:
-  A: {fixed: [0, 0]}
-  W: {fixed: [2, 2]}
-  B: {at: [0.3, 0.4]}
-  C: {at: [0.9, 1.2], mass: 2}
-  S: {at: [1.5, 0.5], mass: 1}
-bodies:
-  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
-  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
-body_points:
-  P: {on: one, at: [0.25, 0.3]}
-  Q: {on: two, at: [0.75, -0.1]}
-bars:
-  fixed on bodies: {from: P, to: S, length: LENGTH}
-sliders:
-  rail: {point: S, through: [1, 0], direction: [1, 1]}
-springs:
-  spring: {from: P, to: Q, stiffness: 7, rest_length: 0.3}
-dampers:
-  damper: {from: W, to: Q, damping: 3}
-  between: {from: P, to: C, damping: 2}
-torques:
-  motor: {on: two, torque: 1.5}
-motions:
-  crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}
-gravity: [1, -9]
-project_velocities: true
-"""
-
-
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory):
-    """A mechanism with every element, moving."""
-    path = tmp_path_factory.mktemp("mechanism") / "everything.yaml"
-    along = (0.3 + 0.4j) / 0.5
-    length = abs(1.5 + 0.5j - (0.25 + 0.3j) * along)
-    path.write_text(EVERYTHING.replace("LENGTH", repr(length)))
-    return planar.load(path, "everything")
+    """A mechanism with every element, driven."""
+    return mechanisms.everything(tmp_path_factory.mktemp("mechanism"))
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-2, 2))

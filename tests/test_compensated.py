@@ -1,0 +1,393 @@
+"""Compensated evaluation: exact sums, exact increments of Φ, and what they buy."""
+
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+
+import mechanisms
+import numpy as np
+import pytest
+import textbook
+from conftest import QUICK
+from damped import damped
+from hypothesis import given
+from hypothesis import strategies as st
+from marching import EPS, INTEGRATORS, STEP, copy, march, states
+from mpmath import mp, mpf
+
+from newmark_cli.documents import DocumentError
+from newmark_cli.newmark import kernel, kernel_march, scipy_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
+from newmark_cli.newmark.measures import corrections
+from newmark_cli.newmark.orders import form_orders
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
+from newmark_cli.problems import elements, python_problem
+from newmark_cli.problems.problem import ProblemError
+from newmark_cli.problems.registry import PROBLEMS, problem
+from newmark_cli.report.fits import power_law
+from newmark_cli.study import config
+
+EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+ENGINES = pytest.mark.parametrize(
+    "engine", [kernel_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
+)
+
+
+@pytest.fixture(scope="session")
+def undriven(tmp_path_factory):
+    """Every element whose constraints do not depend on time."""
+    return mechanisms.everything(tmp_path_factory.mktemp("mechanism"), driven=False)
+
+
+@pytest.fixture
+def subjects(undriven):
+    """Problems with quadratic constraints by name."""
+    named = {name: problem(name) for name in PROBLEMS}
+    return named | {"damped": replace(damped(), quadratic=True), "undriven": undriven}
+
+
+STEPS_OF = {**STEP, "undriven": 1e-3}
+
+
+# Exactness
+
+
+NUMBERS = st.floats(-1e200, 1e200)
+
+
+@given(NUMBERS, NUMBERS, NUMBERS)
+def test_sums_lose_one_rounding(high, low, increment):
+    """The new sum is high + (low + increment rounded), exactly; its low part is below half an ulp.
+
+    Rationals know no rounding.
+    """
+    added = low + increment
+    total, lows = np.empty(1), np.array([low])
+    kernel._add_exactly(np.array([high]), lows, np.array([increment]), total)
+    assert Fraction(total[0]) + Fraction(lows[0]) == Fraction(high) + Fraction(added)
+    assert total[0] == high + added
+    assert abs(lows[0]) <= np.spacing(abs(total[0])) / 2
+
+
+def exact_phi(subject, u):
+    """Φ in rational arithmetic, from the tables as their documentation describes them."""
+    phi = [Fraction(0)] * subject.m
+    for ints, reals in zip(subject.ints.tolist(), subject.reals.tolist(), strict=True):
+        if ints[elements.KIND] not in elements.CONSTRAINTS:
+            continue
+        numbers = [Fraction(x) for x in reals]
+        dx, dy = numbers[elements.OFFSET : elements.OFFSET + 2]
+        for k in range(ints[elements.COUNT]):
+            i, (a, b) = ints[elements.DOF + k], numbers[2 * k : 2 * k + 2]
+            dx += a * u[i] - b * u[i + 1]
+            dy += a * u[i + 1] + b * u[i]
+        first, second = numbers[elements.PARAMETER : elements.PARAMETER + 2]
+        square = ints[elements.KIND] in (elements.LINK, elements.BAR)
+        phi[ints[elements.ROW]] = (
+            (dx**2 + dy**2 - first) / 2
+            if square
+            else first * dx + second * dy - numbers[elements.LAW]
+        )
+    return phi
+
+
+def exactly(values):
+    return [Fraction(float(x)) for x in values]
+
+
+@pytest.mark.parametrize("name", [*PROBLEMS, "undriven"])
+@given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-9, -1))
+def test_increments_of_phi(name, undriven, seed, exponent):
+    """Φ(u + Δ) − Φ(u) to rounding of itself, however small Δ is; rationals are the oracle."""
+    subject = undriven if name == "undriven" else problem(name)
+    random = np.random.default_rng(seed)
+    size = np.abs(subject.u0).max()
+    u = subject.u0 + 0.1 * size * random.normal(size=subject.n)
+    shift = 10.0**exponent * size * random.normal(size=subject.n)
+    pattern, rest = subject.pattern, (np.zeros(subject.n), np.zeros(subject.m))
+    g_old, g_new = (subject.values(0.0, at, *rest).g for at in (u, u + shift))
+    phi = np.empty(subject.m)
+    kernel._increase_phi(
+        np.zeros(subject.m), g_old, g_new, pattern.g_rows, pattern.g_columns, shift, phi
+    )
+    begin = exact_phi(subject, exactly(u))
+    end = exact_phi(subject, [x + y for x, y in zip(exactly(u), exactly(shift), strict=True)])
+    # G is as large as the coordinates, or 1 in a slider.
+    allowed = 20 * EPS * max(size, np.abs(g_old).max()) * np.abs(shift).max()
+    for found, one, other in zip(phi, begin, end, strict=True):
+        assert abs(Fraction(float(found)) - (other - one)) <= allowed
+
+
+@ENGINES
+@pytest.mark.parametrize("name", [*PROBLEMS, "undriven"])
+def test_carried_phi_is_that_of_the_sum(name, engine, subjects):
+    """After 100 steps Φ(high + low) is what is carried, to rounding of the increments.
+
+    Both are far below eps ‖u‖², what an evaluation of Φ at u alone can tell.
+    """
+    subject, form, h = subjects[name], FORMS["u-lambda"], STEPS_OF[name] / 10
+    scheme = Scheme(
+        GeneralizedAlpha(0.9), form, named_scaling("optimal", form), h, evaluation=COMPENSATED
+    )
+    state = initial_state(subject, scheme)
+    begin = exact_phi(subject, exactly(state.past[0]))
+    march(engine, subject, scheme, state, 0, 100)
+    high, low = exactly(state.past[0]), exactly(state.lows[0])
+    end = exact_phi(subject, [x + y for x, y in zip(high, low, strict=True)])
+    change = [float(b - a) for a, b in zip(begin, end, strict=True)]
+    size = max(np.abs(subject.u0).max(), 1.0 if name in ("slider-crank", "undriven") else 0.0)
+    moved = h * np.abs(state.past[1]).max()
+    np.testing.assert_allclose(change, state.phi, rtol=0, atol=100 * EPS * size * moved)
+    assert np.abs(state.phi).max() <= 100 * EPS * size * moved
+
+
+# A march in long numbers
+
+
+#: A pendulum off the horizontal, at a rate that fits its rod to the last bit.
+MOVING = replace(problem("pendulum"), u0=np.array([0.6, 0.8]), v0=np.array([-1.6, 1.2]))
+RHO, H, STEPS = 0.9, 1e-6, 50
+
+
+@cache
+def long_motion():
+    """The same steps of generalized-α in 40 digits, from the same start."""
+    with mp.workdps(40):
+        x, y = (mpf(float(c)) for c in MOVING.u0)
+        system = textbook.System(
+            mass=[[mpf(1), mpf(0)], [mpf(0), mpf(1)]],
+            force=lambda t, u, v, m: [m[0] * u[0], m[0] * u[1] - 1],
+            phi=lambda u: [(u[0] ** 2 - x**2 + u[1] ** 2 - y**2) / 2],
+        )
+        scheme = Scheme(
+            GeneralizedAlpha(RHO), FORMS["u-lambda"], named_scaling("none", FORMS["u-lambda"]), H
+        )
+        state = initial_state(MOVING, scheme)
+        u, v, a, _ = ([mpf(float(c)) for c in field] for field in state.fields)
+        start = textbook.Motion(mpf(0), u, v, a, a, [mpf(float(state.multipliers[0]))])
+        return list(textbook.march(GeneralizedAlpha(RHO), system, start, mpf(H), STEPS))
+
+
+@ENGINES
+@EVERY_FORM
+def test_multipliers_against_long_numbers(form, engine):
+    """Over 50 steps of 1e-6: compensated λ is off by some eps/h, direct λ by some eps/h².
+
+    The factors of a hundred are those of generalized-α: with ρ∞ = 0.9 an error of one
+    step stays for some twenty. u and v are better by h in compensated evaluation too.
+    """
+    motion = long_motion()
+    worst = {}
+    for evaluation in EVALUATIONS:
+        scheme = Scheme(
+            GeneralizedAlpha(RHO), form, named_scaling("optimal", form), H, evaluation=evaluation
+        )
+        state, errors = initial_state(MOVING, scheme), []
+        for step, exact in enumerate(motion):
+            march(engine, MOVING, scheme, state, step, 1)
+            with mp.workdps(40):
+                found = [
+                    [mpf(float(x)) + mpf(float(y)) for x, y in zip(high, low, strict=True)]
+                    for high, low in zip(state.past[:2], state.lows, strict=True)
+                ]
+                found += [state.fields[2], state.multipliers]
+                errors.append([
+                    max(abs(float(x - y)) for x, y in zip(one, other, strict=True))
+                    for one, other in zip(
+                        found, (exact.u, exact.v, exact.a, exact.multipliers), strict=True
+                    )
+                ])  # fmt: skip
+        worst[evaluation] = np.max(errors, axis=0)
+    u, v, a, multipliers = worst[COMPENSATED] / EPS * np.array([1 / H, 1, H, H])
+    assert u < 50
+    assert v < 50
+    assert a < 1e3
+    assert multipliers < 1e3
+    assert 10 < worst[DIRECT][3] / EPS * H**2 < 1e4
+
+
+# Engines
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
+@EVERY_FORM
+@pytest.mark.parametrize("name", STEPS_OF)
+def test_engines_agree_per_step(name, form, integrator, subjects):
+    """Kernel and SciPy march take the same step to rounding of its increments: λ to eps/h."""
+    subject, h = subjects[name], STEPS_OF[name]
+    for first, state in states(subject, integrator, h, count=2, evaluation=COMPENSATED):
+        for variant in ("none", "optimal"):
+            scheme = Scheme(
+                integrator, form, named_scaling(variant, form), h, evaluation=COMPENSATED
+            )
+            ours, reference = copy(state), copy(state)
+            march(kernel_march, subject, scheme, ours, first, 1)
+            march(scipy_march, subject, scheme, reference, first, 1)
+            assert_same_increments(subject, scheme, ours, reference)
+
+
+def assert_same_increments(subject, scheme, first, second):
+    """Equal up to rounding of Δ, and what each update relation makes of it."""
+    h, symbols = scheme.h, scheme.integrator.symbols(scheme.h)
+    w_v, w_a = symbols["gamma"] / (symbols["beta"] * h), 1 / (symbols["beta"] * h**2)
+    unit = 100 * EPS * h * (np.linalg.norm(first.past[1]) + h * np.linalg.norm(first.fields[3]))
+    gradient = subject.evaluate(0, *first.fields[:2], first.multipliers).G
+    smallest = np.linalg.svd(gradient, compute_uv=False)[-1]
+    to_multiplier = np.linalg.norm(subject.M, 2) * w_a / smallest
+    for k, (weight, name) in enumerate(((1, "u"), (w_v, "v"))):
+        change = (first.past[k] - second.past[k]) + (first.lows[k] - second.lows[k])
+        assert np.linalg.norm(change) <= unit * weight, name
+    assert np.linalg.norm(first.fields[2] - second.fields[2]) <= unit * w_a, "a"
+    assert np.linalg.norm(first.multipliers - second.multipliers) <= unit * to_multiplier, "lambda"
+    np.testing.assert_allclose(first.phi, second.phi, rtol=0, atol=unit * np.linalg.norm(gradient))
+
+
+@ENGINES
+@pytest.mark.parametrize("name", STEPS_OF)
+def test_stretches_join(name, engine, subjects):
+    """A march in pieces is the march, bit by bit."""
+    subject, form = subjects[name], FORMS["u-v-lambda"]
+    scheme = Scheme(
+        Newmark(), form, named_scaling("left", form), STEPS_OF[name], evaluation=COMPENSATED
+    )
+    whole, pieces = initial_state(subject, scheme), initial_state(subject, scheme)
+    norms, _ = march(engine, subject, scheme, whole, 0, 30)
+    first, _ = march(engine, subject, scheme, pieces, 0, 13)
+    second, _ = march(engine, subject, scheme, pieces, 13, 17)
+    np.testing.assert_array_equal(np.concatenate([first, second]), norms)
+    for one, other in zip(whole, pieces, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+# Orders in h
+
+
+ORDERS = {
+    DIRECT: {"u": 0, "v": -1, "a": -2, "lambda": -2},
+    COMPENSATED: {"u": 1, "v": 0, "a": -1, "lambda": -1},
+}
+
+
+@EVERY_FORM
+def test_predicted_orders(form):
+    """All physical corrections gain one order, with stiffness and damping or without."""
+    for damped_, stiff in ((True, True), (True, False), (False, True), (False, False)):
+        found = form_orders(form, damped_, stiff, compensated=True)
+        assert found.physical_corrections() == ORDERS[COMPENSATED]
+
+
+@cache
+def in_motion(name, h, t):
+    """A problem from where it is at time t; Andrews' mechanism starts at rest."""
+    subject, form = problem(name), FORMS["u-lambda"]
+    scheme = Scheme(
+        GeneralizedAlpha(0.9), form, named_scaling("optimal", form), h, evaluation=COMPENSATED
+    )
+    state = initial_state(subject, scheme)
+    march(kernel_march, subject, scheme, state, 0, round(t / h))
+    return replace(subject, u0=state.fields[0].copy(), v0=state.fields[1].copy())
+
+
+@pytest.mark.parametrize("evaluation", EVALUATIONS)
+@pytest.mark.parametrize(
+    ("name", "begin", "h", "duration"),
+    [("andrews", 0.02, [1e-4, 1e-5, 1e-6], 5e-3), ("four-bar", 0.1, [1e-3, 1e-4, 1e-5], 5e-2)],
+)
+@EVERY_FORM
+def test_measured_orders(form, name, begin, h, duration, evaluation):
+    """Physical corrections, ± 0.15 under every scaling, Andrews' mechanism and one of our own."""
+    subject = in_motion(name, 1e-5, begin)
+    for variant in PAPER_VARIANTS:
+        values = {}
+        for step in h:
+            scheme = Scheme(
+                Newmark(), form, named_scaling(variant, form), step, evaluation=evaluation
+            )
+            state = initial_state(subject, scheme)
+            steps = round(duration / step)
+            norms, iterations = march(kernel_march, subject, scheme, state, 0, steps)
+            assert np.all(iterations > 0)
+            for found in corrections(scheme, norms, iterations):
+                if found.measure == "physical_correction":
+                    values.setdefault(found.quantity, []).append(found.statistics.rms)
+        slopes = {key: power_law(np.array(h), np.array(rms)).slope for key, rms in values.items()}
+        expected = ORDERS[evaluation]
+        assert slopes == {key: pytest.approx(order, abs=0.15) for key, order in expected.items()}
+
+
+# Refusals
+
+
+DEFINITION = """\
+import numpy as np
+from newmark_cli.problems.python_problem import Definition
+
+
+def pendulum():
+    return Definition(
+        mass_matrix=np.eye(2),
+        u0=np.array([1.0, 0.0]),
+        v0=np.array([0.0, -1.0]),
+        force=lambda u, v, t: np.array([0.0, -1.0]),
+        constraints=lambda u, t: np.array([PHI]),
+        gradient=lambda u, t: np.array([[GX], [GY]]),
+        quadratic=QUADRATIC,
+    )
+"""
+ROD = {"PHI": "(u @ u - 1) / 2", "GX": "u[0]", "GY": "u[1]", "QUADRATIC": "True"}
+
+
+def definition(tmp_path, **changes):
+    text = DEFINITION
+    for key, value in {**ROD, **changes}.items():
+        text = text.replace(key, value)
+    path = tmp_path / "pendulum.py"
+    path.write_text(text)
+    return python_problem.load(path, "pendulum", {}, "pendulum")
+
+
+def test_python_problems_say_that_they_are_quadratic(tmp_path):
+    """Only those that do; the shipped mechanisms are as they stand."""
+    assert definition(tmp_path).quadratic
+    assert not definition(tmp_path, QUADRATIC="False").quadratic
+    assert all(problem(name).quadratic for name in PROBLEMS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"PHI": "(u @ u - 1) / 2 + u[1] ** 3", "GY": "u[1] + 3 * u[1] ** 2"}, "but are not"),
+        ({"PHI": "np.log(u @ u)", "GX": "2 * u[0] / (u @ u)", "GY": "2 * u[1] / (u @ u)"},
+         "but are not"),
+        ({"PHI": "(u @ u - 1) / 2 + t**2"}, "but depend on t"),
+        ({"PHI": "(u @ u - 1) / 2 + 1 - np.cos(2 * np.pi * t)"}, "but depend on t"),
+    ],
+)  # fmt: skip
+def test_wrong_declarations_are_refused(tmp_path, changes, words):
+    """Constraints that are not quadratic, or change with time, were it each second alone."""
+    definition(tmp_path, **changes, QUADRATIC="False")
+    with pytest.raises(ProblemError, match=f"declared quadratic, {words}"):
+        definition(tmp_path, **changes)
+
+
+def test_configs_refuse_what_has_no_exact_increments(tmp_path):
+    """Driven mechanisms and Python problems that do not declare it, before anything runs."""
+    definition(tmp_path, QUADRATIC="False")
+    mechanisms.everything(tmp_path)
+    path = tmp_path / "c.yaml"
+    for subject in ("everything.yaml", '{python: "pendulum.py:pendulum"}'):
+        for evaluation in ("compensated", "[direct, compensated]"):
+            text = QUICK.replace("problem: pendulum", f"problem: {subject}")
+            path.write_text(f"{text}evaluation: {evaluation}\n")
+            with pytest.raises(
+                DocumentError, match="line 7: evaluation: compensated needs"
+            ) as caught:
+                config.load(path, "c.yaml", allow_code=True)
+            assert "\n" not in str(caught.value)
+    path.write_text(f"{QUICK}evaluation: [direct, compensated]\n")
+    assert [cell.evaluation for cell in config.load(path, "c.yaml").cells()] == [
+        DIRECT, DIRECT, DIRECT, DIRECT, COMPENSATED, COMPENSATED, COMPENSATED, COMPENSATED,
+    ]  # fmt: skip
