@@ -305,11 +305,11 @@ def _tolerance() -> StudyFigure:
 
 def _krylov() -> StudyFigure:
     curves = _variants(
-        "krylov", "chain(links=1000)", "jacobian", "krylov_iterations", linear_solver="gmres"
+        "krylov", "random-chain(links=1000)", "jacobian", "krylov_iterations", linear_solver="gmres"
     )
     none, *_, optimal = curves
     return StudyFigure(
-        "13", "Chain of 1000 links: GMRES iterations", "krylov",
+        "13", "1000 random links: GMRES iterations", "krylov",
         curves=curves,
         claims=(SpreadClaim(optimal, 0.3), StatusClaim(none, "stagnated")),
         linear=True,

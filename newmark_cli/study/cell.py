@@ -13,6 +13,7 @@ from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.invariants import Misfit, invariants
 from newmark_cli.newmark.kernel import State
+from newmark_cli.newmark.krylov import Krylov, KrylovSystem
 from newmark_cli.newmark.measures import Measurement
 from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.newmark.scheme import DIRECT, Scheme, Tolerance
@@ -22,7 +23,7 @@ from newmark_cli.problems.spec import ProblemSpec
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed")
 #: Most steps between two signs of life; an interrupt waits for no longer.
-_STRETCH = {linear.DENSE: 5_000, linear.SPARSE: 20}
+_STRETCH = {linear.DENSE: 5_000, linear.SPARSE: 20, linear.GMRES: 1, linear.MINRES: 1}
 _ENDINGS = {
     kernel.SINGULAR: "singular",
     kernel.DIVERGED: "diverged",
@@ -49,6 +50,7 @@ class Cell:
     precision: str = "float64"
     stop: Tolerance | None = None
     accept: tuple[str, ...] = ()
+    krylov: Krylov | None = None
 
     @property
     def solver(self) -> str:
@@ -110,7 +112,7 @@ def run(
     )
     subject = cell.problem.load()
     solver = cell.solver
-    system = linear.system(solver, subject, scheme)
+    system = linear.system(solver, subject, scheme, cell.krylov)
     march = march_with(solver, subject, system)
     state = initial_state(subject, scheme)
     norms = np.zeros((cell.steps, len(form.unknowns)))
@@ -166,6 +168,8 @@ def run(
         found += measures.errors(reference, state)
     if "invariant" in cell.measure:
         found += measures.invariants(misfits)
+    if isinstance(system, KrylovSystem) and "krylov" in cell.measure:
+        found += measures.krylov(system.iterations, system.residuals)
     if "tolerance" in cell.measure:
         found.append(measures.newton(iterations[:done]))
     if "history" in cell.measure:

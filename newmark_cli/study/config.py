@@ -25,9 +25,17 @@ from newmark_cli.documents import Document, DocumentError, KeyPath, StrictModel,
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS, Integrator, IntegratorError, parameters
-from newmark_cli.newmark.linear import AUTO, DENSE, LINEAR_SOLVERS, choose
+from newmark_cli.newmark.krylov import Krylov, is_symmetric
+from newmark_cli.newmark.linear import AUTO, DENSE, GMRES, LINEAR_SOLVERS, MINRES, choose
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
-from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Tolerance
+from newmark_cli.newmark.scheme import (
+    COMPENSATED,
+    DIRECT,
+    EVALUATIONS,
+    PRECISIONS,
+    Scheme,
+    Tolerance,
+)
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import (
@@ -41,13 +49,14 @@ from newmark_cli.study.cell import STATUSES, Cell
 
 MEASURES = (
     "correction", "condition", "sensitivity", "error", "invariant", "tolerance", "history",
+    "krylov",
 )  # fmt: skip
 #: Measures that need steps; the others can be taken at the initial state.
-_ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history")
+_ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history", "krylov")
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
-BEYOND = ("multipliers", "error", "tolerance", "krylov", "precision", "history")
+BEYOND = ("integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _RESERVED = ("slopes",)
 _MOST_STEPS = 20_000_000
@@ -166,6 +175,21 @@ class StopConfig(StrictModel):
     def tolerance(self) -> Tolerance:
         """The core's value."""
         return Tolerance(self.absolute or 0.0, self.relative or 0.0)
+
+
+class KrylovConfig(StrictModel):
+    """How far GMRES and MINRES go."""
+
+    tolerance: Positive = Field(
+        Krylov().tolerance, lt=1, description="relative residual to reach, in balanced rows"
+    )
+    limit: Annotated[int, Strict(), Field(ge=1, le=100_000)] = Field(
+        Krylov().limit, description="most iterations of one solve"
+    )
+
+    def options(self) -> Krylov:
+        """The core's value."""
+        return Krylov(self.tolerance, self.limit)
 
 
 def _preconditioning(value: Any) -> Any:
@@ -324,6 +348,7 @@ class Case(StrictModel):
     linear_solver: LinearSolvers = Field(
         (AUTO,), description="who solves for the corrections; auto: by size"
     )
+    krylov: KrylovConfig = Field(KrylovConfig(), description="how far gmres and minres go")
     accept: Accepted = Field(
         (), description="statuses of cells that are what the study is about, not failures"
     )
@@ -353,6 +378,8 @@ class Case(StrictModel):
             )
         if self.stop is None and "tolerance" in self.measure:
             raise misfit("measure", "tolerance needs 'stop'")
+        if "krylov" in self.measure and not set(self.linear_solver) <= {GMRES, MINRES}:
+            raise misfit("measure", f"krylov needs linear_solver {GMRES} or {MINRES}")
         for name in self.form:
             for variant in self.variants():
                 try:
@@ -371,6 +398,8 @@ class Case(StrictModel):
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
+            if MINRES in self.linear_solver:
+                self._require_symmetric(spec)
             if "float32" not in self.precision:
                 continue
             if not spec.load().single:
@@ -378,6 +407,17 @@ class Case(StrictModel):
             for form, solver in product(self.form, self.linear_solver):
                 if choose(solver, spec.load(), FORMS[form]) != DENSE:
                     raise misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
+
+    def _require_symmetric(self, spec: ProblemSpec) -> None:
+        for form, variant, integrator in product(self.form, self.variants(), self.integrator):
+            scaling = variant.scaling(FORMS[form])
+            scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
+            if not is_symmetric(spec.load(), scheme):
+                raise misfit(
+                    "linear_solver",
+                    f"{MINRES}: the matrix of {spec.label}, {form}, {variant.name} is not "
+                    f"symmetric; take {GMRES}",
+                )
 
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
@@ -419,6 +459,7 @@ class Case(StrictModel):
                 precision=precision,
                 stop=self.stop.tolerance() if self.stop else None,
                 accept=self.accept,
+                krylov=self.krylov.options() if solver in (GMRES, MINRES) else None,
             )
 
 
