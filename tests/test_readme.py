@@ -6,7 +6,8 @@ import pytest
 
 from newmark_cli.report import check
 from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.slopes import PASS, collect
+from newmark_cli.report.slopes import collect
+from newmark_cli.report.verdicts import PASS, SHOWN
 from newmark_cli.study import config, results
 
 ROOT = Path(__file__).parents[1]
@@ -27,9 +28,12 @@ def test_claims_table_is_that_of_the_results(committed):
 
 
 def test_committed_results_are_complete(committed):
-    """All studies of `reproduce`, all figures, every slope as predicted."""
-    assert {s.study for s in committed} == set(config.REPRODUCED)
-    assert {s.verdict for s in committed} == {PASS}
+    """All studies of `reproduce --all`, all figures, every slope as predicted, every claim true."""
+    assert {s.study for s in committed} >= {*config.REPRODUCED, *config.BEYOND}
+    assert {s.verdict for s in committed} == {PASS, SHOWN}
+    judged = check.judge(committed)
+    assert {entry.finding.verdict for entry in judged} == {PASS}
+    assert {entry.figure.study for entry in judged} == set(config.BEYOND)
     for number in FIGURES:
         for suffix in ("png", "svg"):
             assert (ROOT / f"results/figures/figure-{number}.{suffix}").stat().st_size > 5000

@@ -19,7 +19,8 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.sensitivity import perturbation, sensitivities
 from newmark_cli.problems.registry import problem
 from newmark_cli.report import tables
-from newmark_cli.report.slopes import MISS, PASS, collect
+from newmark_cli.report.slopes import collect
+from newmark_cli.report.verdicts import MISS, PASS
 
 #: Powers of h in Table 2, typed again; the V row is h¹.
 POWERS = {
