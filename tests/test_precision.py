@@ -1,0 +1,240 @@
+"""Single precision: the march computes in it, and its floors are 2²⁹ times those of double."""
+
+from types import SimpleNamespace
+
+import mechanisms
+import numpy as np
+import pytest
+from conftest import QUICK
+from hypothesis import given
+from hypothesis import strategies as st
+from marching import march
+from numba import njit
+
+from newmark_cli.documents import DocumentError
+from newmark_cli.newmark import kernel, kernel_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.kernel import ProblemTables
+from newmark_cli.newmark.measures import corrections
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
+from newmark_cli.problems import elements
+from newmark_cli.problems.registry import problem
+from newmark_cli.study import config
+
+EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+#: Ratio of the units of rounding.
+RATIO = np.finfo(np.float32).eps / np.finfo(np.float64).eps
+
+
+def test_ratio():
+    """24 and 53 digits."""
+    assert RATIO == 2**29
+
+
+# Arithmetic
+
+
+@njit
+def sine(x):
+    return np.sin(x)
+
+
+@njit
+def cosine(x):
+    return np.cos(x)
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory):
+    """A mechanism with every element, driven."""
+    return mechanisms.everything(tmp_path_factory.mktemp("mechanism"))
+
+
+def evaluated(function, subject, dtype, t, *state):
+    """Force, Φ, X, Y, G in a precision."""
+    pattern = subject.pattern
+    sizes = subject.n, subject.m, len(pattern.x_rows), len(pattern.y_rows), len(pattern.g_rows)
+    results = [np.full(size, np.nan, dtype) for size in sizes]
+    given = (x.astype(dtype) for x in state)
+    function(dtype(t), *given, subject.ints, subject.reals.astype(dtype), *results)
+    return results
+
+
+@given(seed=st.integers(0, 2**32 - 1), t=st.floats(-2, 2))
+def test_elements_compute_in_single_precision(everything, seed, t):
+    """Compiled and interpreted they agree bit by bit: no constant raises a term to double.
+
+    NumPy's own sine differs from that of compiled code by a unit of rounding, so the
+    interpreter is handed the latter.
+    """
+    random = np.random.default_rng(seed)
+    u = everything.u0 + 0.2 * random.normal(size=everything.n)
+    state = u, random.normal(size=everything.n), random.normal(size=everything.m)
+    compiled = evaluated(elements.evaluate, everything, np.float32, t, *state)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(elements, "np", SimpleNamespace(sin=sine, cos=cosine, sqrt=np.sqrt))
+        patch.setattr(elements, "_law", elements._law.py_func)
+        interpreted = evaluated(elements.evaluate.py_func, everything, np.float32, t, *state)
+    double = evaluated(elements.evaluate, everything, np.float64, t, *state)
+    for found, expected, exact in zip(compiled, interpreted, double, strict=True):
+        assert found.dtype == expected.dtype == np.float32
+        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3 * np.abs(exact).max())
+
+
+@given(st.integers(1, 25), st.integers(0, 2**32 - 1), st.sampled_from([np.float32, np.float64]))
+def test_solver_computes_in_its_precision(size, seed, dtype):
+    """Compiled and interpreted it agrees bit by bit."""
+    random = np.random.default_rng(seed)
+    matrix = random.normal(size=(size, size)) * (random.random((size, size)) > 0.4)
+    matrix += 3 * np.eye(size)[random.permutation(size)]
+    rhs, solutions = random.normal(size=size), []
+    for solve in (kernel.solve_in_place, kernel.solve_in_place.py_func):
+        solutions.append(rhs.astype(dtype))
+        work = np.empty(size, np.uint64), np.empty(size, dtype)
+        assert solve(matrix.astype(dtype), solutions[-1], *work)
+    np.testing.assert_array_equal(*solutions)
+
+
+def interpreted_march(subject, scheme, state, norms, iterations):
+    """The kernel's march as Python runs it, and all that it calls."""
+    dtype, stop = scheme.dtype, scheme.stop or Tolerance()
+    tables = ProblemTables(
+        subject.ints, subject.reals.astype(dtype), subject.mass_values.astype(dtype),
+        *subject.pattern,
+    )  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("solve_in_place", "_take_increments", "_increase_phi", "_add_exactly",
+                     "_scaled_size"):  # fmt: skip
+            patch.setattr(kernel, name, getattr(kernel, name).py_func)
+        kernel._march(
+            subject.function.py_func, tables, scheme.tables, state, scheme.compensated, subject.t0,
+            scheme.h, 0, scheme.iteration_cap, scheme.settled_below, stop.absolute, stop.relative,
+            norms, iterations,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("stop", [None, Tolerance(1e-5, 1e-4)], ids=["saturation", "tolerance"])
+@pytest.mark.parametrize("evaluation", EVALUATIONS)
+@EVERY_FORM
+def test_march_computes_in_its_precision(form, evaluation, stop, precision):
+    """Compiled and interpreted it takes the same steps bit by bit."""
+    subject, steps = problem("four-bar"), 3
+    integrator = BDF2() if evaluation == "direct" else GeneralizedAlpha(0.9)
+    scheme = Scheme(
+        integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision, stop
+    )
+    ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
+    assert {array.dtype for array in ours} == {np.dtype(precision)}
+    norms, iterations = march(kernel_march, subject, scheme, ours, 0, steps)
+    expected = np.zeros_like(norms), np.zeros_like(iterations)
+    interpreted_march(subject, scheme, reference, *expected)
+    np.testing.assert_array_equal(norms, expected[0])
+    np.testing.assert_array_equal(iterations, expected[1])
+    for one, other in zip(ours, reference, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+# Floors
+
+
+def floors(subject, integrator, form, variant, h, t_end, precision):
+    """rms of every correction, (measure, quantity) → value."""
+    scheme = Scheme(integrator, form, named_scaling(variant, form), h, precision=precision)
+    state = initial_state(subject, scheme)
+    norms, iterations = march(kernel_march, subject, scheme, state, 0, int(t_end / h * (1 + 1e-9)))
+    assert np.all(iterations > 0)
+    return {
+        (m.measure, m.quantity): m.statistics.rms for m in corrections(scheme, norms, iterations)
+    }
+
+
+#: With row K kept many corrections are exactly zero: no statistic in some thirty steps.
+#: At small h these forms need left scaling, see the next test.
+WITHOUT_K = [form for form in FORMS.values() if "K" not in form.rows]
+DAMPED = GeneralizedAlpha(0.9)
+CASES = [
+    *(("pendulum", one, form, h) for one in (Newmark(), DAMPED) for form in FORMS.values()
+      for h in (1e-2, 3e-3, 1e-3)),
+    *(("pendulum", one, form, h) for one in (Newmark(), DAMPED) for form in WITHOUT_K
+      for h in (1e-1, 3e-2)),
+    *(("andrews", DAMPED, form, h) for form in WITHOUT_K for h in (3e-4, 1e-4, 3e-5)),
+    *(("slider-crank", DAMPED, form, h) for form in WITHOUT_K for h in (1e-2, 1e-3)),
+]  # fmt: skip
+T_END = {"pendulum": 3.0, "andrews": 0.02, "slider-crank": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("name", "integrator", "form", "h"),
+    CASES,
+    ids=lambda value: getattr(value, "name", None) or getattr(value, "label", None),
+)
+def test_floors_are_those_of_the_precision(name, integrator, form, h):
+    """Every correction, scaled and physical, under every scaling: 2²⁹ within a factor of 4."""
+    subject = problem(name)
+    for variant in PAPER_VARIANTS:
+        single, double = (
+            floors(subject, integrator, form, variant, h, T_END[name], precision)
+            for precision in ("float32", "float64")
+        )
+        ratios = {key: single[key] / double[key] / RATIO for key in double}
+        assert all(1 / 4 <= ratio <= 4 for ratio in ratios.values()), (variant, ratios)
+
+
+@EVERY_FORM
+def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
+    """Where h² < eps, elimination loses β/γ h in row K unless row D is scaled down to it.
+
+    Row D has X = O(1) and M/(γh) or larger; chosen as the pivot, it wipes row K out
+    and leaves a zero.  In double precision this begins at h = 1e-8.
+    """
+    subject, h, steps = problem("pendulum"), 1e-4, 10_000
+    assert h**2 < np.finfo(np.float32).eps
+    endings = {}
+    for variant in PAPER_VARIANTS:
+        scheme = Scheme(DAMPED, form, named_scaling(variant, form), h, precision="float32")
+        state = initial_state(subject, scheme)
+        norms, iterations = np.zeros((steps, len(form.unknowns))), np.zeros(steps, np.int64)
+        endings[variant] = kernel_march.march(subject, scheme, state, 0, norms, iterations)[0]
+    unscaled = kernel.SINGULAR if "K" in form.rows else kernel.COMPLETED
+    assert endings == {
+        "none": unscaled, "left": kernel.COMPLETED, "right": unscaled, "optimal": kernel.COMPLETED,
+    }  # fmt: skip
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("u-lambda", "u-lambda\nlinear_solver: sparse-lu"), "float32 needs dense-lu: pendulum"),
+        (("u-lambda", "u-lambda\nlinear_solver: [dense-lu, sparse-lu]"), "float32 needs dense-lu"),
+        (("problem: pendulum", "problem: {chain: {links: 200}}"), r"float32 needs dense-lu: chain"),
+        (("problem: pendulum", 'problem: {python: "p.py:p"}'), "is computed in float64 only"),
+        (("t_end: 1.0", "t_end: 1.0\n#"), None),
+    ],
+)
+def test_configs_refuse_what_has_no_single_precision(tmp_path, change, words):
+    """Solvers and problems that compute in double precision alone."""
+    (tmp_path / "p.py").write_text(
+        "import numpy as np\n"
+        "from newmark_cli.problems.python_problem import Definition\n"
+        "def p():\n"
+        "    return Definition(np.eye(2), np.array([1.0, 0.0]), np.zeros(2),\n"
+        "        lambda u, v, t: np.array([0.0, -1.0]), lambda u, t: np.array([(u @ u - 1) / 2]),\n"
+        "        lambda u, t: u[:, None])\n"
+    )
+    path = tmp_path / "c.yaml"
+    for precision in ("float32", "[float64, float32]"):
+        path.write_text(f"{QUICK.replace(*change)}precision: {precision}\n")
+        if words is None:
+            assert config.load(path, "c.yaml").cells()[-1].precision == "float32"
+            continue
+        with pytest.raises(DocumentError, match=f"precision: .*{words}") as caught:
+            config.load(path, "c.yaml", allow_code=True)
+        assert "\n" not in str(caught.value)
