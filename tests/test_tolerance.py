@@ -1,0 +1,207 @@
+"""Stopping at a tolerance: who meets it, after how many corrections, and what it says."""
+
+import csv
+
+import numpy as np
+import pytest
+from conftest import QUICK
+from marching import INTEGRATORS, march
+
+from newmark_cli.documents import DocumentError
+from newmark_cli.newmark import kernel_march, scipy_march
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.initial import initial_state
+from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import EVALUATIONS, Scheme, Tolerance
+from newmark_cli.problems.registry import problem
+from newmark_cli.study import config
+
+ENGINES = pytest.mark.parametrize(
+    "engine", [kernel_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
+)
+EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+
+
+def literal_steps(subject, h, steps, cap, scaled, absolute, relative):
+    """The trapezoidal rule in (u, λ), written out: corrections per step, negative where unmet.
+
+    Newton stops once a correction, applied, is at most absolute + relative times the
+    norm of what it led to, both in the unknowns (u, β h² λ) or (u, λ).
+    """
+    beta, gamma = 0.25, 0.5
+    left, right = (beta * h**2, 1 / (beta * h**2)) if scaled else (1.0, 1.0)
+    n, m, mass = subject.n, subject.m, subject.M
+    start = initial_state(
+        subject, Scheme(Newmark(), FORMS["u-lambda"], named_scaling("none", FORMS["u-lambda"]), h)
+    )
+    (u, v, a), multipliers = start.fields[:3].copy(), start.multipliers.copy()
+    counts = []
+    for _ in range(steps):
+        u_n, v_n, a_n = u, v, a
+        u = u_n + h * v_n
+        met, count = False, 0
+        while not met and count < cap:
+            a = (u - u_n - h * v_n) / (beta * h**2) - (1 / (2 * beta) - 1) * a_n
+            v = v_n + h * ((1 - gamma) * a_n + gamma * a)
+            terms = subject.evaluate(0.0, u, v, multipliers)
+            tangent = terms.X + gamma / (beta * h) * terms.Y + mass / (beta * h**2)
+            jacobian = np.block([
+                [left * tangent, -left * right * terms.G], [terms.G.T, np.zeros((m, m))]
+            ])  # fmt: skip
+            correction = np.linalg.solve(
+                jacobian, -np.concatenate([left * (mass @ a - terms.force), terms.phi])
+            )
+            u = u + correction[:n]
+            multipliers = multipliers + right * correction[n:]
+            size = np.linalg.norm(np.concatenate([u, multipliers / right]))
+            met = np.linalg.norm(correction) <= absolute + relative * size
+            count += 1
+        a = (u - u_n - h * v_n) / (beta * h**2) - (1 / (2 * beta) - 1) * a_n
+        v = v_n + h * ((1 - gamma) * a_n + gamma * a)
+        counts.append(count if met else -count)
+    return counts, u, multipliers
+
+
+@ENGINES
+@pytest.mark.parametrize("cap", [2, 3, 20])
+@pytest.mark.parametrize(
+    ("absolute", "relative"), [(1e-3, 0.0), (1e-6, 0.0), (0.0, 1e-4), (0.0, 1e-7), (1e-5, 1e-5)]
+)
+@pytest.mark.parametrize("scaled", [False, True])
+@pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-1), ("andrews", 3e-4)])
+def test_rule(name, h, scaled, absolute, relative, cap, engine):
+    """Corrections of every step, met or not, and where they lead, against the rule written out."""
+    subject, form, steps = problem(name), FORMS["u-lambda"], 20
+    expected, u, multipliers = literal_steps(subject, h, steps, cap, scaled, absolute, relative)
+    scaling = named_scaling("optimal" if scaled else "none", form)
+    scheme = Scheme(Newmark(), form, scaling, h, cap, stop=Tolerance(absolute, relative))
+    state = initial_state(subject, scheme)
+    _, iterations = march(engine, subject, scheme, state, 0, steps)
+    assert iterations.tolist() == expected
+    np.testing.assert_allclose(state.fields[0], u, rtol=0, atol=1e-9 * np.abs(u).max())
+    size = np.abs(multipliers).max()
+    np.testing.assert_allclose(state.multipliers, multipliers, rtol=0, atol=1e-6 * size)
+
+
+@pytest.mark.parametrize("evaluation", EVALUATIONS)
+@EVERY_FORM
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
+def test_engines_count_alike(integrator, form, evaluation):
+    """Where rounding is far below the tolerance both engines meet it after as many corrections."""
+    subject = problem("four-bar")
+    for stop in (Tolerance(absolute=1e-6), Tolerance(relative=1e-7)):
+        scheme = Scheme(
+            integrator, form, named_scaling("optimal", form), 1e-3, 20, evaluation, stop=stop
+        )
+        counts = []
+        for engine in (kernel_march, scipy_march):
+            state = initial_state(subject, scheme)
+            counts.append(march(engine, subject, scheme, state, 0, 15)[1].tolist())
+        assert counts[0] == counts[1]
+        assert min(counts[0]) > 0
+
+
+@EVERY_FORM
+def test_tolerance_is_met_at_every_step_size_only_when_unknowns_are_scaled(form):
+    """1e-8 on Andrews' mechanism: unscaled rounding of λ is larger below h = 1e-4.
+
+    What scales the unknowns, right or both sides, meets it at once; left alone does not.
+    """
+    subject, steps = problem("andrews"), 300
+    for h in (1e-4, 1e-5, 1e-6):
+        for variant in PAPER_VARIANTS:
+            scheme = Scheme(
+                GeneralizedAlpha(0.9), form, named_scaling(variant, form), h, 20,
+                stop=Tolerance(absolute=1e-8),
+            )  # fmt: skip
+            state = initial_state(subject, scheme)
+            _, iterations = march(kernel_march, subject, scheme, state, 0, steps)
+            share, corrections = np.mean(iterations > 0), np.mean(np.abs(iterations))
+            if variant in ("right", "optimal"):
+                assert share == 1
+                assert corrections < 4
+            elif h == 1e-4:
+                assert share > 0.9
+            else:
+                assert share < 0.3
+                assert corrections > 14, "unmet steps go on to the cap"
+
+
+# Configs and results
+
+
+STOPPED = QUICK + "measure: [condition, tolerance]\nstop: {absolute: 1e-8}\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("{absolute: 1e-8}", "{}", 8, "needs absolute or relative"),
+        ("{absolute: 1e-8}", "{absolute: 0}", 8, "absolute: Input should be greater than 0"),
+        ("{absolute: 1e-8}", "{relative: -1e-3}", 8, "relative: Input should be greater than 0"),
+        ("{absolute: 1e-8}", "{relative: .inf}", 8, "relative: Input should be a finite number"),
+        ("{absolute: 1e-8}", "{absolut: 1e-8}", 8, "did you mean 'absolute'"),
+        ("[condition, tolerance]", "correction", 7, "Newton stops before rounding does"),
+        ("measure: [condition, tolerance]\n", "", 1, "Newton stops before rounding does"),
+        ("stop: {absolute: 1e-8}", "", 7, "tolerance needs 'stop'"),
+        ("t_end: 1.0", "steps: 0", 6, "no tolerance without steps"),
+    ],
+)
+def test_config_mistakes(tmp_path, old, new, line, words):
+    """What cannot be measured with a tolerance, or without one."""
+    assert old in STOPPED
+    path = tmp_path / "c.yaml"
+    path.write_text(STOPPED.replace(old, new))
+    with pytest.raises(DocumentError) as caught:
+        config.load(path, "c.yaml")
+    assert str(caught.value).startswith(f"c.yaml, line {line}: ")
+    assert words in str(caught.value)
+
+
+def test_labels():
+    """As the CSV names it."""
+    assert Tolerance(absolute=1e-8).label == "absolute 1e-08"
+    assert Tolerance(relative=2.5e-8).label == "relative 2.5e-08"
+    assert Tolerance(1e-8, 1e-3).label == "absolute 1e-08 relative 0.001"
+
+
+def rows(cli):
+    with (cli.folder / "results/quick.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_rows_say_what_was_met(cli):
+    """Steps that met it, corrections computed; empty where rounding stops Newton."""
+    cli.write("quick.yaml", STOPPED)
+    cli("run", "quick.yaml")
+    for row in rows(cli):
+        assert (row["stop"], row["met"], row["status"]) == ("absolute 1e-08", row["steps"], "ok")
+        if row["measure"] == "tolerance":
+            assert row["quantity"] == "newton"
+            mean = float(row["newton_iterations"])
+            assert 1 <= float(row["median"]) <= float(row["max"]) <= 20
+            assert float(row["rms"]) >= mean > 1
+    cli.write("quick.yaml", QUICK)
+    cli("run", "quick.yaml")
+    assert {(row["stop"], row["met"]) for row in rows(cli)} == {("saturation", "")}
+
+
+def test_accepted_statuses_do_not_fail_a_run(cli):
+    """Steps that miss the tolerance end the run with 1, unless the study is about them."""
+    missed = STOPPED.replace("{absolute: 1e-8}", "{absolute: 1e-8}\niteration_cap: 2")
+    cli.write("quick.yaml", missed)
+    cli("run", "quick.yaml", code=1)
+    refused = rows(cli)
+    cli.write("quick.yaml", missed + "accept: not_converged\n")
+    cli("run", "quick.yaml")
+    accepted = rows(cli)
+    assert refused == accepted
+    statuses = {row["status"] for row in accepted}
+    assert "not_converged" in statuses
+    for row in accepted:
+        assert int(row["met"]) + int(row["not_converged"]) == int(row["steps"])
+    cli.write("quick.yaml", missed + "accept: [singular, diverged]\n")
+    cli("run", "quick.yaml", code=1)
+    cli.write("quick.yaml", missed + "accept: ok\n")
+    assert "line 10: accept: unknown status 'ok'" in cli.refused("run", "quick.yaml")
