@@ -69,7 +69,8 @@ def _krylov(curve):
 
 
 def _precision(curve):
-    order = -2 if curve.quantity == "lambda" and curve.preconditioning in ("none", "left") else 0
+    order = {"u": 0, "v": -1, "a": -2, "lambda": -2}[curve.quantity]
+    order = order if curve.preconditioning in ("none", "left") else 0
     unit = 2**-24 if curve.precision == "float32" else 2**-53
     own = 1 + 0.2 * len(curve.preconditioning)
     return {h: {"rms": 0.3 * own * unit * h**order} for h in (1e-1, 1e-2, 1e-3)}
@@ -104,9 +105,22 @@ def rows_of(curve):
     return table
 
 
+def curves_of(claim):
+    """Series that a claim reads."""
+    return [c for pair in claim.pairs for c in pair] if hasattr(claim, "pairs") else [claim.curve]
+
+
+def curves(figure):
+    """What a figure draws, and what else its claims are about."""
+    found = {curve.key: curve for curve in figure.curves}
+    for claim in figure.claims:
+        found |= {curve.key: curve for curve in curves_of(claim) if curve.key not in found}
+    return list(found.values())
+
+
 def rows(figure):
     """Rows of the study of a figure."""
-    return [row for curve in figure.curves for row in rows_of(curve)]
+    return [row for curve in curves(figure) for row in rows_of(curve)]
 
 
 def write(folder, figure, table=None):

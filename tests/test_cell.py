@@ -23,7 +23,7 @@ def test_sampled_states(monkeypatch, samples, steps):
     (first, *_) = config.find("pendulum-u").cells()
     told = []
     chosen = cell.Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
-    outcome = cell.run(chosen, told.append)
+    outcome = cell.run(chosen, on_steps=told.append)
     assert outcome.status == "ok"
     assert len(times) == min(samples, steps)
     assert times[-1] == pytest.approx(steps * 1e-4)

@@ -45,11 +45,6 @@ def where(curve):
     return {column: getattr(curve, column) for column in KEY}
 
 
-def curves_of(claim):
-    """Series that a claim reads."""
-    return [c for pair in claim.pairs for c in pair] if hasattr(claim, "pairs") else [claim.curve]
-
-
 def scaled(factor):
     """Change of a row: every statistic times a factor, which may depend on the row."""
 
@@ -101,11 +96,11 @@ def test_claims_fail_on_spoilt_results(tmp_path, figure, index):
 def test_claims_need_their_data(tmp_path, figure, index):
     """Without the series, and with cells that failed, a claim is incomplete."""
     claim = figure.claims[index]
-    for curve in curves_of(claim):
+    for curve in synthetic.curves_of(claim):
         picked = where(curve)
         table = synthetic.rows(figure)
         rest = [r for r in table if not all(r[k] == v for k, v in picked.items())]
-        assert len(rest) < len(table), "the figure draws what it claims"
+        assert len(rest) < len(table), "the study has what is claimed"
         # What is left must not be empty, or it would be no study at all.
         rest = rest or synthetic.spoilt(table, picked, lambda row: {"quantity": "v"})
         assert judged(tmp_path, figure, rest)[index].verdict == INCOMPLETE
@@ -151,7 +146,7 @@ def test_claims_of_the_figures():
             "optimal: (max − min)/min over h at most 0.3",
             "none, smallest h: stagnated",
         ],
-        "14": ["float32 / float64 / 2²⁹, every unknown, variant and h: 0.25 to 4"],
+        "14": ["float32 / float64 / 2²⁹, every form, unknown, variant and h: 0.25 to 4"],
         "15": ["max |λ|, trapezoidal, direct / generalized-α, direct: at least 100"],
     }
 
