@@ -3,27 +3,26 @@
 Everything heavy is imported inside the commands, so that ``--help`` is quick.
 """
 
-import contextlib
+import functools
 import math
 import os
 import re
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from newmark_cli import __version__
-from newmark_cli.errors import InputError
+from newmark_cli.errors import ExecutorError, InputError
 
 if TYPE_CHECKING:
     from newmark_cli.newmark.scaling import Preconditioning
     from newmark_cli.report.slopes import Slope
     from newmark_cli.report.tables import Entry
     from newmark_cli.study.config import Study
-    from newmark_cli.study.runner import StudyRun
 
 
 def _folder(context: click.Context, option: click.Parameter, given: Path) -> Path:
@@ -69,16 +68,101 @@ def cli() -> None:
     """
 
 
+def _running(command: Callable[..., int]) -> Callable[..., int]:
+    """Options of the commands that run studies, gathered into one argument ``how``."""
+
+    @functools.wraps(command)
+    def gathered(
+        jobs: int | None, force: bool, fail_fast: bool, timeout: float | None, executor: str,
+        scheduler: str | None, quiet: bool, verbose: bool, **rest: Any,
+    ) -> int:  # fmt: skip
+        if scheduler is not None and executor != "dask":
+            raise click.UsageError("--scheduler needs --executor dask")
+        how = _How(
+            jobs or os.cpu_count() or 1, force, fail_fast, timeout, executor, scheduler, quiet,
+            verbose,
+        )  # fmt: skip
+        return command(how=how, **rest)
+
+    for option in reversed(
+        (
+            _jobs,
+            click.option("--force", is_flag=True, help="Compute cells again that are kept."),
+            click.option(
+                "--fail-fast/--keep-going",
+                help="End the run with the first cell that does not end well; default: go on.",
+            ),
+            click.option(
+                "--timeout",
+                type=click.FloatRange(min=0, min_open=True),
+                metavar="SECONDS",
+                help="Longest time of a cell; it then counts as failed.",
+            ),
+            click.option(
+                "--executor",
+                type=click.Choice(["local", "dask"]),
+                default="local",
+                show_default=True,
+                help="Who runs the cells: this machine, or the workers of a dask scheduler.",
+            ),
+            click.option(
+                "--scheduler", metavar="ADDRESS", help="Of dask; workers of its own without one."
+            ),
+            click.option("-q", "--quiet", is_flag=True, help="Say nothing but what is wrong."),
+            click.option("-v", "--verbose", is_flag=True, help="A line for every cell."),
+        )
+    ):
+        gathered = option(gathered)
+    return gathered
+
+
+@dataclass(frozen=True)
+class _How:
+    """Options of `_running`."""
+
+    jobs: int
+    force: bool
+    fail_fast: bool
+    timeout: float | None
+    executor: str
+    scheduler: str | None
+    quiet: bool
+    verbose: bool
+
+
+def _shard(
+    context: click.Context, option: click.Parameter, given: str | None
+) -> tuple[int, int] | None:
+    if given is None:
+        return None
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", given)
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise click.BadParameter(f"must be I/N with 1 <= I <= N, given {given!r}")
+    return int(match[1]), int(match[2])
+
+
 @cli.command()
 @click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
 @_results
-@_jobs
+@_running
+@click.option("--dry-run", is_flag=True, help="List every cell as done, or to run and why.")
+@click.option(
+    "--shard", callback=_shard, metavar="I/N", help="Every N-th cell alone; then `merge`."
+)
 @_allow_code
-def run(configs: tuple[str, ...], folder: Path, jobs: int | None, allow_code: bool) -> int:
+def run(
+    configs: tuple[str, ...],
+    folder: Path,
+    how: _How,
+    dry_run: bool,
+    shard: tuple[int, int] | None,
+    allow_code: bool,
+) -> int:
     r"""Run studies: YAML files, or names of shipped configs.
 
     Writes DIR/<study>.csv and, beside it, the resolved config, versions and
-    wall times as .json.  Exits with 1 when a cell did not end well.
+    wall times as .json.  Finished cells are kept in DIR/cells: a run that was
+    interrupted goes on where it was.  Exits with 1 when a cell did not end well.
 
     \b
     Example:
@@ -86,7 +170,51 @@ def run(configs: tuple[str, ...], folder: Path, jobs: int | None, allow_code: bo
     """
     from newmark_cli.study import config
 
-    return _run([config.find(name, allow_code) for name in configs], folder, jobs)
+    studies = [config.find(name, allow_code) for name in configs]
+    if dry_run:
+        return _dry_run(studies, folder, how.force)
+    return _run(studies, folder, how, shard)
+
+
+@cli.command()
+@click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
+@click.option(
+    "--from",
+    "sources",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    multiple=True,
+    required=True,
+    metavar="DIR",
+    help="Results folder of a shard; once for each.",
+)
+@_results
+@_allow_code
+def merge(
+    configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, allow_code: bool
+) -> int:
+    r"""Put the cells of shards together and write the studies.
+
+    Computes nothing: exits with 1 when cells are missing, and says how many.
+
+    \b
+    Example:
+      newmark-study merge andrews-u --from node1/results --from node2/results
+    """
+    from newmark_cli.study import config, runner, store
+
+    studies = [config.find(name, allow_code) for name in configs]
+    kept = store.Store(folder)
+    kept.prepare()
+    for source in sources:
+        click.echo(f"{source}: {kept.take(source)} cells")
+    missing = [one for one in runner.plan(studies, folder) if one.done is None]
+    for s, study in enumerate(studies):
+        count = sum(one.study == s for one in missing)
+        if count:
+            _complain(f"{study.study}: {count} of {len(study.cells())} cells are missing")
+    if missing:
+        return 1
+    return _run(studies, folder, _How(1, False, False, None, "local", None, False, False), None)
 
 
 @cli.command()
@@ -148,9 +276,9 @@ def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
 
 @cli.command()
 @_results
-@_jobs
+@_running
 @click.option("--all", "everything", is_flag=True, help="The studies past the paper too.")
-def reproduce(folder: Path, jobs: int | None, everything: bool) -> int:
+def reproduce(folder: Path, how: _How, everything: bool) -> int:
     r"""Run the paper's studies, draw its nine figures, check every slope.
 
     With --all also the studies past the paper, their figures and claims.  Exits
@@ -163,7 +291,7 @@ def reproduce(folder: Path, jobs: int | None, everything: bool) -> int:
     from newmark_cli.study import config
 
     studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
-    code = _run([config.load_shipped(name) for name in studies], folder, jobs)
+    code = _run([config.load_shipped(name) for name in studies], folder, how, None)
 
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
@@ -364,35 +492,36 @@ def list_() -> int:
     return 0
 
 
-def _run(studies: "Sequence[Study]", folder: Path, jobs: int | None) -> int:
+def _run(studies: "Sequence[Study]", folder: Path, how: _How, shard: tuple[int, int] | None) -> int:
+    from newmark_cli import terminal
     from newmark_cli.study import runner
 
-    def report(done: "StudyRun") -> None:
+    options = runner.Options(
+        how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard
+    )
+    with terminal.watching(how.quiet, how.verbose) as watcher:
+        runs = runner.run_studies(studies, folder, options, watcher)
+    for done in runs:
         counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
         spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
-        click.echo(f"{done.study}: {spelled} -> {done.path}")
-
-    with _progress(runner.total_weight(studies)) as advance:
-        runs = runner.run_studies(studies, folder, jobs or os.cpu_count() or 1, advance)
-    for done in runs:
-        report(done)
+        kept = f" ({done.kept} kept)" if done.kept else ""
+        where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
+        if not how.quiet:
+            click.echo(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
     return 0 if all(done.ok for done in runs) else 1
 
 
-@contextlib.contextmanager
-def _progress(steps: int) -> Iterator[Callable[[int], None]]:
-    """A bar weighted by steps on a terminal; nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield lambda steps: None
-        return
-    lock = threading.Lock()
-    with click.progressbar(length=steps, label="steps", file=sys.stderr) as bar:
+def _dry_run(studies: "Sequence[Study]", folder: Path, force: bool) -> int:
+    from newmark_cli import terminal
+    from newmark_cli.study import runner
 
-        def advance(steps: int) -> None:
-            with lock:
-                bar.update(steps)
-
-        yield advance
+    planned = runner.plan(studies, folder, force)
+    for one in planned:
+        state = f"done, {one.done.outcome.status}" if one.done else f"to run: {one.why}"
+        click.echo(f"{studies[one.study].study}: {terminal.described(one.cell)}: {state}")
+    left = sum(one.done is None for one in planned)
+    click.echo(f"{left} of {len(planned)} cells to run")
+    return 0
 
 
 def _show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bool = False) -> None:
@@ -499,6 +628,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except InputError as error:
         _complain(str(error))
         code = 2
+    except ExecutorError as error:
+        _complain(f"{error}; what was finished is kept, run again to go on")
+        code = 1
     except OSError as error:
         _complain(f"{error.filename or 'output'}: {error.strerror or error}")
         code = 2

@@ -6,3 +6,7 @@ class InputError(ValueError):
 
     The command line prints it and exits with code 2.
     """
+
+
+class ExecutorError(Exception):
+    """What runs the cells is gone; what had finished is kept."""

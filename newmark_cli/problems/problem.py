@@ -1,7 +1,9 @@
 """What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -167,6 +169,20 @@ class Problem:
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
         return self.points[coordinate // 2] if self.points else f"coordinate {coordinate + 1}"
+
+    @cached_property
+    def content(self) -> str:
+        """Hexadecimal digest of what the problem's numbers depend on.
+
+        Tables, masses, patterns and start, and the code behind the functions if it is
+        the user's.  Neither its name nor what the user's code imports or reads.
+        """
+        digest = hashlib.sha256(f"{self.code} {self.m} {self.t0!r}".encode())
+        arrays = (self.u0, self.v0, self.ints, self.reals, self.mass_values, *self.pattern)
+        for array in arrays:
+            digest.update(f"{array.shape} {array.dtype.str}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
     def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """(m,) rate and curvature: Φ' = Gᵀ v + rate, Φ'' = Gᵀ u'' + curvature."""

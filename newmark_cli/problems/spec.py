@@ -9,7 +9,8 @@ Each kind of problem is a frozen, hashable value with
 Another kind is another such class beside these and a member of `ProblemSpec`.
 """
 
-from dataclasses import dataclass
+import tempfile
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -150,4 +151,46 @@ def _python(spec: PythonFactory) -> Problem:
     return python_problem.load(spec.path, spec.factory, dict(spec.arguments), spec.label)
 
 
-ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory
+@dataclass(frozen=True)
+class Carried:
+    """A problem of the user's that travels to another machine by its content.
+
+    Attributes:
+        spec: The problem; its path means nothing there.
+        content: Bytes of its file.
+    """
+
+    spec: MechanismFile | PythonFactory
+    content: bytes
+
+    @property
+    def label(self) -> str:
+        """That of the problem."""
+        return self.spec.label
+
+    @property
+    def given(self) -> Any:
+        """As a config spells it."""
+        return self.spec.given
+
+    def load(self) -> Problem:
+        """The problem, from a copy of its file; see the problem's own."""
+        return _carried(self)
+
+
+@cache
+def _carried(carried: Carried) -> Problem:
+    with tempfile.TemporaryDirectory(prefix="newmark-study-") as folder:
+        path = Path(folder) / carried.spec.path.name
+        path.write_bytes(carried.content)
+        return replace(carried.spec, path=path).load()
+
+
+ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory | Carried
+
+
+def portable(spec: ProblemSpec) -> ProblemSpec:
+    """The same problem without a file behind it."""
+    if isinstance(spec, MechanismFile | PythonFactory):
+        return Carried(spec, spec.path.read_bytes())
+    return spec

@@ -86,6 +86,19 @@ class Outcome:
     history: Sequence[tuple[int, Array]] = ()
 
 
+@dataclass(frozen=True)
+class Done:
+    """A cell that has ended.
+
+    Attributes:
+        outcome: What it found.
+        seconds: Its wall time (s).
+    """
+
+    outcome: Outcome
+    seconds: float
+
+
 def run(
     cell: Cell,
     reference: Reference | None = None,

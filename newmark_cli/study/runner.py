@@ -1,22 +1,61 @@
-"""Running studies: cells side by side on threads, results in the config's order."""
+"""Running studies: what is kept is not computed again, the rest side by side."""
 
-import threading
-import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+import contextlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.problems.reference import NoReference
-from newmark_cli.study import cell as cells_module
-from newmark_cli.study import provenance, results
-from newmark_cli.study.cell import Cell, Outcome
+from newmark_cli.problems.reference import NoReference, Reference
+from newmark_cli.study import executors, provenance, results
+from newmark_cli.study.cell import Cell, Done, Outcome
 from newmark_cli.study.config import Study
+from newmark_cli.study.executors import Execution, Task
+from newmark_cli.study.lock import locked
 from newmark_cli.study.references import References
+from newmark_cli.study.store import Store
+
+
+@dataclass(frozen=True)
+class Options:
+    """How studies are run.
+
+    Attributes:
+        jobs: Most threads, and most processes.
+        force: Whether cells that are kept are computed again.
+        fail_fast: Whether the first cell that does not end well ends the run.
+        timeout: Most wall time of a cell (s).
+        executor: ``local`` or ``dask``.
+        scheduler: Address of a dask scheduler.
+        shard: (i, N): the i-th of N parts alone, counted from 1.
+    """
+
+    jobs: int
+    force: bool = False
+    fail_fast: bool = False
+    timeout: float | None = None
+    executor: str = "local"
+    scheduler: str | None = None
+    shard: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A cell of a study before it runs.
+
+    Attributes:
+        study: Which of the studies, counted from 0.
+        cell: The cell.
+        done: What is kept of it, if anything.
+        why: Why it is to run, if it is.
+    """
+
+    study: int
+    cell: Cell
+    done: Done | None
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -25,15 +64,17 @@ class StudyRun:
 
     Attributes:
         study: Its name.
-        path: Its CSV.
-        statuses: Status of each cell.
+        path: Its CSV; None where cells were skipped.
+        statuses: Status of each cell; ``skipped`` where it has not run.
         failures: Statuses that are neither ok nor accepted by the study.
+        kept: Cells that had been computed before.
     """
 
     study: str
-    path: Path
+    path: Path | None
     statuses: tuple[str, ...]
     failures: tuple[str, ...]
+    kept: int
 
     @property
     def ok(self) -> bool:
@@ -41,78 +82,181 @@ class StudyRun:
         return not self.failures
 
 
-class _Stopped(Exception):
-    """The run was interrupted; raised inside a cell between two stretches."""
+class Watcher:
+    """Told what happens while studies run; this one does nothing."""
+
+    def planned(self, plan: Sequence[Planned]) -> None:
+        """What is to be done and what is kept."""
+
+    def steps(self, steps: int) -> None:
+        """So many steps were done; from any thread."""
+
+    def finished(self, cell: Cell, done: Done) -> None:
+        """A cell has ended."""
+
+
+def plan(studies: Sequence[Study], folder: Path, force: bool = False) -> list[Planned]:
+    """Every cell of the studies, with what is kept of it or why it is to run.
+
+    Args:
+        studies: The studies.
+        folder: Results folder.
+        force: Whether cells that are kept are computed again.
+    """
+    store = Store(folder)
+    planned = []
+    for s, study in enumerate(studies):
+        for cell in study.cells():
+            kept = store.find(cell)
+            if kept is None:
+                planned.append(Planned(s, cell, None, store.why(cell)))
+            elif force:
+                planned.append(Planned(s, cell, None, "forced"))
+            else:
+                planned.append(Planned(s, cell, kept))
+    return planned
 
 
 def run_studies(
-    studies: Sequence[Study],
-    folder: Path,
-    jobs: int,
-    on_steps: Callable[[int], None] = lambda steps: None,
+    studies: Sequence[Study], folder: Path, options: Options, watcher: Watcher | None = None
 ) -> list[StudyRun]:
     """Run studies and write a CSV and its provenance for each.
 
-    The cells of all studies share the threads; the kernel releases the GIL.
-    Long cells start first.  A study is written when its last cell is done.
+    Finished cells are kept at once, so that whatever ends the run, only those in
+    flight are lost.  A study is written when its last cell is done, its cells in the
+    config's order; a shard writes none.
 
     Args:
         studies: With distinct names.
         folder: Results folder.
-        jobs: Threads.
-        on_steps: Told, from any thread, how many steps were done.
+        options: How.
+        watcher: Told what happens.
 
     Raises:
-        InputError: Two studies have one name, or the folder cannot be written.
+        InputError: Two studies have one name, or the folder cannot be written or is
+            in use.
+        ExecutorError: The executor is lost; what was finished is kept.
     """
+    watcher = watcher or Watcher()
     names = [study.study for study in studies]
     for i, name in enumerate(names):
         if name in names[:i]:
             raise InputError(f"two studies are named {name!r}; each needs a CSV of its own")
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
+    shard = "{}/{}".format(*options.shard) if options.shard else ""
+    with locked(folder, f"run {' '.join(names)}", shard):
+        store = Store(folder)
+        store.prepare()
+        planned = plan(studies, folder, options.force)
+        if options.shard:
+            part, parts = options.shard
+            planned = [one for i, one in enumerate(planned) if i % parts == part - 1]
+        watcher.planned(planned)
+        found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
+        open_runs = _OpenRuns(studies, folder, options, planned, writes=not shard)
+        for i in list(found):
+            open_runs.took(i, found[i])
 
-    references = References(folder)
-    stopped = threading.Event()
-
-    def checked(steps: int) -> None:
-        on_steps(steps)
-        if stopped.is_set():
-            raise _Stopped
-
-    def timed(cell: Cell) -> tuple[Outcome, float]:
-        if stopped.is_set():
-            raise _Stopped
-        start = time.perf_counter()
-        outcome = _guarded(cell, references, checked)
-        return outcome, time.perf_counter() - start
-
-    grid = [(s, c, cell) for s, study in enumerate(studies) for c, cell in enumerate(study.cells())]
-    done: list[dict[int, tuple[Outcome, float]]] = [{} for _ in studies]
-    expected = [sum(1 for s, _, _ in grid if s == i) for i in range(len(studies))]
-    runs: dict[int, StudyRun] = {}
-    start = time.perf_counter()
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
-        by_length = sorted(grid, key=lambda entry: -_cost(entry[2]))
-        futures = {pool.submit(timed, cell): (s, c) for s, c, cell in by_length}
-        try:
-            for future in as_completed(futures):
-                s, c = futures[future]
-                done[s][c] = future.result()
-                if len(done[s]) == expected[s]:
-                    found = [done[s][i] for i in range(expected[s])]
-                    total = time.perf_counter() - start
-                    runs[s] = _write(studies[s], folder, found, total, jobs)
-        except BaseException:
-            stopped.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return [runs[s] for s in range(len(studies))]
+        # A cell that two studies share is computed once.
+        sharing: dict[Cell, list[int]] = {}
+        for i, one in enumerate(planned):
+            if i not in found:
+                sharing.setdefault(one.cell, []).append(i)
+        references = References(folder)
+        tasks: dict[int, Task] = {}
+        for cell, places in sorted(sharing.items(), key=lambda item: -_cost(item[0])):
+            try:
+                tasks[places[0]] = Task(cell, _reference(cell, references))
+            except NoReference as error:
+                missing = Done(Outcome([], 0, math.nan, "failed", str(error)), 0.0)
+                for place in places:
+                    open_runs.took(place, missing)
+        with _execution(tasks, options, watcher) as finished:
+            for i, done in finished:
+                cell = planned[i].cell
+                store.keep(cell, done)
+                watcher.finished(cell, done)
+                for place in sharing[cell]:
+                    open_runs.took(place, done)
+                if options.fail_fast and _is_failure(cell, done.outcome):
+                    break
+        return open_runs.close()
 
 
-def total_weight(studies: Sequence[Study]) -> int:
-    """Steps of all cells together."""
-    return sum(cell.weight for study in studies for cell in study.cells())
+def _reference(cell: Cell, references: References) -> Reference | None:
+    return references.of(cell.problem, cell.t_end) if "error" in cell.measure else None
+
+
+@contextlib.contextmanager
+def _execution(
+    tasks: Mapping[int, Task], options: Options, watcher: Watcher
+) -> Iterator[Execution]:
+    if not tasks:
+        yield iter(())
+    elif options.executor == "dask":
+        from newmark_cli.study.cluster import cluster
+
+        with cluster(
+            tasks, options.scheduler, options.jobs, options.timeout, watcher.steps
+        ) as running:
+            yield running
+    else:
+        with executors.local(tasks, options.jobs, options.timeout, watcher.steps) as running:
+            yield running
+
+
+class _OpenRuns:
+    """Studies whose cells are coming in; each is written when it is complete."""
+
+    def __init__(
+        self,
+        studies: Sequence[Study],
+        folder: Path,
+        options: Options,
+        planned: Sequence[Planned],
+        writes: bool,
+    ) -> None:
+        self._studies, self._folder, self._options = studies, folder, options
+        self._planned, self._writes = planned, writes
+        self._places = [
+            [i for i, one in enumerate(planned) if one.study == s] for s in range(len(studies))
+        ]
+        self._left = [len(places) for places in self._places]
+        self._done: dict[int, Done] = {}
+        self._paths: dict[int, Path] = {}
+
+    def took(self, place: int, done: Done) -> None:
+        """A cell is there."""
+        self._done[place] = done
+        study = self._planned[place].study
+        self._left[study] -= 1
+        if self._writes and self._left[study] == 0:
+            found = [self._done[i] for i in self._places[study]]
+            self._paths[study] = _write(self._studies[study], self._folder, found, self._options)
+
+    def close(self) -> list[StudyRun]:
+        """How the studies went."""
+        return [self._run(s) for s in range(len(self._studies))]
+
+    def _run(self, study: int) -> StudyRun:
+        statuses, failures = [], []
+        for i in self._places[study]:
+            done = self._done.get(i)
+            statuses.append(done.outcome.status if done else "skipped")
+            if done and _is_failure(self._planned[i].cell, done.outcome):
+                failures.append(done.outcome.status)
+        return StudyRun(
+            self._studies[study].study,
+            self._paths.get(study),
+            tuple(statuses),
+            tuple(failures),
+            sum(self._planned[i].done is not None for i in self._places[study]),
+        )
+
+
+def _is_failure(cell: Cell, outcome: Outcome) -> bool:
+    return outcome.status not in ("ok", *cell.accept)
 
 
 def _cost(cell: Cell) -> int:
@@ -120,46 +264,22 @@ def _cost(cell: Cell) -> int:
     return cell.weight * len(FORMS[cell.form].unknowns) ** 3
 
 
-def _guarded(cell: Cell, references: References, on_steps: Callable[[int], None]) -> Outcome:
-    """Run a cell; what goes wrong inside becomes its status."""
-    try:
-        with np.errstate(all="ignore"):  # what is not finite becomes a status
-            reference = None
-            if "error" in cell.measure:
-                reference = references.of(cell.problem, cell.t_end, lambda: on_steps(0))
-            return cells_module.run(cell, reference, on_steps)
-    except NoReference as error:
-        return Outcome([], 0, np.nan, "failed", str(error))
-    except (_Stopped, InputError):
-        raise
-    except np.linalg.LinAlgError as error:
-        return Outcome([], 0, np.nan, "singular", str(error))
-    except Exception as error:
-        return Outcome([], 0, np.nan, "failed", f"{type(error).__name__}: {error}")
-
-
-def _write(
-    study: Study,
-    folder: Path,
-    found: Sequence[tuple[Outcome, float]],
-    total: float,
-    jobs: int,
-) -> StudyRun:
+def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) -> Path:
     cells = study.cells()
-    outcomes = [outcome for outcome, _ in found]
-    seconds = [taken for _, taken in found]
+    outcomes = [done.outcome for done in found]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
-    record = provenance.record(study, cells, outcomes, seconds, total, jobs, len(table))
+    record = provenance.record(
+        study, cells, outcomes, [done.seconds for done in found], 0.0, options.jobs, len(table)
+    )
     history = results.history_text(study.study, cells, outcomes)
     if history:
         results.write_atomically(results.history_path(folder, study.study), history)
     results.write_atomically(path, results.csv_text(results.COLUMNS, table))
     results.write_json(path.with_suffix(".json"), record)
-    statuses = tuple(outcome.status for outcome in outcomes)
-    failures = tuple(
-        status
-        for cell, status in zip(cells, statuses, strict=True)
-        if status not in ("ok", *cell.accept)
-    )
-    return StudyRun(study.study, path, statuses, failures)
+    return path
+
+
+def weight(planned: Sequence[Planned]) -> int:
+    """What `Watcher.steps` is told in all when a plan is carried out."""
+    return sum(one.cell.weight for one in planned if one.done is None)

@@ -1,0 +1,115 @@
+"""Cells on the workers of a dask scheduler, or of one started for this run."""
+
+import logging
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.errors import ExecutorError, InputError
+from newmark_cli.problems.spec import portable
+from newmark_cli.study.cell import Done, Outcome
+from newmark_cli.study.executors import Execution, Task, perform
+
+#: Longest wait for a scheduler to answer (s).
+_PATIENCE = 15.0
+
+
+@contextmanager
+def cluster(
+    tasks: Mapping[int, Task],
+    address: str | None,
+    jobs: int,
+    timeout: float | None,
+    on_steps: Callable[[int], None],
+) -> Iterator[Execution]:
+    """Workers of a dask scheduler.
+
+    The scheduler gives the cells of a worker that has died to another.  Problems
+    travel by their content.
+
+    Args:
+        tasks: In the order in which they start.
+        address: Of the scheduler; without one, processes of this machine that
+            listen on loopback alone.
+        jobs: How many such processes.
+        timeout: Most wall time of a cell (s), looked at between two stretches.
+        on_steps: Told how many steps were done, a cell at a time.
+
+    Raises:
+        InputError: When dask is not installed.
+        ExecutorError: When there is no scheduler, or it is lost.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise InputError(
+            "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
+        ) from None
+    # Its complaints about workers that died are told by the status of their cells.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with ExitStack() as stack:
+        where: Any = address
+        if address is None:
+            where = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=jobs,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        try:
+            client = stack.enter_context(distributed.Client(where, timeout=_PATIENCE))
+        except (OSError, TimeoutError, ValueError) as error:
+            raise ExecutorError(f"no dask scheduler at {address}: {error}") from None
+        run = uuid.uuid4().hex
+        futures = [
+            client.submit(
+                perform,
+                replace(task, cell=replace(task.cell, problem=portable(task.cell.problem))),
+                timeout,
+                key=f"newmark-{run}-{name}",
+                priority=-rank,
+                pure=False,
+            )
+            for rank, (name, task) in enumerate(tasks.items())
+        ]
+        yield _as_done(client, futures, tasks, address, on_steps)
+
+
+def _as_done(
+    client: Any,
+    futures: list[Any],
+    tasks: Mapping[int, Task],
+    address: str | None,
+    on_steps: Callable[[int], None],
+) -> Execution:
+    import distributed
+
+    names = {future.key: name for future, name in zip(futures, tasks, strict=True)}
+    waiting = distributed.as_completed(futures)
+    futures.clear()  # released one by one as they are read
+    for future in waiting:
+        name = names[future.key]
+        try:
+            done = future.result()
+        except distributed.KilledWorker as error:
+            reason = f"ended its worker, {error.allowed_failures + 1} times"
+            done = Done(Outcome([], 0, np.nan, "failed", reason), 0.0)
+        except InputError:
+            raise
+        except (CancelledError, OSError, TimeoutError):
+            where = f" at {address}" if address else ""
+            raise ExecutorError(f"the dask scheduler{where} is lost") from None
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            done = Done(Outcome([], 0, np.nan, "failed", reason), 0.0)
+        on_steps(tasks[name].cell.weight)
+        future.release()
+        yield name, done

@@ -1,0 +1,186 @@
+"""Where cells run: threads, processes, or the workers of a dask scheduler.
+
+An executor takes cells and gives back what each found as it finishes; it neither
+keeps nor writes anything.  What goes wrong in a cell is a status of the cell; what
+goes wrong with the executor ends the run.
+"""
+
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.errors import InputError
+from newmark_cli.problems.reference import Reference
+from newmark_cli.study import cell as cells
+from newmark_cli.study.cell import Cell, Done, Outcome
+
+
+@dataclass(frozen=True)
+class Task:
+    """A cell with what it needs beside itself.
+
+    Attributes:
+        cell: The cell.
+        reference: Solution that its errors are taken from, if it measures any.
+    """
+
+    cell: Cell
+    reference: Reference | None = None
+
+
+#: Gives each finished task by its name, in the order of finishing.
+Execution = Iterator[tuple[int, Done]]
+
+
+class _Stopped(Exception):
+    """The run has ended; raised inside a cell between two stretches."""
+
+
+class _Overtime(Exception):
+    """The cell has taken longer than it may."""
+
+
+def perform(
+    task: Task,
+    timeout: float | None = None,
+    on_steps: Callable[[int], None] = lambda steps: None,
+) -> Done:
+    """Run one cell; what goes wrong inside becomes its status.
+
+    Args:
+        task: The cell.
+        timeout: Most wall time (s), looked at between two stretches of the march.
+        on_steps: Told how many steps were done, now and then.
+
+    Raises:
+        InputError: When the cell asks for what there is not.
+    """
+    start = time.perf_counter()
+
+    def checked(steps: int) -> None:
+        on_steps(steps)
+        if timeout is not None and time.perf_counter() - start > timeout:
+            raise _Overtime
+
+    try:
+        with np.errstate(all="ignore"):  # what is not finite becomes a status
+            outcome = cells.run(task.cell, task.reference, checked)
+    except (_Stopped, InputError):
+        raise
+    except _Overtime:
+        assert timeout is not None
+        outcome = _overtime(timeout)
+    except np.linalg.LinAlgError as error:
+        outcome = Outcome([], 0, np.nan, "singular", str(error))
+    except Exception as error:
+        outcome = Outcome([], 0, np.nan, "failed", f"{type(error).__name__}: {error}")
+    return Done(outcome, time.perf_counter() - start)
+
+
+def _overtime(timeout: float) -> Outcome:
+    return _failed(f"took longer than {timeout:g} s")
+
+
+def _failed(reason: str) -> Outcome:
+    return Outcome([], 0, np.nan, "failed", reason)
+
+
+def wants_process(cell: Cell) -> bool:
+    """Whether a cell holds the interpreter lock: a problem in plain Python does."""
+    return not cell.problem.load().compiled
+
+
+@contextmanager
+def local(
+    tasks: Mapping[int, Task],
+    jobs: int,
+    timeout: float | None,
+    on_steps: Callable[[int], None],
+) -> Iterator[Execution]:
+    """Threads for compiled problems, whose march releases the interpreter lock; processes else.
+
+    Leaving the context ends what still runs: threads between two stretches, and
+    processes at once.
+
+    Args:
+        tasks: In the order in which they start.
+        jobs: Most threads, and most processes.
+        timeout: Most wall time of a cell (s); a process is ended, whatever it does.
+        on_steps: Told, from any thread, how many steps were done.
+    """
+    stopped = threading.Event()
+
+    def checked(steps: int) -> None:
+        on_steps(steps)
+        if stopped.is_set():
+            raise _Stopped
+
+    def threaded(task: Task) -> Done:
+        if stopped.is_set():
+            raise _Stopped
+        return perform(task, timeout, checked)
+
+    apart = {name: task for name, task in tasks.items() if wants_process(task.cell)}
+    with ThreadPoolExecutor(max_workers=jobs) as threads, _processes(jobs, len(apart)) as start:
+        try:
+            futures: dict[Future[Done], int] = {
+                start(task, timeout) if name in apart else threads.submit(threaded, task): name
+                for name, task in tasks.items()
+            }
+            yield _as_done(futures, tasks, apart, timeout, on_steps)
+        finally:
+            stopped.set()
+            threads.shutdown(wait=False, cancel_futures=True)
+
+
+def _as_done(
+    futures: Mapping[Future[Done], int],
+    tasks: Mapping[int, Task],
+    apart: Mapping[int, Task],
+    timeout: float | None,
+    on_steps: Callable[[int], None],
+) -> Execution:
+    from pebble import ProcessExpired
+
+    for future in as_completed(futures):
+        name = futures[future]
+        try:
+            done = future.result()
+        except TimeoutError:
+            assert timeout is not None
+            done = Done(_overtime(timeout), timeout)
+        except ProcessExpired as error:
+            done = Done(_failed(f"its process ended with code {error.exitcode}"), 0.0)
+        if name in apart:
+            on_steps(tasks[name].cell.weight)
+        yield name, done
+
+
+@contextmanager
+def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None], "Future[Done]"]]:
+    """A pool of processes, started with the first task."""
+    from pebble import ProcessPool
+
+    # Forked, they would inherit the locks of threads that do not run in them.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_leave_interrupts, context=context)
+    try:
+        yield lambda task, timeout: pool.schedule(perform, args=[task], timeout=timeout)
+        pool.close()
+    except BaseException:
+        pool.stop()
+        raise
+    finally:
+        pool.join()
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the process that has started this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,72 @@
+"""One run at a time per results folder."""
+
+import contextlib
+import fcntl
+import json
+import os
+import platform
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import IO
+
+from newmark_cli.study.results import ResultsError
+
+
+@contextlib.contextmanager
+def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
+    """Hold a results folder for a run; the system lets go of it when the process ends.
+
+    Shards of one study may share a folder: each holds it together with others, and
+    its own part alone.
+
+    Args:
+        folder: Results folder; it exists.
+        what: The run, for whoever is refused.
+        shard: Part of the study that this run computes, if it is one.
+
+    Raises:
+        ResultsError: When another run holds it; names that run.
+    """
+    with contextlib.ExitStack() as stack:
+        if shard:
+            stack.enter_context(_held(folder, folder / ".lock", fcntl.LOCK_SH, what))
+            own = folder / f".lock-{shard.replace('/', '-of-')}"
+            stack.enter_context(_held(folder, own, fcntl.LOCK_EX, what))
+        else:
+            stack.enter_context(_held(folder, folder / ".lock", fcntl.LOCK_EX, what))
+        yield
+
+
+@contextlib.contextmanager
+def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
+    try:
+        file = path.open("a+", encoding="utf-8")
+    except OSError as error:
+        raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from None
+    with file:
+        try:
+            fcntl.flock(file, kind | fcntl.LOCK_NB)
+        except OSError:
+            raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
+        file.seek(0)
+        file.truncate()
+        started = datetime.now().astimezone().isoformat(timespec="seconds")
+        json.dump(
+            {"what": what, "process": os.getpid(), "host": platform.node(), "started": started},
+            file,
+        )
+        file.flush()
+        yield
+
+
+def _holder(file: IO[str]) -> str:
+    try:
+        file.seek(0)
+        found = json.load(file)
+        return (
+            f"'{found['what']}', process {found['process']} on {found['host']} "
+            f"since {found['started']}"
+        )
+    except (ValueError, KeyError, TypeError, OSError):
+        return "another run"

@@ -1,0 +1,230 @@
+"""Finished cells of a results folder: what need not be computed again.
+
+A cell is kept in ``cells/<cell>-<problem>-<core>.json``, the digests of the cell as
+it is resolved, of the content of its problem, and of the numerical core with the
+libraries it computes with.  Studies that share a cell share its file.  File times
+mean nothing.
+"""
+
+import hashlib
+import json
+import platform
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import newmark_cli
+from newmark_cli.newmark.measures import Measurement, Statistics
+from newmark_cli.study import results
+from newmark_cli.study.cell import STATUSES, Cell, Done, Outcome
+from newmark_cli.study.results import ResultsError
+
+#: Libraries that the numbers come from.
+_LIBRARIES = ("numpy", "scipy", "numba")
+#: Digits of a digest in a file name.
+_DIGITS = 16
+
+
+@dataclass(frozen=True)
+class _Key:
+    cell: str
+    problem: str
+    core: str
+
+    @property
+    def file(self) -> str:
+        return "-".join(part[:_DIGITS] for part in (self.cell, self.problem, self.core)) + ".json"
+
+
+class Store:
+    """Finished cells below a results folder; threads may share this object."""
+
+    def __init__(self, folder: Path) -> None:
+        """Take a results folder; nothing is read or written yet."""
+        self._folder = folder / "cells"
+
+    def prepare(self) -> None:
+        """Make the folder.
+
+        Raises:
+            ResultsError: When it cannot be made.
+        """
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ResultsError(f"{self._folder}: cannot be made: {error.strerror}") from None
+
+    def find(self, cell: Cell) -> Done | None:
+        """The finished cell; None when it is not there, damaged, or failed."""
+        record = self._read(_key(cell))
+        if record is None:
+            return None
+        try:
+            kept = Done(_outcome(record["outcome"]), float(record["seconds"]))
+        except (KeyError, TypeError, ValueError):
+            return None
+        return None if kept.outcome.status == "failed" else kept
+
+    def keep(self, cell: Cell, done: Done) -> None:
+        """Keep a finished cell, atomically.
+
+        Raises:
+            ResultsError: When it cannot be written.
+        """
+        key = _key(cell)
+        record = {
+            "cell": _description(cell),
+            "key": asdict(key),
+            "versions": _versions(),
+            "seconds": done.seconds,
+            "outcome": _record(done.outcome),
+        }
+        results.write_json(self._folder / key.file, record)
+
+    def why(self, cell: Cell) -> str:
+        """Why a cell that `find` does not find is to be run."""
+        key = _key(cell)
+        record = self._read(key)
+        if record is not None:
+            outcome = record.get("outcome")
+            reason = outcome.get("reason") if isinstance(outcome, dict) else None
+            return f"failed before: {reason}" if reason else "kept result is damaged"
+        if (self._folder / key.file).exists():
+            return "kept result is damaged"
+        others = [self._read_file(file) for file in self._of_cell(key)]
+        same_problem = [
+            other for other in others if other and other["key"]["problem"] == key.problem
+        ]
+        if same_problem:
+            before, now = same_problem[-1].get("versions", {}), _versions()
+            changed = [
+                f"{name} {before.get(name)} -> {now[name]}"
+                for name in now
+                if before.get(name) != now[name]
+            ]
+            return ", ".join(changed) or "the numerical core has changed"
+        if any(others):
+            return "the problem has changed"
+        return "not run yet"
+
+    def take(self, folder: Path) -> int:
+        """Copy the finished cells of another results folder; returns how many were new.
+
+        Raises:
+            ResultsError: When there are none, or they cannot be written.
+        """
+        files = sorted((folder / "cells").glob("*.json"))
+        if not files:
+            raise ResultsError(f"{folder}: holds no finished cells")
+        new = 0
+        for file in files:
+            if self._read_file(file) is not None and not (self._folder / file.name).exists():
+                results.write_atomically(self._folder / file.name, file.read_bytes())
+                new += 1
+        return new
+
+    def _of_cell(self, key: _Key) -> list[Path]:
+        return sorted(self._folder.glob(f"{key.cell[:_DIGITS]}-*.json"))
+
+    def _read(self, key: _Key) -> dict[str, Any] | None:
+        record = self._read_file(self._folder / key.file)
+        # File names hold the first digits alone.
+        return record if record is not None and record["key"] == asdict(key) else None
+
+    @staticmethod
+    def _read_file(file: Path) -> dict[str, Any] | None:
+        try:
+            record = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return None
+        if not isinstance(record, dict) or not isinstance(record.get("key"), dict):
+            return None
+        return record
+
+
+def _key(cell: Cell) -> _Key:
+    described = json.dumps(_description(cell), sort_keys=True)
+    return _Key(hashlib.sha256(described.encode()).hexdigest(), cell.problem.load().content, core())
+
+
+def _description(cell: Cell) -> dict[str, Any]:
+    """The cell as it is resolved; floats are spelled to the bit."""
+    return {
+        "problem": cell.problem.label,
+        "integrator": cell.integrator.label,
+        "form": cell.form,
+        "preconditioning": cell.preconditioning.label,
+        "evaluation": cell.evaluation,
+        "precision": cell.precision,
+        "linear_solver": cell.solver,
+        "h": cell.h,
+        "t_end": cell.t_end,
+        "steps": cell.steps,
+        "measure": list(cell.measure),
+        "iteration_cap": cell.iteration_cap,
+        "samples": cell.samples,
+        "stop": asdict(cell.stop) if cell.stop else None,
+        "krylov": asdict(cell.krylov) if cell.krylov else None,
+    }
+
+
+@cache
+def core() -> str:
+    """Digest of the code that the numbers come from, its libraries and processor type.
+
+    Everything below `newmark_cli.newmark` and `newmark_cli.problems`, and the march
+    of a cell.
+    """
+    package = Path(newmark_cli.__file__).parent
+    files = [
+        *sorted((package / "newmark").glob("*.py")),
+        *sorted((package / "problems").glob("*.py")),
+        package / "study" / "cell.py",
+    ]
+    digest = hashlib.sha256(json.dumps(_versions(), sort_keys=True).encode())
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {
+        "newmark-study": newmark_cli.__version__,
+        "machine": platform.machine(),
+        **{name: version(name) for name in _LIBRARIES},
+    }
+
+
+def _record(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "measurements": [asdict(found) for found in outcome.measurements],
+        "not_converged": outcome.not_converged,
+        "newton_iterations": outcome.newton_iterations,
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "met": outcome.met,
+        "history": [[step, multipliers.tolist()] for step, multipliers in outcome.history],
+    }
+
+
+def _outcome(record: dict[str, Any]) -> Outcome:
+    """Read back; KeyError, TypeError or ValueError where it is not as written."""
+    if record["status"] not in STATUSES:
+        raise ValueError("unknown status")
+    return Outcome(
+        measurements=[
+            Measurement(**{**found, "statistics": Statistics(**found["statistics"])})
+            for found in record["measurements"]
+        ],
+        not_converged=int(record["not_converged"]),
+        newton_iterations=float(record["newton_iterations"]),
+        status=record["status"],
+        reason=record["reason"],
+        met=record["met"],
+        history=[(int(step), np.array(values, float)) for step, values in record["history"]],
+    )
