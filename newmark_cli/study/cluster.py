@@ -50,9 +50,10 @@ def cluster(
         raise InputError(
             "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
         ) from None
-    # Its complaints about workers that died are told by the status of their cells.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
+        # What it complains of is told by a cell's status, or ends the run with a line.
+        stack.callback(logging.disable, logging.root.manager.disable)
+        logging.disable(logging.CRITICAL)
         where: Any = address
         if address is None:
             where = stack.enter_context(

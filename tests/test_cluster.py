@@ -1,0 +1,135 @@
+"""Cells on dask workers: scheduler and workers as processes of their own."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed")
+
+STUDY = """\
+study: spread
+problem: [pendulum, mine.yaml]
+form: [u-lambda, a-lambda]
+preconditioning: [none, optimal]
+h: [1e-2, 1e-3, 1e-4]
+t_end: 3.0
+"""
+MINE = """\
+points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 1}}
+bars: {rod: {from: O, to: P, length: 2}}
+gravity: [0, -9.81]
+"""
+BIN = Path(sys.executable).parent
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """A scheduler on loopback, its address, and a function that starts workers."""
+    processes = []
+
+    def start(*command):
+        # Elsewhere, so that nothing is found by its path.
+        away = tmp_path / "away"
+        away.mkdir(exist_ok=True)
+        processes.append(
+            subprocess.Popen(command, cwd=away, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        )
+        return processes[-1]
+
+    main = start(BIN / "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    for line in main.stderr:
+        found = re.search(rb"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", line)
+        if found:
+            address = found[1].decode()
+            break
+
+    def workers(count):
+        return [
+            start(
+                BIN / "dask", "worker", address, "--nthreads", "1", "--nworkers", "1",
+                "--no-dashboard", "--no-nanny", "--host", "127.0.0.1",
+            )
+            for _ in range(count)
+        ]  # fmt: skip
+
+    try:
+        yield main, address, workers
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            process.stderr.close()
+
+
+@pytest.fixture
+def study(cli):
+    """A study with a mechanism file."""
+    cli.write("mine.yaml", MINE)
+    cli.write("spread.yaml", STUDY)
+    cli("run", "spread.yaml", "--results", "threads")
+    return (cli.folder / "threads/spread.csv").read_bytes()
+
+
+def wait_for_cells(folder, count):
+    """Until so many cells are kept."""
+    for _ in range(1200):
+        if len(list(folder.glob("cells/*.json"))) >= count:
+            return
+        time.sleep(0.05)
+    raise AssertionError("nothing is kept")
+
+
+def running(cli, address):
+    """A run on the scheduler, started and not waited for."""
+    return subprocess.Popen(
+        [BIN / "newmark-study", "run", "spread.yaml", "--results", "dask", "--executor", "dask",
+         "--scheduler", address],
+        cwd=cli.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def test_a_dead_worker_is_replaced(cli, study, scheduler):
+    """Three workers, one killed: every cell done, the same bytes as from threads."""
+    _, address, workers = scheduler
+    first, *_ = workers(3)
+    run = running(cli, address)
+    wait_for_cells(cli.folder / "dask", 2)
+    first.send_signal(signal.SIGKILL)
+    output, errors = run.communicate(timeout=120)
+    assert run.returncode == 0, errors
+    assert output.startswith("spread: 24 ok")
+    assert (cli.folder / "dask/spread.csv").read_bytes() == study
+
+
+def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
+    """One line, exit code 1, what was finished is kept, and a run without it goes on."""
+    main, address, workers = scheduler
+    workers(1)
+    run = running(cli, address)
+    wait_for_cells(cli.folder / "dask", 2)
+    main.send_signal(signal.SIGKILL)
+    _, errors = run.communicate(timeout=120)
+    assert run.returncode == 1
+    assert len(errors.splitlines()) == 1, errors
+    (line,) = errors.splitlines()
+    assert line.startswith(f"newmark-study: the dask scheduler at {address} is lost")
+    assert not (cli.folder / "dask/spread.csv").exists()
+    done = cli("run", "spread.yaml", "--results", "dask")
+    assert re.search(r"24 ok \(\d+ kept\)", done.stdout)
+    assert (cli.folder / "dask/spread.csv").read_bytes() == study
+
+
+def test_no_scheduler(cli):
+    """One line, exit code 1."""
+    cli.write("mine.yaml", MINE)
+    cli.write("spread.yaml", STUDY)
+    done = cli(
+        "run", "spread.yaml", "--executor", "dask", "--scheduler", "tcp://127.0.0.1:9", code=1
+    )
+    (line,) = done.stderr.splitlines()
+    assert "no dask scheduler at tcp://127.0.0.1:9" in line

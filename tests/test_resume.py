@@ -1,0 +1,288 @@
+"""Runs that are interrupted, resumed, spread over shards, or refused."""
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from conftest import QUICK, SCRIPT
+from hypothesis import given
+from hypothesis import strategies as st
+
+from newmark_cli.newmark.measures import Measurement, Statistics
+from newmark_cli.study import config, results, store
+from newmark_cli.study.cell import STATUSES, Done, Outcome
+
+LONG = """\
+study: long
+problem: pendulum
+form: [u-lambda, v-lambda, a-lambda]
+preconditioning: [none, optimal]
+h: [1e-2, 1e-3, 1e-4, 1e-5]
+t_end: 6.0
+"""
+ROD = """\
+points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 1}}
+bars: {rod: {from: O, to: P, length: 2}}
+gravity: [0, -9.81]
+"""
+#: Problems in plain Python: one that is well, one that does not end, one that ends its process.
+CODE = """\
+import os
+import time
+
+import numpy as np
+from newmark_cli.problems.python_problem import Definition
+
+
+def swing(what="", after=0.5):
+    def force(u, v, t):
+        if what == "hang" and t > after:
+            time.sleep(3600)
+        if what == "exit" and t > after:
+            os._exit(3)
+        return np.array([0.0, -1.0])
+
+    return Definition(
+        mass_matrix=np.eye(2),
+        u0=np.array([1.0, 0.0]),
+        v0=np.zeros(2),
+        force=force,
+        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
+        gradient=lambda u, t: u[:, None],
+        stiffness=lambda u, v, multipliers, t: -multipliers[0] * np.eye(2),
+        damping=lambda u, v, t: np.zeros((2, 2)),
+    )
+"""
+
+
+def csv(folder, name="quick"):
+    """Bytes of a study's CSV."""
+    return (folder / f"{name}.csv").read_bytes()
+
+
+def reasons(cli, *arguments):
+    """What a dry run says of each cell, and its last line."""
+    *lines, last = cli("run", "quick.yaml", "--dry-run", *arguments).stdout.splitlines()
+    return [line.split(": ", 2)[2] for line in lines], last
+
+
+def test_a_second_run_computes_nothing(cli, quick):
+    """Same bytes; the summary and the dry run say that all was kept."""
+    assert reasons(cli) == (["to run: not run yet"] * 4, "4 of 4 cells to run")
+    assert not (cli.folder / "results").exists(), "a dry run writes nothing"
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok -> results/quick.csv\n"
+    first = csv(cli.folder / "results")
+    assert reasons(cli) == (["done, ok"] * 4, "0 of 4 cells to run")
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert csv(cli.folder / "results") == first
+    assert reasons(cli, "--force") == (["to run: forced"] * 4, "4 of 4 cells to run")
+    assert cli("run", "quick.yaml", "--force").stdout == "quick: 4 ok -> results/quick.csv\n"
+    assert csv(cli.folder / "results") == first
+
+
+def test_only_what_is_new_runs(cli, quick):
+    """Another h, another study with the same cells: what is kept is not computed again."""
+    cli("run", "quick.yaml")
+    quick.write_text(QUICK.replace("[1e-1, 1e-2]", "[1e-1, 1e-2, 1e-3]"))
+    found, last = reasons(cli)
+    assert found == ["done, ok", "done, ok", "to run: not run yet"] * 2
+    assert last == "2 of 6 cells to run"
+    cli.write("other.yaml", QUICK.replace("study: quick", "study: other"))
+    assert "(4 kept)" in cli("run", "other.yaml").stdout
+
+
+def test_dry_runs_say_why(cli):
+    """Another problem of the same name, other libraries, another core, a damaged file."""
+    cli.write("rod.yaml", ROD)
+    cli.write("quick.yaml", QUICK.replace("problem: pendulum", "problem: rod.yaml"))
+    cli("run", "quick.yaml")
+    assert reasons(cli)[0] == ["done, ok"] * 4
+    os.utime(cli.folder / "rod.yaml", (1, 1))
+    assert reasons(cli)[0] == ["done, ok"] * 4, "file times mean nothing"
+    cli.write("rod.yaml", ROD.replace("mass: 1", "mass: 3"))
+    assert reasons(cli)[0] == ["to run: the problem has changed"] * 4
+    cli.write("rod.yaml", ROD)
+
+    files = sorted((cli.folder / "results/cells").glob("*.json"))
+    kept = {file: json.loads(file.read_text()) for file in files}
+    for file, change in zip(files, ("versions", "core", "cut", "outcome"), strict=True):
+        record = json.loads(json.dumps(kept[file]))
+        if change in ("versions", "core"):
+            record["key"]["core"] = "0" * 64
+            if change == "versions":
+                record["versions"]["numba"] = "0.1"
+            parts = file.stem.split("-")
+            file.unlink()
+            file = file.with_name("-".join([*parts[:2], "0" * 16]) + ".json")
+        if change == "outcome":
+            record["outcome"]["measurements"][0]["statistics"].pop("rms")
+        text = json.dumps(record)
+        file.write_text(text[:100] if change == "cut" else text)
+    found = sorted(reasons(cli)[0])
+    assert found[:2] == ["to run: kept result is damaged"] * 2
+    assert found[2].startswith("to run: numba 0.1 -> ")
+    assert found[3] == "to run: the numerical core has changed"
+    before = csv(cli.folder / "results")
+    assert "(4 kept)" not in cli("run", "quick.yaml").stdout
+    assert csv(cli.folder / "results") == before
+
+
+def start(cli, *arguments, **options):
+    """A run that is not waited for."""
+    return subprocess.Popen(
+        [SCRIPT, "run", *map(str, arguments)], cwd=cli.folder, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options,
+    )  # fmt: skip
+
+
+def wait_for_cells(folder, count):
+    """Until so many cells are kept."""
+    for _ in range(2400):
+        if len(list(folder.glob("cells/*.json"))) >= count:
+            return
+        time.sleep(0.025)
+    raise AssertionError("nothing is kept")
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_run_goes_on(cli, ending):
+    """Ctrl-C exits with 130 and one line; however it ended, the CSV is the same at last."""
+    cli.write("long.yaml", LONG)
+    run = start(cli, "long.yaml")
+    wait_for_cells(cli.folder / "results", 1)
+    run.send_signal(ending)
+    _, errors = run.communicate(timeout=60)
+    if ending == signal.SIGINT:
+        assert run.returncode == 130
+        assert errors.strip() == "newmark-study: interrupted"
+    assert not (cli.folder / "results/long.csv").exists()
+    done = cli("run", "long.yaml").stdout
+    assert "24 ok (" in done
+    cli("run", "long.yaml", "--results", "whole", "--jobs", 1)
+    assert csv(cli.folder / "results", "long") == csv(cli.folder / "whole", "long")
+
+
+def test_one_run_at_a_time(cli):
+    """The second run of a folder is refused in one line that names the first."""
+    cli.write("long.yaml", LONG)
+    run = start(cli, "long.yaml")
+    wait_for_cells(cli.folder / "results", 1)
+    line = cli.refused("run", "pendulum-u")
+    assert f"results: in use by 'run long', process {run.pid} on " in line
+    run.kill()
+    run.communicate()
+    cli.write("quick.yaml", QUICK)
+    cli("run", "quick.yaml")
+
+
+def test_shards_and_merge(cli, quick):
+    """Two parts in two folders, put together: the bytes of one run; a missing part is told."""
+    cli("run", "quick.yaml", "--results", "whole")
+    first = cli("run", "quick.yaml", "--shard", "1/2", "--results", "one").stdout
+    assert first == "quick: 2 ok kept in one/cells\n"
+    assert not (cli.folder / "one/quick.csv").exists()
+    done = cli("merge", "quick.yaml", "--from", "one", "--results", "all", code=1)
+    assert done.stderr == "newmark-study: quick: 2 of 4 cells are missing\n"
+    cli("run", "quick.yaml", "--shard", "2/2", "--results", "two")
+    cli("merge", "quick.yaml", "--from", "one", "--from", "two", "--results", "all")
+    assert csv(cli.folder / "all") == csv(cli.folder / "whole")
+    assert "1 <= I <= N" in cli.refused("run", "quick.yaml", "--shard", "3/2")
+    assert "no finished cells" in cli.refused("merge", "quick.yaml", "--from", ".")
+
+
+def python_study(cli, *cases):
+    cli.write("mine.py", CODE)
+    lines = "".join(
+        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n' for what in cases
+    )
+    cli.write("quick.yaml", QUICK.replace("problem: pendulum\n", "") + "cases:\n" + lines)
+
+
+def test_a_cell_that_hangs_or_dies_fails_alone(cli):
+    """Plain Python runs in processes: the timeout ends one, an exit fails its cell alone."""
+    python_study(cli, "hang", "exit", "")
+    arguments = ("run", "quick.yaml", "--allow-code")
+    done = cli(*arguments, "--timeout", 8, "-v", code=1)
+    assert done.stdout.startswith("quick: 8 failed, 4 ok")
+    told = done.stderr.splitlines()
+    assert sum("failed: took longer than 8 s" in line for line in told) == 4
+    assert sum("failed: its process ended with code 3" in line for line in told) == 4
+    dry = cli(*arguments, "--dry-run").stdout
+    assert dry.count("to run: failed before: ") == 8
+    assert dry.endswith("8 of 12 cells to run\n")
+
+
+def test_fail_fast_skips_the_rest(cli):
+    """Skipped is neither failed nor not converged: no CSV, and the summary says so."""
+    cli.write("long.yaml", LONG + "iteration_cap: 1\nmeasure: correction\n")
+    done = cli("run", "long.yaml", "--fail-fast", "--jobs", 1, code=1)
+    assert " not_converged" in done.stdout
+    assert " skipped" in done.stdout
+    assert "kept in results/cells" in done.stdout
+    assert not (cli.folder / "results/long.csv").exists()
+    assert "24 not_converged (" in cli("run", "long.yaml", code=1).stdout
+    assert csv(cli.folder / "results", "long").count(b"not_converged") > 24
+
+
+def test_quiet_and_verbose(cli, quick):
+    """-q says nothing, -v a line for every cell on stderr."""
+    done = cli("run", "quick.yaml", "-q")
+    assert (done.stdout, done.stderr) == ("", "")
+    done = cli("run", "quick.yaml", "-v", "--force")
+    assert len(done.stderr.splitlines()) == 4
+    assert all(": ok, " in line for line in done.stderr.splitlines())
+
+
+def test_a_folder_that_vanishes(cli):
+    """Deleted in mid-run: the run ends with its results, or with one line; never a traceback."""
+    cli.write("long.yaml", LONG)
+    run = start(cli, "long.yaml")
+    wait_for_cells(cli.folder / "results", 2)
+    shutil.rmtree(cli.folder / "results", ignore_errors=True)
+    output, errors = run.communicate(timeout=120)
+    if run.returncode == 0:
+        assert "24 ok" in output
+        assert errors == ""
+        return
+    assert run.returncode == 2
+    assert len(errors.splitlines()) == 1
+    assert "cannot be written" in errors
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from("uva"), numbers, numbers), max_size=4),
+    st.sampled_from(STATUSES[:-1]),
+    st.one_of(st.none(), st.integers(0, 10**9)),
+    st.lists(st.lists(numbers, min_size=2, max_size=2), max_size=3),
+)
+def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, series):
+    """What is read back makes the same CSV and the same time series."""
+    outcome = Outcome(
+        measurements=[
+            Measurement(u, "correction", "primary", Statistics(x, y, x, y, 3)) for u, x, y in found
+        ],
+        not_converged=2,
+        newton_iterations=math.pi,
+        status=status,
+        met=met,
+        history=[(k, np.array(values)) for k, values in enumerate(series)],
+    )
+    (cell, *_) = config.load_shipped("pendulum-u").cells()
+    kept = store.Store(tmp_path_factory.mktemp("store"))
+    kept.prepare()
+    kept.keep(cell, Done(outcome, 0.1))
+    back = kept.find(cell)
+    for text in (
+        lambda one: results.csv_text(results.COLUMNS, results.rows("s", [cell], [one])),
+        lambda one: results.history_text("s", [cell], [one]),
+    ):
+        assert text(back.outcome) == text(outcome)
