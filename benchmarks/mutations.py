@@ -1,8 +1,9 @@
 """Break the core in one place after another and see that a test fails each time.
 
 Mutations: one more power of h in every entry of Table 2, every weight of every
-form halved, and every sign in the three assemblers turned. Each runs in a copy of
-the project, with the tests that should notice it.
+form halved, every sign in the three assemblers turned, and the coefficients of
+integrators and the updates of compensated evaluation changed. Each runs in a copy
+of the project, with the tests that should notice it.
 
     python benchmarks/mutations.py
 """
@@ -34,6 +35,10 @@ class Mutation(NamedTuple):
     old: str
     new: str
     tests: tuple[str, ...]
+
+
+#: (text, what stands in its place)
+Changes = tuple[tuple[str, str], ...]
 
 
 def table_2() -> Iterator[Mutation]:
@@ -113,11 +118,102 @@ def signs() -> Iterator[Mutation]:
             ("self._g.values(values.g)", "-self._g.values(values.g)"),
         )),
     ):  # fmt: skip
-        text = (ROOT / file).read_text()
-        for old, new in changes:
-            position = text.index(old, text.index(start), text.index(stop, text.index(start)))
-            label = f"{file.name}: {old.strip()} → {new.strip()}"
-            yield Mutation(label, file, position, old, new, tests)
+        yield from _changes(file, start, stop, tests, changes)
+
+
+def integrators() -> Iterator[Mutation]:
+    """Coefficients of every integrator."""
+    tests = ("tests/test_integrators.py", "-k", "not orders and not accuracy")
+    for start, changes in (
+        ("def _alpha_relations", (
+            ("v_from_a=gamma * h", "v_from_a=gamma * h / 2"),
+            ("u_from_a=beta * h**2", "u_from_a=beta * h**2 / 2"),
+            ("(1 - gamma) * h", "(1 + gamma) * h"), ("(0.5 - beta)", "(0.5 + beta)"),
+            ("[1 - alpha_m,", "[1 + alpha_m,"), ("0.0, alpha_m,", "0.0, -alpha_m,"),
+            ("-alpha_f]", "alpha_f]"), ("/ (1 - alpha_f)", "/ (1 + alpha_f)"),
+            ("NEW_A, TRUE_ACCELERATION]", "TRUE_ACCELERATION, NEW_A]"),
+            ("[0, 1, 2, 2]", "[0, 1, 2, 1]"),
+        )),
+        ("class Newmark", (
+            ("2 * self.beta", "3 * self.beta"), ("else 1", "else 2"),
+            ("v_from_a=gamma * h", "v_from_a=gamma * h / 2"),
+            ("u_from_a=beta * h**2", "u_from_a=beta * h**2 / 2"),
+            ("(1 - gamma) * h", "(1 + gamma) * h"), ("(0.5 - beta)", "(0.5 + beta)"),
+        )),
+        ("class GeneralizedAlpha", (
+            ("self.rho < 1", "self.rho <= 1"), ("2 * self.rho - 1", "2 * self.rho + 1"),
+            ("self.rho / (", "1 / ("), ("+ alpha_f - alpha_m", "- alpha_f + alpha_m"),
+            ("+ 0.5) ** 2 / 4", "+ 0.5) ** 2 / 2"),
+        )),
+        ("class HHT", (
+            ("self.alpha > 0", "self.alpha >= 0"), ("(1 + self", "(1 - self"),
+            ("0.5 + self.alpha", "0.5 - self.alpha"), ("0.0, self.alpha\n", "self.alpha, 0.0\n"),
+        )),
+        ("def _alpha_symbols", (("(1 - alpha_f) /", "(1 + alpha_f) /"),)),
+        ("class BDF1", (
+            ('"gamma": 1.0', '"gamma": 2.0'), ("v_from_a=h", "v_from_a=h / 2"),
+            ("u_from_a=h**2", "u_from_a=h**2 / 2"), ("[1.0, h]", "[1.0, 0.0]"),
+        )),
+        ("class BDF2", (
+            ('"beta": 4 / 9', '"beta": 1.0'), ("v_from_a=2 / 3", "v_from_a=1 / 3"),
+            ("u_from_a=4 / 9", "u_from_a=2 / 9"), ("0.0, 1 / 3]", "0.0, -1 / 3]"),
+            ("h, 1 / 3", "h, -1 / 3"), ("-h / 9", "h / 9"), ("h**2 / 2", "h**2"),
+            ("0, h]]", "0, -h]]"),
+        )),
+    ):  # fmt: skip
+        yield from _changes(CORE / "integrator.py", start, "#: Integrators by", tests, changes)
+
+
+def increments() -> Iterator[Mutation]:
+    """Updates of compensated evaluation, in both engines, and the stop at a tolerance."""
+    tests = ("tests/test_compensated.py", "-k", "not measured")
+    stops = ("tests/test_tolerance.py", "-k", "rule")
+    precision = ("tests/test_precision.py", "-k", "computes or elements")
+    yield from _changes(CORE / "scheme.py", "def marched", "def elimination", tests, (
+        ("v_past[:2] = ", "v_past[:1] = "), ("u_past[:2] = ", "v_past[:2] = "),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _take_increments", "def _scaled_size", tests, (
+        ("+ moving[0, i])", "- moving[0, i])"), ("(lows[0, i] + shift[i])", "shift[i]"),
+        ("half * (g_old[e] + g_new[e])", "g_new[e]"), ("phi_old[k]", "0"),
+        ("low[i] + increment[i]", "increment[i]"), ("(high[i] - (", "(high[i] + ("),
+        ("+ (added - of_added)", "- (added - of_added)"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "# G and Φ at the end", "return", tests, (
+        ("carried_phi[:] = phi", "pass"), ("g_old[:] = g_values", "pass"),
+        ("_add_exactly(past[0], lows[0], shift, new_past[0])", "pass"),
+        ("_add_exactly(past[1], lows[1], moving[1], new_past[1])", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _increase_phi", "def _add", precision, (
+        ("phi.dtype.type(0.5)", "0.5"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "            if to_tolerance:", "size_of_u", stops, (
+        ("limit = absolute", "limit = 0.0"), ("norm <= limit", "norm > limit"),
+        ("limit += relative", "limit -= relative"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scipy_march.py", "class _Compensated", "def march", tests, (
+        ("(self.h * lows[1] + moving[0])", "(self.h * lows[1] - moving[0])"),
+        ("(lows[0] + self.shift(moving))", "self.shift(moving)"),
+        ("0.5 * (self.g + g)", "g"), ("self.state.phi + change", "change"),
+        ("self.state.phi[:] = self.phi(moving, g)", "pass"), ("self.g = g\n", "pass\n"),
+        ("lows[field] + increment", "increment"), ("(high - (new", "(high + (new"),
+        ("+ (added - of_added)", "- (added - of_added)"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scipy_march.py", "def _limit", "return", stops, (
+        ("/ scheme.right[:-1, None]", "* scheme.right[:-1, None]"),
+        ("/ scheme.right[-1]", "* scheme.right[-1]"),
+    ))  # fmt: skip
+
+
+def _changes(
+    file: Path, start: str, stop: str, tests: tuple[str, ...], changes: Changes
+) -> Iterator[Mutation]:
+    """Each change at its first place after ``start``, before ``stop``."""
+    text = (ROOT / file).read_text()
+    begin = text.index(start)
+    for old, new in changes:
+        position = text.index(old, begin, text.index(stop, begin))
+        label = f"{file.name}, {start.strip()}: {old.strip()} → {new.strip()}"
+        yield Mutation(label, file, position, old, new, tests)
 
 
 def passes(tests: tuple[str, ...], copy: Path) -> bool:
@@ -151,7 +247,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="only mutations whose name has this text")
     options = parser.parse_args()
-    chosen = [m for m in (*table_2(), *weights(), *signs()) if options.only in m.name]
+    mutations = (*table_2(), *weights(), *signs(), *integrators(), *increments())
+    chosen = [m for m in mutations if options.only in m.name]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"

@@ -23,14 +23,17 @@ ENGINES = pytest.mark.parametrize(
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 
 
-def literal_steps(subject, h, steps, cap, scaled, absolute, relative):
-    """The trapezoidal rule in (u, λ), written out: corrections per step, negative where unmet.
+def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
+    """The trapezoidal rule, written out in u: corrections per step, negative where unmet.
 
     Newton stops once a correction, applied, is at most absolute + relative times the
-    norm of what it led to, both in the unknowns (u, β h² λ) or (u, λ).
+    norm of what it led to, both in the unknowns of the form that keeps one of u, v, a
+    beside λ: divided by Table 2's factors, or as they are.
     """
     beta, gamma = 0.25, 0.5
+    rate = {"u": 1.0, "v": gamma / (beta * h), "a": 1 / (beta * h**2)}[field]
     left, right = (beta * h**2, 1 / (beta * h**2)) if scaled else (1.0, 1.0)
+    unit = {"u": 1.0, "v": 1 / (gamma * h), "a": 1 / (beta * h**2)}[field] if scaled else 1.0
     n, m, mass = subject.n, subject.m, subject.M
     start = initial_state(
         subject, Scheme(Newmark(), FORMS["u-lambda"], named_scaling("none", FORMS["u-lambda"]), h)
@@ -40,10 +43,10 @@ def literal_steps(subject, h, steps, cap, scaled, absolute, relative):
     for _ in range(steps):
         u_n, v_n, a_n = u, v, a
         u = u_n + h * v_n
+        a = -(1 / (2 * beta) - 1) * a_n
+        v = v_n + h * ((1 - gamma) * a_n + gamma * a)
         met, count = False, 0
         while not met and count < cap:
-            a = (u - u_n - h * v_n) / (beta * h**2) - (1 / (2 * beta) - 1) * a_n
-            v = v_n + h * ((1 - gamma) * a_n + gamma * a)
             terms = subject.evaluate(0.0, u, v, multipliers)
             tangent = terms.X + gamma / (beta * h) * terms.Y + mass / (beta * h**2)
             jacobian = np.block([
@@ -54,11 +57,15 @@ def literal_steps(subject, h, steps, cap, scaled, absolute, relative):
             )
             u = u + correction[:n]
             multipliers = multipliers + right * correction[n:]
-            size = np.linalg.norm(np.concatenate([u, multipliers / right]))
-            met = np.linalg.norm(correction) <= absolute + relative * size
+            a = (u - u_n - h * v_n) / (beta * h**2) - (1 / (2 * beta) - 1) * a_n
+            v = v_n + h * ((1 - gamma) * a_n + gamma * a)
+            kept = {"u": u, "v": v, "a": a}[field]
+            size = np.hypot(np.linalg.norm(kept / unit), np.linalg.norm(multipliers / right))
+            step = np.hypot(
+                np.linalg.norm(correction[:n] * rate / unit), np.linalg.norm(correction[n:])
+            )
+            met = step <= absolute + relative * size
             count += 1
-        a = (u - u_n - h * v_n) / (beta * h**2) - (1 / (2 * beta) - 1) * a_n
-        v = v_n + h * ((1 - gamma) * a_n + gamma * a)
         counts.append(count if met else -count)
     return counts, u, multipliers
 
@@ -69,11 +76,14 @@ def literal_steps(subject, h, steps, cap, scaled, absolute, relative):
     ("absolute", "relative"), [(1e-3, 0.0), (1e-6, 0.0), (0.0, 1e-4), (0.0, 1e-7), (1e-5, 1e-5)]
 )
 @pytest.mark.parametrize("scaled", [False, True])
+@pytest.mark.parametrize("field", ["u", "v", "a"])
 @pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-1), ("andrews", 3e-4)])
-def test_rule(name, h, scaled, absolute, relative, cap, engine):
+def test_rule(name, h, field, scaled, absolute, relative, cap, engine):
     """Corrections of every step, met or not, and where they lead, against the rule written out."""
-    subject, form, steps = problem(name), FORMS["u-lambda"], 20
-    expected, u, multipliers = literal_steps(subject, h, steps, cap, scaled, absolute, relative)
+    subject, form, steps = problem(name), FORMS[f"{field}-lambda"], 20
+    expected, u, multipliers = literal_steps(
+        subject, h, steps, cap, field, scaled, absolute, relative
+    )
     scaling = named_scaling("optimal" if scaled else "none", form)
     scheme = Scheme(Newmark(), form, scaling, h, cap, stop=Tolerance(absolute, relative))
     state = initial_state(subject, scheme)
