@@ -226,8 +226,7 @@ def test_fail_fast_skips_the_rest(cli):
     assert " skipped" in done.stdout
     assert "kept in results/cells" in done.stdout
     assert not (cli.folder / "results/long.csv").exists()
-    assert "24 not_converged (" in cli("run", "long.yaml", code=1).stdout
-    assert csv(cli.folder / "results", "long").count(b"not_converged") > 24
+    assert "12 not_converged, 12 ok (" in cli("run", "long.yaml", code=1).stdout
 
 
 def test_quiet_and_verbose(cli, quick):
