@@ -308,6 +308,86 @@ def reproduce(folder: Path, how: _How, everything: bool) -> int:
 
 
 @cli.command()
+@click.argument("studies", nargs=-1, metavar="[STUDY...]")
+@_results
+@click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
+@click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
+def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
+    r"""Say where results come from: code, versions, machine, wall times, checksums.
+
+    Reads DIR/<study>.json, by default of every study in DIR.
+
+    \b
+    Example:
+      newmark-study info pendulum-u --cells
+    """
+    from newmark_cli.report import check as checking
+    from newmark_cli.report import records, table
+
+    files = [folder / f"{name}.csv" for name in studies] or table.study_files(folder)
+    found = [records.read(file) for file in files]
+    for record in found:
+        click.echo(records.as_text(record))
+        if with_config:
+            click.echo("\n" + records.config_text(record).rstrip())
+        if with_cells:
+            click.echo("\n" + checking.text_table(records.cell_rows(record)))
+        click.echo()
+    return 0
+
+
+@cli.command()
+@_results
+def verify(folder: Path) -> int:
+    r"""Compare the CSVs in DIR with the checksums that were recorded beside them.
+
+    Prints a line for each file; exits with 1 when one differs, or is missing, or
+    has no record.
+
+    \b
+    Example:
+      newmark-study verify --results out
+    """
+    from newmark_cli.report import records
+
+    found = records.verify(folder)
+    for entry in found:
+        click.echo(f"{entry.path}: {entry.finding}")
+    return 0 if all(entry.ok for entry in found) else 1
+
+
+@cli.command()
+@click.argument("first", type=click.Path(path_type=Path), metavar="A")
+@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.option(
+    "--rtol",
+    type=click.FloatRange(0, 1, max_open=True),
+    default=1e-6,
+    show_default=True,
+    help="Relative tolerance of values that rounding does not rule.",
+)
+@click.option("--all", "everything", is_flag=True, help="Show every difference, not the first.")
+def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
+    r"""Compare two results folders: cells, values, slopes, verdicts, environments.
+
+    Values that rounding rules (corrections, errors, residuals) agree within a
+    factor, since they differ from one machine to another.  Exits with 1 when a
+    slope or a claim has another verdict in B than in A.
+
+    \b
+    Example:
+      newmark-study compare results other-machine/results
+    """
+    if math.isnan(rtol):
+        raise InputError("--rtol: must be a number from 0 to 1, given nan")
+    from newmark_cli.report import compare as comparing
+
+    found = comparing.compare(first, second, rtol)
+    click.echo(comparing.as_text(found, None if everything else 10))
+    return 1 if found.verdicts else 0
+
+
+@cli.command()
 @click.option("--form", "form", metavar="FORM", help="One form; all seven when omitted.")
 @click.option(
     "--preconditioning",

@@ -199,7 +199,7 @@ def _slope(
     if measure not in STATISTIC:
         raise ResultsError(f"{path}: unknown measure {measure!r}; is it from a newer version?")
     h = rows["h"].to_numpy(float)
-    values = _drawn(measure, rows)
+    values = drawn(measure, rows)
     figures = tuple(_drawing().get(key_of(first), ()))
     expected = _predicted(first, path)
     fitted = np.full(len(h), True)
@@ -235,7 +235,8 @@ def _slope(
     )
 
 
-def _drawn(measure: str, rows: pd.DataFrame) -> Array:
+def drawn(measure: str, rows: pd.DataFrame) -> Array:
+    """Values of a measure as they are drawn and fitted, one for each row of a study's CSV."""
     values = rows[STATISTIC[measure]].to_numpy(float)
     if measure == "tolerance":
         return np.asarray(values / rows["steps"].to_numpy(float))

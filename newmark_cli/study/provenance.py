@@ -1,16 +1,33 @@
-"""What stands beside a CSV: the resolved config, versions, platform, wall times."""
+"""What stands beside a CSV: config, code, versions, machine, wall times, checksums."""
 
+import hashlib
+import json
+import os
 import platform
-from collections.abc import Sequence
+import subprocess
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import version
+from functools import cache
+from importlib.metadata import PackageNotFoundError, distribution, version
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+import scipy
 
 import newmark_cli
 from newmark_cli.study.cell import Cell, Outcome
 from newmark_cli.study.config import Study
 
-_PACKAGES = ("numpy", "scipy", "numba", "pandas", "matplotlib", "pydantic", "PyYAML", "click")
+_PACKAGES = (
+    "numpy", "scipy", "numba", "llvmlite", "pandas", "matplotlib", "pydantic", "PyYAML", "click",
+)  # fmt: skip
+
+#: Variables that say how many threads a BLAS takes; `newmark_cli.cli.main` sets them.
+THREAD_VARIABLES = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "MKL", "OMP"))
+
+#: Seconds that git may take; without an answer the commit is not known.
+_PATIENCE = 10
 
 
 def record(
@@ -18,41 +35,51 @@ def record(
     cells: Sequence[Cell],
     outcomes: Sequence[Outcome],
     seconds: Sequence[float],
-    total: float,
     jobs: int,
     rows: int,
+    checksums: Mapping[str, str],
 ) -> dict[str, Any]:
     """Provenance of one run of a study.
 
     Args:
         study: The study.
         cells, outcomes, seconds: Cells, what they found, and their wall times (s).
-        total: Wall time of the whole study (s).
-        jobs: Threads.
+        jobs: Cells that ran side by side.
         rows: Rows of the CSV.
+        checksums: File, relative to the results folder → `checksum` of its text.
     """
+    config = study.model_dump(mode="json", by_alias=True, exclude_none=True)
     return {
         "study": study.study,
-        "config": study.model_dump(mode="json", by_alias=True, exclude_none=True),
+        "config": config,
+        "config_sha256": checksum(json.dumps(config, sort_keys=True, separators=(",", ":"))),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "newmark-study": newmark_cli.__version__,
             "python": platform.python_version(),
             **{name: version(name) for name in _PACKAGES},
         },
+        "source": source(),
+        "blas": blas(),
         "platform": {
             "system": platform.platform(),
             "machine": platform.machine(),
+            "processor": processor(),
+            "processors": os.cpu_count(),
         },
         "jobs": jobs,
         "rows": rows,
-        "wall_seconds": round(total, 3),
+        "sha256": dict(checksums),
         "cells": [
             {
                 "problem": cell.problem.label,
-                "linear_solver": cell.solver,
+                "integrator": cell.integrator.label,
                 "form": cell.form,
                 "preconditioning": cell.preconditioning.label,
+                "evaluation": cell.evaluation,
+                "precision": cell.precision,
+                "linear_solver": cell.solver,
+                "stop": cell.stop.label if cell.stop else "saturation",
                 "h": cell.h,
                 "steps": cell.steps,
                 "status": outcome.status,
@@ -62,3 +89,78 @@ def record(
             for cell, outcome, taken in zip(cells, outcomes, seconds, strict=True)
         ],
     }
+
+
+def checksum(content: str | bytes) -> str:
+    """SHA-256 of a file's content, text in UTF-8, as hexadecimal digits."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
+
+
+@cache
+def source() -> Mapping[str, str | bool | None]:
+    """Commit that the package runs from.
+
+    Of the checkout that holds the package, with ``modified`` where its code or its
+    shipped configs differ from the commit; else what the installer noted (PEP 610);
+    None where nobody knows.
+    """
+    package = Path(newmark_cli.__file__).parent
+    # A package that was installed below some other project's checkout is not tracked there.
+    if _git(package, "ls-files", "--error-unmatch", "__init__.py") is not None:
+        commit = _git(package, "rev-parse", "HEAD")
+        changes = _git(package, "status", "--porcelain", "--", ".", "../configs")
+        if commit is not None:
+            return {"commit": commit, "modified": None if changes is None else bool(changes)}
+    return {"commit": _installed_commit(), "modified": None}
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    # A hook's GIT_DIR would answer for another repository.
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *arguments],
+            env=environment | {"GIT_OPTIONAL_LOCKS": "0"},
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            timeout=_PATIENCE,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _installed_commit() -> str | None:
+    try:
+        noted = distribution("newmark-study").read_text("direct_url.json")
+        return str(json.loads(noted)["vcs_info"]["commit_id"]) if noted else None
+    except (PackageNotFoundError, ValueError, KeyError, TypeError):
+        return None
+
+
+def blas() -> dict[str, Any]:
+    """BLAS that numpy and scipy were built with, and the threads that it may take.
+
+    A variable that is not set leaves the number to the BLAS: None.
+    """
+    return {
+        "numpy": _blas_of(np.show_config(mode="dicts")),
+        "scipy": _blas_of(scipy.show_config(mode="dicts")),
+        "threads": {name: os.environ.get(name) for name in THREAD_VARIABLES},
+    }
+
+
+def _blas_of(build: Any) -> str | None:
+    found = build.get("Build Dependencies", {}).get("blas", {})
+    return " ".join(filter(None, (found.get("name"), found.get("version")))) or None
+
+
+def processor() -> str:
+    """Model of the processor, or what the platform calls it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(iter(models), "") or platform.processor() or platform.machine()

@@ -267,15 +267,20 @@ def _cost(cell: Cell) -> int:
 def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) -> Path:
     cells = study.cells()
     outcomes = [done.outcome for done in found]
+    seconds = [done.seconds for done in found]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
-    record = provenance.record(
-        study, cells, outcomes, [done.seconds for done in found], 0.0, options.jobs, len(table)
-    )
+    texts = {path: results.csv_text(results.COLUMNS, table)}
     history = results.history_text(study.study, cells, outcomes)
     if history:
-        results.write_atomically(results.history_path(folder, study.study), history)
-    results.write_atomically(path, results.csv_text(results.COLUMNS, table))
+        texts[results.history_path(folder, study.study)] = history
+    checksums = {
+        file.relative_to(folder).as_posix(): provenance.checksum(text)
+        for file, text in texts.items()
+    }
+    record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
+    for file, text in reversed(texts.items()):
+        results.write_atomically(file, text)
     results.write_json(path.with_suffix(".json"), record)
     return path
 

@@ -1,0 +1,360 @@
+"""Two results folders side by side: cells, values, slopes, verdicts, environments."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from newmark_cli.report import check, records
+from newmark_cli.report.curves import Curve
+from newmark_cli.report.fits import format_fit
+from newmark_cli.report.slopes import STATISTIC, Slope, drawn, study_slopes
+from newmark_cli.report.table import SERIES, read_study, study_files
+from newmark_cli.study.results import ResultsError
+
+#: Measures of what is determined by more than rounding: they agree to a relative tolerance.
+DETERMINED = ("condition", "sensitivity", "krylov_iterations")
+
+#: Factor within which all other measures agree.  Two machines round differently, as two
+#: codings of one step do: in the studies `all-forms`, `integrators` and `precision` rms of
+#: corrections in physical units scatter by up to 8.4 over forms and variants.
+FACTOR = 10.0
+
+#: Columns that tell cells apart.
+_CELL = (
+    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
+    "linear_solver", "stop", "h", "steps",
+)  # fmt: skip
+
+Key = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Something that is not the same in both folders.
+
+    Attributes:
+        what: What it is.
+        first, second: What it is in either folder.
+    """
+
+    what: str
+    first: str
+    second: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two results folders have in common, and what not.
+
+    Attributes:
+        folders: The two.
+        rtol: Relative tolerance of the measures in `DETERMINED`.
+        cells: How many are in both.
+        only: Cells, or whole studies, that are in one folder alone: of either folder.
+        statuses: Cells that ended differently.
+        compared: How many values were compared.
+        values: Those that do not agree.
+        slopes: How many slopes were compared.
+        farthest: The slope that differs most; None without any.
+        claims: How many claims were compared.
+        verdicts: Slopes and claims whose verdict is another one.
+        environment: What the folders were computed with, where it differs.
+    """
+
+    folders: tuple[Path, Path]
+    rtol: float
+    cells: int
+    only: tuple[tuple[str, ...], tuple[str, ...]]
+    statuses: tuple[Difference, ...]
+    compared: int
+    values: tuple[Difference, ...]
+    slopes: int
+    farthest: Difference | None
+    claims: int
+    verdicts: tuple[Difference, ...]
+    environment: tuple[Difference, ...]
+
+
+@dataclass(frozen=True)
+class _Folder:
+    """What is read of one results folder."""
+
+    path: Path
+    frames: Mapping[str, pd.DataFrame]
+    slopes: Sequence[Slope]
+
+    @classmethod
+    def read(cls, path: Path) -> "_Folder":
+        files = study_files(path)
+        frames = {file.stem: read_study(file) for file in files}
+        slopes = [s for file in files for s in study_slopes(frames[file.stem], file)]
+        return cls(path, frames, slopes)
+
+    def cells(self) -> dict[Key, str]:
+        """Key of a cell → its status."""
+        return {
+            tuple(_spell(row[column]) for column in _CELL): str(row["status"])
+            for frame in self.frames.values()
+            for row in frame.to_dict("records")
+        }
+
+    def values(self) -> dict[Key, tuple[str, float]]:
+        """Key of a row → measure, and the value that is drawn."""
+        found: dict[Key, tuple[str, float]] = {}
+        for frame in self.frames.values():
+            for measure, rows in frame.groupby("measure", sort=False):
+                if str(measure) not in STATISTIC:
+                    continue  # a cell that failed before it measured anything
+                values = drawn(str(measure), rows)
+                for row, value in zip(rows.to_dict("records"), values, strict=True):
+                    key = tuple(_spell(row[column]) for column in (*SERIES, "h", "steps"))
+                    found[key] = (str(measure), float(value))
+        return found
+
+    def named_slopes(self) -> dict[Key, Slope]:
+        """Key of a series → its slope; of equal keys (at the start, and along a run) by place."""
+        seen: Counter[Key] = Counter()
+        found = {}
+        for slope in self.slopes:
+            key = (*slope.key, slope.role)
+            seen[key] += 1
+            found[(*key, str(seen[key]))] = slope
+        return found
+
+    def verdicts(self) -> dict[Key, tuple[str, str]]:
+        """Figure and sentence of a claim → what was measured, and the verdict."""
+        return {
+            (entry.figure.name, entry.claim.text): (entry.finding.measured, entry.finding.verdict)
+            for entry in check.judge(self.slopes)
+        }
+
+    def environment(self) -> dict[str, dict[str, str]]:
+        """Study → what it was computed with; nothing of a study without a record."""
+        found = {}
+        for study in self.frames:
+            try:
+                record = records.read(self.path / f"{study}.csv")
+            except ResultsError:
+                continue
+            found[study] = records.environment(record) | {
+                f"config of {study}": str(record.get("config_sha256", records.UNKNOWN))
+            }
+        return found
+
+
+def compare(first: Path, second: Path, rtol: float) -> Comparison:
+    """Compare the studies of two results folders.
+
+    Args:
+        first, second: The folders.
+        rtol: Relative tolerance of the measures in `DETERMINED`; the others agree
+            within `FACTOR`.
+
+    Raises:
+        ResultsError: When a folder has no results, or a CSV cannot be used.
+    """
+    a, b = _Folder.read(first), _Folder.read(second)
+    cells_a, cells_b = a.cells(), b.cells()
+    shared = [key for key in cells_a if key in cells_b]
+    values_a, values_b = a.values(), b.values()
+    rows = [key for key in values_a if key in values_b]
+    slopes_a, slopes_b = a.named_slopes(), b.named_slopes()
+    series = [key for key in slopes_a if key in slopes_b]
+    claims_a, claims_b = a.verdicts(), b.verdicts()
+    claims = [key for key in claims_a if key in claims_b]
+    return Comparison(
+        folders=(first, second),
+        rtol=rtol,
+        cells=len(shared),
+        only=(_only(cells_a, cells_b), _only(cells_b, cells_a)),
+        statuses=tuple(
+            Difference(_cell_name(key), cells_a[key], cells_b[key])
+            for key in shared
+            if cells_a[key] != cells_b[key]
+        ),
+        compared=len(rows),
+        values=tuple(
+            Difference(_row_name(key), f"{values_a[key][1]:.6g}", f"{values_b[key][1]:.6g}")
+            for key in rows
+            if not agree(values_a[key][0], values_a[key][1], values_b[key][1], rtol)
+        ),
+        slopes=len(series),
+        farthest=_farthest([(slopes_a[key], slopes_b[key]) for key in series]),
+        claims=len(claims),
+        verdicts=(
+            *(
+                Difference(
+                    _slope_name(slopes_a[key]),
+                    f"{format_fit(slopes_a[key].fit)} {slopes_a[key].verdict}",
+                    f"{format_fit(slopes_b[key].fit)} {slopes_b[key].verdict}",
+                )
+                for key in series
+                if slopes_a[key].verdict != slopes_b[key].verdict
+            ),
+            *(
+                Difference(
+                    f"figure {key[0]}: {key[1]}", " ".join(claims_a[key]), " ".join(claims_b[key])
+                )
+                for key in claims
+                if claims_a[key][1] != claims_b[key][1]
+            ),
+        ),
+        environment=_environments(a.environment(), b.environment()),
+    )
+
+
+def agree(measure: str, a: float, b: float, rtol: float) -> bool:
+    """Whether two values of a measure are the same but for rounding.
+
+    Args:
+        measure: As in the CSV.
+        a, b: The values, not negative; NaN where there is none.
+        rtol: Relative tolerance of the measures in `DETERMINED`.
+    """
+    if math.isnan(a) or math.isnan(b):
+        return math.isnan(a) and math.isnan(b)
+    if measure in DETERMINED:
+        return math.isclose(a, b, rel_tol=rtol)
+    low, high = sorted((a, b))
+    return high <= FACTOR * low
+
+
+def as_text(found: Comparison, most: int | None) -> str:
+    """For a terminal.
+
+    Args:
+        found: The comparison.
+        most: How many lines a list may have; any number when None.
+    """
+    names = [str(folder) for folder in found.folders]
+    blocks = [
+        "\n".join(
+            [
+                f"{found.cells} cells in both",
+                *(
+                    line
+                    for name, only in zip(names, found.only, strict=True)
+                    for line in _listed(f"only in {name}", only, most)
+                ),
+            ]
+        ),
+        _table(f"{len(found.statuses)} cells ended differently", names, found.statuses, most),
+        _table(
+            f"{found.compared} values, {len(found.values)} of them beyond tolerance "
+            f"({', '.join(DETERMINED)}: {found.rtol:g}; others: a factor of {FACTOR:g})",
+            names, found.values, most,
+        ),
+        _table(
+            f"{found.slopes} slopes" + (", farthest apart:" if found.farthest else ""),
+            names, [found.farthest] if found.farthest else [], most,
+        ),
+        _table("computed with something else:", names, found.environment, most)
+        if found.environment
+        else "no difference in what was recorded of code and machine",
+        _table(
+            f"{len(found.verdicts)} verdicts changed, "
+            f"of {found.slopes} slopes and {found.claims} claims",
+            names, found.verdicts, most,
+        ),
+    ]  # fmt: skip
+    return "\n\n".join(blocks)
+
+
+def _listed(title: str, entries: Sequence[str], most: int | None) -> list[str]:
+    lines = [f"{title}: {entry}" for entry in entries[:most]]
+    more = len(entries) - len(lines)
+    return [*lines, f"{title}: {more} more (--all)"] if more else lines
+
+
+def _table(
+    title: str, names: Sequence[str], entries: Sequence[Difference], most: int | None
+) -> str:
+    if not entries:
+        return title
+    rows = [("", *names), *((e.what, e.first, e.second) for e in entries[:most])]
+    lines = [title, *(f"  {line}".rstrip() for line in check.text_table(rows).splitlines())]
+    more = len(entries) - (len(rows) - 1)
+    return "\n".join([*lines, f"  {more} more (--all)"] if more else lines)
+
+
+def _only(cells: Mapping[Key, str], others: Mapping[Key, str]) -> tuple[str, ...]:
+    """Cells that the others lack; a study that they lack altogether is one entry."""
+    theirs = {key[0] for key in others}
+    whole = Counter(key[0] for key in cells if key[0] not in theirs)
+    return (
+        *(f"study {study}, {count} cells" for study, count in whole.items()),
+        *(_cell_name(key) for key in cells if key[0] in theirs and key not in others),
+    )
+
+
+def _farthest(pairs: Iterable[tuple[Slope, Slope]]) -> Difference | None:
+    apart = [
+        (abs(a.fit.slope - b.fit.slope), a, b)
+        for a, b in pairs
+        if not math.isnan(a.fit.slope - b.fit.slope)
+    ]
+    distance, a, b = max(apart, key=lambda entry: entry[0], default=(0.0, None, None))
+    if a is None or b is None or distance == 0:
+        return None
+    return Difference(_slope_name(a), format_fit(a.fit), format_fit(b.fit))
+
+
+def _environments(
+    first: Mapping[str, Mapping[str, str]], second: Mapping[str, Mapping[str, str]]
+) -> tuple[Difference, ...]:
+    """Facts of the studies in both folders that differ; one folder may mix several machines."""
+    shared = [study for study in first if study in second]
+    names = dict.fromkeys(name for study in shared for name in (*first[study], *second[study]))
+    found = []
+    for name in names:
+        given = [
+            ", ".join(
+                dict.fromkeys(
+                    folder[study].get(name, records.UNKNOWN)
+                    for study in shared
+                    if name in first[study] or name in second[study]
+                )
+            )
+            for folder in (first, second)
+        ]
+        if given[0] != given[1]:
+            found.append(Difference(name, *given))
+    return tuple(found)
+
+
+def _spell(value: object) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _cell_name(key: Key) -> str:
+    named = dict(zip(_CELL, key, strict=True))
+    return f"{_where(named)}, {_at(named)}"
+
+
+def _row_name(key: Key) -> str:
+    named = dict(zip((*SERIES, "h", "steps"), key, strict=True))
+    return f"{_where(named)}, {_what(named)}, {_at(named)}"
+
+
+def _slope_name(slope: Slope) -> str:
+    return f"{_where(vars(slope))}, {_what(vars(slope))}"
+
+
+def _where(named: Mapping[str, str]) -> str:
+    """Names of a cell; of the last four those that are not as usual."""
+    names = [named[name] for name in ("study", "problem", "integrator", "form", "preconditioning")]
+    optional = ("evaluation", "precision", "linear_solver", "stop")
+    return " ".join([*names, *(named[n] for n in optional if named[n] != getattr(Curve, n))])
+
+
+def _what(named: Mapping[str, str]) -> str:
+    given = (named["measure"], named["quantity"], named["row_block"])
+    return " ".join(part for part in given if part)
+
+
+def _at(named: Mapping[str, str]) -> str:
+    return f"h = {float(named['h']):g}, {float(named['steps']):g} steps"

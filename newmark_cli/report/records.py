@@ -1,0 +1,211 @@
+"""Reading provenance back: what stands beside CSVs, for people, and their checksums."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from newmark_cli.report.table import NOT_STUDIES, study_files
+from newmark_cli.study.provenance import checksum
+from newmark_cli.study.results import ResultsError
+
+#: What a record does not say.
+UNKNOWN = "not recorded"
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Provenance of one CSV.
+
+    Args:
+        path: The CSV; the record has its name with .json.
+
+    Raises:
+        ResultsError: When there is no record, or it cannot be read.
+    """
+    file = path.with_suffix(".json")
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ResultsError(f"{file}: no record of {path.name}") from None
+    except OSError as error:
+        raise ResultsError(f"{file}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise ResultsError(f"{file}: not JSON: {error}") from None
+    if not isinstance(record, dict) or record.get("study") != path.stem:
+        raise ResultsError(f"{file}: not the record of {path.name}")
+    return record
+
+
+def environment(record: Mapping[str, Any]) -> dict[str, str]:
+    """What results were computed with, by name; without what the record lacks."""
+    source, blas, machine = (_mapping(record, key) for key in ("source", "blas", "platform"))
+    threads = {name: count for name, count in _mapping(blas, "threads").items() if count}
+    facts = {
+        **{str(name): given for name, given in _mapping(record, "versions").items()},
+        "commit": _commit(source),
+        "BLAS of numpy": blas.get("numpy"),
+        "BLAS of scipy": blas.get("scipy"),
+        "BLAS threads": ", ".join(f"{name}={count}" for name, count in threads.items()),
+        "processor": machine.get("processor"),
+        "processors": machine.get("processors"),
+        "machine": machine.get("machine"),
+        "system": machine.get("system"),
+    }
+    return {name: str(given) for name, given in facts.items() if given not in (None, "")}
+
+
+def facts(record: Mapping[str, Any]) -> dict[str, str]:
+    """What a record says of a run, by name, its environment included."""
+    cells = _cells(record)
+    statuses = [str(cell.get("status")) for cell in cells]
+    counts = ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses))
+    taken = sum(seconds(cell) for cell in cells if math.isfinite(seconds(cell)))
+    return {
+        "finished": str(record.get("finished", UNKNOWN)),
+        "cells": f"{len(cells)}: {counts}" if cells else "0",
+        "wall time": f"{taken:.3g} s of all cells, {record.get('jobs', UNKNOWN)} side by side",
+        "config SHA-256": str(record.get("config_sha256", UNKNOWN)),
+        **{f"{name} SHA-256": digest for name, digest in checksums(record).items()},
+        **environment(record),
+    }
+
+
+def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of the table of cells, headings first; columns in which all agree are left out."""
+    columns = {
+        "problem": "problem", "integrator": "integrator", "form": "form",
+        "preconditioning": "preconditioning", "evaluation": "evaluation",
+        "precision": "precision", "linear_solver": "linear solver", "stop": "stop",
+    }  # fmt: skip
+    cells = _cells(record)
+    told = {
+        key: name
+        for key, name in columns.items()
+        if key == "problem" or len({str(cell.get(key, "")) for cell in cells}) > 1
+    }
+    return [
+        (*told.values(), "h", "steps", "status", "wall time (s)"),
+        *(
+            (
+                *(str(cell.get(key, "")) for key in told),
+                _number(cell.get("h")),
+                str(cell.get("steps", "")),
+                " – ".join(str(cell[key]) for key in ("status", "reason") if key in cell),
+                "" if math.isnan(seconds(cell)) else f"{seconds(cell):.3g}",
+            )
+            for cell in cells
+        ),
+    ]
+
+
+def config_text(record: Mapping[str, Any]) -> str:
+    """The resolved config as YAML."""
+    return yaml.safe_dump(
+        record.get("config", {}), sort_keys=False, default_flow_style=None, allow_unicode=True,
+        width=100,
+    )  # fmt: skip
+
+
+def checksums(record: Mapping[str, Any]) -> dict[str, str]:
+    """File, relative to the results folder → SHA-256, as recorded."""
+    return {str(name): str(digest) for name, digest in _mapping(record, "sha256").items()}
+
+
+def seconds(cell: Mapping[str, Any]) -> float:
+    """Wall time of a cell (s); NaN where it is not recorded."""
+    given = cell.get("wall_seconds")
+    return float(given) if isinstance(given, int | float) else math.nan
+
+
+def as_text(record: Mapping[str, Any]) -> str:
+    """Title and facts in two columns."""
+    found = facts(record)
+    width = max(map(len, found))
+    description = _mapping(record, "config").get("description")
+    title = f"{record.get('study')}" + (f": {description}" if description else "")
+    return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in found.items())])
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A file of a results folder against its record.
+
+    Attributes:
+        path: The file.
+        finding: What was found, in words.
+        ok: Whether the file is what was written.
+    """
+
+    path: Path
+    finding: str
+    ok: bool
+
+
+def verify(folder: Path) -> list[Verified]:
+    """Compare every CSV of a results folder with the checksum in its record.
+
+    ``slopes.csv`` and the tables are not results but follow from them.
+
+    Raises:
+        ResultsError: When the folder has neither a CSV of a study nor a record.
+    """
+    records = [file.with_suffix(".csv") for file in folder.glob("*.json")]
+    try:
+        studies = set(study_files(folder))
+    except ResultsError:
+        if not records:
+            raise
+        studies = set()
+    series = set((folder / "history").glob("*.csv"))
+    owners = {path: path for path in {*studies, *records} if path.name not in NOT_STUDIES}
+    owners |= {path: folder / path.name for path in series}
+    for path in list(owners.values()):
+        owners |= {folder / name: path for name in _promised(path)}
+    return [_verified(folder, path, owners[path]) for path in sorted(owners)]
+
+
+def _promised(path: Path) -> Iterable[str]:
+    try:
+        return checksums(read(path))
+    except ResultsError:
+        return ()
+
+
+def _verified(folder: Path, path: Path, owner: Path) -> Verified:
+    try:
+        recorded = checksums(read(owner)).get(path.relative_to(folder).as_posix())
+        if recorded is None:
+            return Verified(path, f"not in {owner.with_suffix('.json').name}", False)
+        found = checksum(path.read_bytes())
+    except ResultsError as error:
+        return Verified(path, f"no record: {error}", False)
+    except FileNotFoundError:
+        return Verified(path, "missing", False)
+    except OSError as error:
+        return Verified(path, f"cannot be read: {error.strerror}", False)
+    if found != recorded:
+        return Verified(path, "differs from its record", False)
+    return Verified(path, "ok", True)
+
+
+def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    found = record.get(key)
+    return found if isinstance(found, dict) else {}
+
+
+def _cells(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    found = record.get("cells")
+    return [cell for cell in found if isinstance(cell, dict)] if isinstance(found, list) else []
+
+
+def _commit(source: Mapping[str, Any]) -> str:
+    commit = source.get("commit")
+    return f"{commit}{' (modified)' if source.get('modified') else ''}" if commit else ""
+
+
+def _number(given: Any) -> str:
+    return f"{given:g}" if isinstance(given, int | float) else str(given or "")
