@@ -388,6 +388,29 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
 
 
 @cli.command()
+@_results
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="The page; DIR/report.html when omitted.",
+)
+def report(folder: Path, output: Path | None) -> int:
+    r"""Write the results in DIR as one page: claims, figures, tables, provenance.
+
+    The HTML needs no other file and no network.  Needs the extra `report`.
+
+    \b
+    Example:
+      newmark-study report --output newmark.html
+    """
+    from newmark_cli.report import page
+
+    click.echo(page.write(folder, output or folder / "report.html"))
+    return 0
+
+
+@cli.command()
 @click.option("--form", "form", metavar="FORM", help="One form; all seven when omitted.")
 @click.option(
     "--preconditioning",

@@ -2,13 +2,23 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
-from newmark_cli.report.figures import FIGURES, HistoryFigure, MechanismFigure, SeriesFigure
+from newmark_cli.report.figures import (
+    FIGURES,
+    Figure,
+    HistoryFigure,
+    MechanismFigure,
+    SeriesFigure,
+)
 from newmark_cli.report.history import History, read_histories
 from newmark_cli.report.slopes import Slope
 from newmark_cli.study.results import ResultsError, history_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 
 def names(given: Iterable[str]) -> list[str]:
@@ -114,21 +124,34 @@ def plot(folder: Path, wanted: Sequence[str], slopes: Sequence[Slope]) -> list[P
     Raises:
         ResultsError: When results are missing or cannot be used.
     """
-    entries = [FIGURES[name] for name in wanted]
-    against_h = {e.name: series(e, slopes, folder) for e in entries if isinstance(e, SeriesFigure)}
-    over_time = {e.name: histories(e, folder) for e in entries if isinstance(e, HistoryFigure)}
+    drawings = {name: drawing(FIGURES[name], slopes, folder) for name in wanted}
 
+    from newmark_cli.report import style
+
+    return [
+        file
+        for name, drawn in drawings.items()
+        for file in style.save(drawn, folder / "figures" / f"figure-{name}")
+    ]
+
+
+def drawing(figure: Figure, slopes: Sequence[Slope], folder: Path) -> "Drawing":
+    """Draw one figure.
+
+    Args:
+        figure: Which.
+        slopes: Slopes of the results in the folder.
+        folder: Results folder, for time series.
+
+    Raises:
+        ResultsError: When results are missing or cannot be used.
+    """
     from newmark_cli.problems.registry import problem
-    from newmark_cli.report import draw, draw_mechanism, style
+    from newmark_cli.report import draw, draw_mechanism
 
-    files = []
-    for entry in entries:
-        if isinstance(entry, MechanismFigure):
-            subject = problem(entry.problem)
-            drawing = draw_mechanism.mechanism_figure(entry.title, subject, subject.u0)
-        elif isinstance(entry, HistoryFigure):
-            drawing = draw.history_figure(entry, over_time[entry.name])
-        else:
-            drawing = draw.figure_of(entry, against_h[entry.name])
-        files += style.save(drawing, folder / "figures" / f"figure-{entry.name}")
-    return files
+    if isinstance(figure, MechanismFigure):
+        subject = problem(figure.problem)
+        return draw_mechanism.mechanism_figure(figure.title, subject, subject.u0)
+    if isinstance(figure, HistoryFigure):
+        return draw.history_figure(figure, histories(figure, folder))
+    return draw.figure_of(figure, series(figure, slopes, folder))

@@ -46,10 +46,16 @@ LOOKS: tuple[dict[str, Any], ...] = (
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as PNG and SVG, the same bytes each time; returns the files."""
     files = []
-    for suffix, metadata in ((".png", {}), (".svg", {"Date": None})):
-        with mpl.rc_context(STYLE):
-            content = io.BytesIO()
-            figure.savefig(content, format=suffix[1:], metadata=metadata)
-        files.append(stem.with_suffix(suffix))
-        write_atomically(files[-1], content.getvalue())
+    for kind in ("png", "svg"):
+        files.append(stem.with_suffix(f".{kind}"))
+        write_atomically(files[-1], rendered(figure, kind))
     return files
+
+
+def rendered(figure: Figure, kind: str) -> bytes:
+    """A figure as a file: png or svg, the same bytes each time."""
+    content = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        metadata = {"Date": None} if kind == "svg" else {}
+        figure.savefig(content, format=kind, metadata=metadata)
+    return content.getvalue()

@@ -185,7 +185,7 @@ def grids(entries: Sequence[Entry]) -> list[tuple[str, list[tuple[str, ...]]]]:
     return found
 
 
-def _factors() -> tuple[str, list[tuple[str, ...]]]:
+def factors() -> tuple[str, list[tuple[str, ...]]]:
     """Table 2 as the code has it: the factors themselves."""
     blocks = [("left", block) for block in ROWS] + [("right", f) for f in (*FIELDS, "lambda")]
     rows: list[tuple[str, ...]] = [
@@ -214,7 +214,7 @@ def write(folder: Path, entries: Sequence[Entry]) -> list[Path]:
     files = []
     for table in (1, 2):
         ours = [e for e in entries if e.table == table]
-        shown = ([_factors()] if table == 2 else []) + grids(ours)
+        shown = ([factors()] if table == 2 else []) + grids(ours)
         stem = folder / "tables" / f"table-{table}"
         for suffix, text in (
             (".md", "\n".join(_markdown(title, rows) for title, rows in shown)),
@@ -239,10 +239,11 @@ def _csv_row(entry: Entry) -> dict[str, object]:
 def _markdown(title: str, rows: Sequence[Sequence[str]]) -> str:
     lines = ["| " + " | ".join(cell.replace("*", "\\*") for cell in row) + " |" for row in rows]
     rule = "|" + " --- |" * len(rows[0])
-    return "\n".join([f"### {title}", "", lines[0], rule, *lines[1:], "", f"{_NOTE}", ""])
+    return "\n".join([f"### {title}", "", lines[0], rule, *lines[1:], "", f"{NOTE}", ""])
 
 
-_NOTE = "Predicted: fitted ± standard error; * eliminated, ! not as predicted."
+#: How to read an entry.
+NOTE = "Predicted: fitted ± standard error; * eliminated, ! not as predicted."
 
 
 def _latex(title: str, rows: Sequence[Sequence[str]]) -> str:
@@ -258,7 +259,7 @@ def _latex(title: str, rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(
         [
             "\\begin{table}",
-            f"  \\caption{{{cell(f'{title}. {_NOTE}')}}}",
+            f"  \\caption{{{cell(f'{title}. {NOTE}')}}}",
             f"  \\begin{{tabular}}{{l{'l' * (len(rows[0]) - 1)}}}",
             "    \\hline",
             f"    {body[0]}",

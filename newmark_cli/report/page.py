@@ -1,0 +1,205 @@
+"""Results as one HTML page that needs no other file."""
+
+import math
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure as Drawing
+
+import newmark_cli
+from newmark_cli.errors import InputError
+from newmark_cli.report import check, plot, records, slopes, tables
+from newmark_cli.report.figures import FIGURES, Figure, HistoryFigure, MechanismFigure
+from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report.slopes import Slope
+from newmark_cli.report.style import rendered
+from newmark_cli.study.results import ResultsError, write_atomically
+
+_SVG = "http://www.w3.org/2000/svg"
+_LINK = "{http://www.w3.org/1999/xlink}href"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure on the page.
+
+    Attributes:
+        name: Its name.
+        title: What it shows.
+        label: What it says, for those who do not see it.
+        svg: Markup, its ids unique on the page.
+    """
+
+    name: str
+    title: str
+    label: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """A study on the page.
+
+    Attributes:
+        study: Its name.
+        description: One line; empty where the config has none.
+        facts: Where its results come from, by name; empty without a record.
+        cells: Table of its cells, headings first.
+        config: The resolved config as YAML.
+    """
+
+    study: str
+    description: str
+    facts: Mapping[str, str]
+    cells: Sequence[tuple[str, ...]]
+    config: str
+
+
+def write(folder: Path, output: Path) -> Path:
+    """Write the page; returns the file.
+
+    Raises:
+        InputError: When jinja2 is not installed.
+        ResultsError: When there are no results, or they cannot be used.
+    """
+    write_atomically(output, html(folder))
+    return output
+
+
+def html(folder: Path) -> str:
+    """The page of a results folder, the same text each time.
+
+    Args:
+        folder: Results folder.
+
+    Raises:
+        InputError, ResultsError: As `write`.
+    """
+    try:
+        import jinja2
+    except ModuleNotFoundError:
+        raise InputError(
+            "report: needs jinja2; install it with: pip install 'newmark-study[report]'"
+        ) from None
+    found = slopes.collect(folder)
+    judged = check.judge(found)
+    shown = check.chosen(found, everything=False) or found
+    runs = [_run(folder, study) for study in dict.fromkeys(slope.study for slope in found)]
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("newmark_cli.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html").render(
+        version=newmark_cli.__version__,
+        finished=max((run.facts.get("finished", "") for run in runs), default=""),
+        holds=check.all_hold(found, judged),
+        summary=check.summary(found, judged),
+        slopes=check.slope_rows(shown),
+        rest=check.slope_rows([slope for slope in found if slope not in shown]),
+        claims=check.claim_rows(judged),
+        pictures=pictures(folder, found),
+        tables=_tables(found),
+        note=tables.NOTE,
+        runs=runs,
+    )
+
+
+def pictures(folder: Path, found: Sequence[Slope]) -> list[Picture]:
+    """Figures that the results are enough for; mechanisms where a study is about them.
+
+    Args:
+        folder: Results folder.
+        found: Its slopes.
+    """
+    lacking = plot.without_data(FIGURES, found, folder)
+    problems = {slope.problem for slope in found}
+    return [
+        _picture(figure, found, folder)
+        for name, figure in FIGURES.items()
+        if name not in lacking
+        and (not isinstance(figure, MechanismFigure) or figure.problem in problems)
+    ]
+
+
+def _picture(figure: Figure, found: Sequence[Slope], folder: Path) -> Picture:
+    said: list[str] = []
+    if isinstance(figure, HistoryFigure):
+        said = [
+            f"{curve.label}: |λ| up to {np.max(np.abs(history.multipliers)):.3g}"
+            for curve, history in zip(figure.curves, plot.histories(figure, folder), strict=True)
+        ]
+    elif not isinstance(figure, MechanismFigure):
+        series = plot.series(figure, found, folder)
+        said = [_said(c.label, slope) for c, slope in zip(figure.curves, series, strict=True)]
+    label = " ".join(f"{part}." for part in (figure.title, *said))
+    svg = inline_svg(plot.drawing(figure, found, folder), f"figure-{figure.name}-", label)
+    return Picture(figure.name, figure.title, label, svg)
+
+
+def _said(label: str, slope: Slope) -> str:
+    """A series in words: its name, and its slope or else its values at either end."""
+    text = f"{check.quantity(slope)}, {label}"
+    if not math.isnan(slope.expected):
+        return f"{text}: slope {format_fit(slope.fit)}, predicted {format_order(slope.expected)}"
+    ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
+    return f"{text}: " + ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
+
+
+def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
+    """A drawing as SVG inside HTML.
+
+    Args:
+        drawing: The drawing.
+        prefix: Of its ids: figures on one page share names of clip paths and glyphs.
+        label: What it says, for those who do not see it.
+    """
+    root = ElementTree.fromstring(rendered(drawing, "svg"))
+    for parent in list(root.iter()):
+        for child in list(parent):
+            # Matplotlib's metadata names addresses, its style would hold for the whole page.
+            if child.tag in (f"{{{_SVG}}}metadata", f"{{{_SVG}}}style"):
+                parent.remove(child)
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(f"{{{_SVG}}}")
+        if _LINK in element.attrib:
+            element.set("href", element.attrib.pop(_LINK).replace("#", f"#{prefix}"))
+        for name, value in element.attrib.items():
+            if name == "id":
+                element.set(name, prefix + value)
+            elif "url(#" in value:
+                element.set(name, value.replace("url(#", f"url(#{prefix}"))
+    viewed = root.attrib["viewBox"]
+    root.attrib.clear()
+    root.attrib.update({"viewBox": viewed, "role": "img", "aria-label": label})
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """Tables 1 and 2; none where the results are not enough for them."""
+    try:
+        entries = tables.build(found)
+    except ResultsError:
+        return []
+    return [tables.factors(), *tables.grids(entries)]
+
+
+def _run(folder: Path, study: str) -> Run:
+    try:
+        record = records.read(folder / f"{study}.csv")
+    except ResultsError:
+        return Run(study, "", {}, [], "")
+    config = record.get("config")
+    description = config.get("description") if isinstance(config, dict) else None
+    return Run(
+        study,
+        str(description or ""),
+        records.facts(record),
+        records.cell_rows(record),
+        records.config_text(record),
+    )
