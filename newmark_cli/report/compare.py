@@ -234,7 +234,7 @@ def as_text(found: Comparison, most: int | None) -> str:
     blocks = [
         "\n".join(
             [
-                f"{found.cells} cells in both",
+                f"cells in both: {found.cells}",
                 *(
                     line
                     for name, only in zip(names, found.only, strict=True)
@@ -242,21 +242,21 @@ def as_text(found: Comparison, most: int | None) -> str:
                 ),
             ]
         ),
-        _table(f"{len(found.statuses)} cells ended differently", names, found.statuses, most),
+        _table(f"cells that ended differently: {len(found.statuses)}", names, found.statuses, most),
         _table(
-            f"{found.compared} values, {len(found.values)} of them beyond tolerance "
+            f"values beyond tolerance: {len(found.values)} of {found.compared} "
             f"({', '.join(DETERMINED)}: {found.rtol:g}; others: a factor of {FACTOR:g})",
             names, found.values, most,
         ),
         _table(
-            f"{found.slopes} slopes" + (", farthest apart:" if found.farthest else ""),
+            "slope farthest apart:" if found.farthest else "no slope differs",
             names, [found.farthest] if found.farthest else [], most,
         ),
         _table("computed with something else:", names, found.environment, most)
         if found.environment
         else "no difference in what was recorded of code and machine",
         _table(
-            f"{len(found.verdicts)} verdicts changed, "
+            f"verdicts changed: {len(found.verdicts)}, "
             f"of {found.slopes} slopes and {found.claims} claims",
             names, found.verdicts, most,
         ),

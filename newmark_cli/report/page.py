@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Drawing
@@ -15,7 +16,7 @@ from newmark_cli.report import check, plot, records, slopes, tables
 from newmark_cli.report.figures import FIGURES, Figure, HistoryFigure, MechanismFigure
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.slopes import Slope
-from newmark_cli.report.style import rendered
+from newmark_cli.report.style import WIDTH, rendered
 from newmark_cli.study.results import ResultsError, write_atomically
 
 _SVG = "http://www.w3.org/2000/svg"
@@ -31,12 +32,14 @@ class Picture:
         title: What it shows.
         label: What it says, for those who do not see it.
         svg: Markup, its ids unique on the page.
+        wide: Whether it is wider than a journal's column.
     """
 
     name: str
     title: str
     label: str
     svg: str
+    wide: bool
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ def html(folder: Path) -> str:
     found = slopes.collect(folder)
     judged = check.judge(found)
     shown = check.chosen(found, everything=False) or found
-    runs = [_run(folder, study) for study in dict.fromkeys(slope.study for slope in found)]
+    provenance = {study: _record(folder, study) for study in dict.fromkeys(s.study for s in found)}
+    runs = [_run(study, record) for study, record in provenance.items()]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("newmark_cli.report"),
         autoescape=True,
@@ -106,6 +110,7 @@ def html(folder: Path) -> str:
         pictures=pictures(folder, found),
         tables=_tables(found),
         note=tables.NOTE,
+        timings=records.timing_rows(provenance),
         runs=runs,
     )
 
@@ -138,8 +143,10 @@ def _picture(figure: Figure, found: Sequence[Slope], folder: Path) -> Picture:
         series = plot.series(figure, found, folder)
         said = [_said(c.label, slope) for c, slope in zip(figure.curves, series, strict=True)]
     label = " ".join(f"{part}." for part in (figure.title, *said))
-    svg = inline_svg(plot.drawing(figure, found, folder), f"figure-{figure.name}-", label)
-    return Picture(figure.name, figure.title, label, svg)
+    drawing = plot.drawing(figure, found, folder)
+    svg = inline_svg(drawing, f"figure-{figure.name}-", label)
+    wide = bool(drawing.get_figwidth() > WIDTH)
+    return Picture(figure.name, figure.title, label, svg, wide)
 
 
 def _said(label: str, slope: Slope) -> str:
@@ -189,16 +196,20 @@ def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
     return [tables.factors(), *tables.grids(entries)]
 
 
-def _run(folder: Path, study: str) -> Run:
+def _record(folder: Path, study: str) -> dict[str, Any]:
+    """Provenance of a study; empty where its CSV travels alone."""
     try:
-        record = records.read(folder / f"{study}.csv")
+        return records.read(folder / f"{study}.csv")
     except ResultsError:
+        return {}
+
+
+def _run(study: str, record: Mapping[str, Any]) -> Run:
+    if not record:
         return Run(study, "", {}, [], "")
-    config = record.get("config")
-    description = config.get("description") if isinstance(config, dict) else None
     return Run(
         study,
-        str(description or ""),
+        records.description(record),
         records.facts(record),
         records.cell_rows(record),
         records.config_text(record),

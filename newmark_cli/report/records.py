@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,14 +60,13 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
 
 def facts(record: Mapping[str, Any]) -> dict[str, str]:
     """What a record says of a run, by name, its environment included."""
-    cells = _cells(record)
-    statuses = [str(cell.get("status")) for cell in cells]
-    counts = ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses))
-    taken = sum(seconds(cell) for cell in cells if math.isfinite(seconds(cell)))
     return {
         "finished": str(record.get("finished", UNKNOWN)),
-        "cells": f"{len(cells)}: {counts}" if cells else "0",
-        "wall time": f"{taken:.3g} s of all cells, {record.get('jobs', UNKNOWN)} side by side",
+        "cells": _counted(_cells(record)),
+        "wall time": (
+            f"{total_seconds(record):.3g} s of all cells together, "
+            f"{record.get('jobs', UNKNOWN)} side by side"
+        ),
         "config SHA-256": str(record.get("config_sha256", UNKNOWN)),
         **{f"{name} SHA-256": digest for name, digest in checksums(record).items()},
         **environment(record),
@@ -102,6 +101,35 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
+def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows of the table of studies, headings first.
+
+    Args:
+        found: Study → its record; empty where it has none.
+    """
+    rows: list[tuple[str, ...]] = [
+        ("study", "cells", "wall time of all (s)", "slowest cell (s)", "side by side")
+    ]
+    for study, record in found.items():
+        cells = _cells(record)
+        slowest = max((seconds(c) for c in cells if not math.isnan(seconds(c))), default=math.nan)
+        rows.append(
+            (
+                study,
+                _counted(cells) if record else UNKNOWN,
+                f"{total_seconds(record):.3g}" if cells else "",
+                "" if math.isnan(slowest) else f"{slowest:.3g}",
+                str(record.get("jobs", "")),
+            )
+        )
+    return rows
+
+
+def description(record: Mapping[str, Any]) -> str:
+    """What the config says of the study in one line; empty where it says nothing."""
+    return str(_mapping(record, "config").get("description") or "")
+
+
 def config_text(record: Mapping[str, Any]) -> str:
     """The resolved config as YAML."""
     return yaml.safe_dump(
@@ -121,12 +149,16 @@ def seconds(cell: Mapping[str, Any]) -> float:
     return float(given) if isinstance(given, int | float) else math.nan
 
 
+def total_seconds(record: Mapping[str, Any]) -> float:
+    """Wall time of all cells together (s)."""
+    return sum(seconds(cell) for cell in _cells(record) if not math.isnan(seconds(cell)))
+
+
 def as_text(record: Mapping[str, Any]) -> str:
     """Title and facts in two columns."""
     found = facts(record)
     width = max(map(len, found))
-    description = _mapping(record, "config").get("description")
-    title = f"{record.get('study')}" + (f": {description}" if description else "")
+    title = ": ".join(filter(None, (str(record["study"]), description(record))))
     return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in found.items())])
 
 
@@ -200,6 +232,12 @@ def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 def _cells(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     found = record.get("cells")
     return [cell for cell in found if isinstance(cell, dict)] if isinstance(found, list) else []
+
+
+def _counted(cells: Sequence[Mapping[str, Any]]) -> str:
+    """How many cells ended how."""
+    statuses = [str(cell.get("status")) for cell in cells]
+    return ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses)) or "0"
 
 
 def _commit(source: Mapping[str, Any]) -> str:

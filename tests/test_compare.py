@@ -1,0 +1,165 @@
+"""Two results folders side by side: what differs, what agrees but for rounding, exit codes."""
+
+import json
+import math
+
+import pytest
+import synthetic
+
+from newmark_cli.report import compare as comparing
+from newmark_cli.report.figures import FIGURES
+
+MULTIPLIERS = FIGURES["10"]
+KRYLOV = FIGURES["13"]
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """Two folders with the same two studies."""
+    for name in ("a", "b"):
+        synthetic.write(tmp_path / name, MULTIPLIERS)
+        synthetic.write(tmp_path / name, KRYLOV)
+    return tmp_path / "a", tmp_path / "b"
+
+
+def compared(folders):
+    return comparing.compare(*folders, 1e-6)
+
+
+def rewrite(folder, figure, where, change):
+    """Change rows of one folder."""
+    table = synthetic.spoilt(synthetic.rows(figure), where, change)
+    synthetic.write(folder, figure, table)
+
+
+def test_the_same_results(folders):
+    """Nothing differs; everything was compared."""
+    found = compared(folders)
+    assert found.cells == 5 * 4 + 4 * 4
+    assert found.compared == 5 * 4 + 4 * 4
+    assert (found.slopes, found.claims) == (5 + 4, len(MULTIPLIERS.claims) + len(KRYLOV.claims))
+    assert found.only == ((), ())
+    assert found.farthest is None
+    assert found.statuses == found.values == found.verdicts == found.environment == ()
+
+
+@pytest.mark.parametrize(
+    ("measure", "a", "b", "expected"),
+    [
+        ("condition", 1.0, 1.0 + 0.9e-6, True),
+        ("condition", 1.0, 1.0 + 1.1e-6, False),
+        ("sensitivity", 0.0, 0.0, True),
+        ("sensitivity", 0.0, 1e-300, False),
+        ("krylov_iterations", 79.0, 80.0, False),
+        ("correction", 1e-17, 9.9e-17, True),
+        ("correction", 1.01e-16, 1e-17, False),
+        ("physical_correction", 0.0, 1e-17, False),
+        ("error", 0.0, 0.0, True),
+        ("history", math.inf, 1.0, False),
+        ("correction", math.nan, math.nan, True),
+        ("correction", math.nan, 1.0, False),
+        ("condition", 1.0, math.nan, False),
+    ],
+)
+def test_values_agree(measure, a, b, expected):
+    """To a relative tolerance, or within a factor of ten where rounding rules; both ways."""
+    assert comparing.agree(measure, a, b, 1e-6) is expected
+    assert comparing.agree(measure, b, a, 1e-6) is expected
+
+
+def test_rounding_changes_nothing(folders):
+    """Corrections three times as large are those of another machine; slopes stay."""
+    rewrite(folders[1], MULTIPLIERS, {}, lambda row: {"rms": 3 * row["rms"]})
+    found = compared(folders)
+    assert found.values == found.verdicts == ()
+
+
+def test_another_verdict(folders):
+    """A series with another slope: values, slope and both verdicts."""
+    where = {"evaluation": "compensated"}
+    rewrite(folders[1], MULTIPLIERS, where, lambda row: {"rms": row["rms"] * row["h"]})
+    found = compared(folders)
+    assert len(found.values) == 4
+    name = (
+        "multipliers andrews newmark beta=0.25 gamma=0.5 u-lambda optimal compensated, "
+        "physical_correction lambda"
+    )
+    assert found.farthest == comparing.Difference(name, "−1.00 ± 0.00", "0.00 ± 0.00")
+    changed = {entry.what: (entry.first, entry.second) for entry in found.verdicts}
+    assert changed[name] == ("−1.00 ± 0.00 pass", "0.00 ± 0.00 miss")
+    claim = "figure 10: optimal, compensated: slope −1 ± 0.15"
+    assert changed[claim] == ("−1.00 ± 0.00 pass", "0.00 ± 0.00 miss")
+
+
+def test_cells_that_are_not_in_both(folders):
+    """Of a study in both folders each cell, of another the study; statuses that differ."""
+    a, b = folders
+    (b / "multipliers.csv").unlink()
+    rewrite(a, KRYLOV, {"preconditioning": "left", "h": 1e-3}, lambda row: {"h": 2e-3})
+    rewrite(
+        b, KRYLOV, {"preconditioning": "right", "h": 1e-5}, lambda row: {"status": "not_converged"}
+    )
+    found = compared(folders)
+    where = "krylov random-chain(links=1000) newmark beta=0.25 gamma=0.5 u-lambda"
+    assert found.only == (
+        ("study multipliers, 20 cells", f"{where} left gmres, h = 0.002, 30 steps"),
+        (f"{where} left gmres, h = 0.001, 30 steps",),
+    )
+    assert found.statuses == (
+        comparing.Difference(
+            f"{where} right gmres, h = 1e-05, 30 steps", "stagnated", "not_converged"
+        ),
+    )
+
+
+def test_environments(folders):
+    """What records say differently, what one says alone, and nothing of what agrees."""
+    for folder, numpy, more in zip(
+        folders, ("2.1.0", "2.2.0"), ({}, {"processor": "x"}), strict=True
+    ):
+        for study in ("multipliers", "krylov"):
+            record = {
+                "study": study,
+                "versions": {"python": "3.11.7", "numpy": numpy},
+                "platform": {"machine": "x86_64", **more},
+                "config_sha256": numpy if study == "krylov" else "same",
+            }
+            (folder / f"{study}.json").write_text(json.dumps(record))
+    assert compared(folders).environment == (
+        comparing.Difference("numpy", "2.1.0", "2.2.0"),
+        comparing.Difference("config of krylov", "2.1.0", "2.2.0"),
+        comparing.Difference("processor", "not recorded", "x"),
+    )
+
+
+def test_long_lists_are_cut(folders):
+    """With how many more there are."""
+    rewrite(folders[1], MULTIPLIERS, {}, lambda row: {"rms": 100 * row["rms"]})
+    found = compared(folders)
+    assert len(found.values) == 20
+    assert "10 more (--all)" in comparing.as_text(found, 10)
+    assert "--all" not in comparing.as_text(found, None)
+
+
+def test_exit_codes(cli):
+    """0 for the same results and for what is in one folder alone, 1 for another verdict."""
+    for name in ("a", "b"):
+        synthetic.write(cli.folder / name, MULTIPLIERS)
+    synthetic.write(cli.folder / "b", KRYLOV)
+    done = cli("compare", "a", "b")
+    assert "values beyond tolerance: 0 of 20 " in done.stdout
+    assert "only in b: study krylov, 16 cells" in done.stdout
+    assert done.stdout.endswith("verdicts changed: 0, of 5 slopes and 7 claims\n")
+    rewrite(cli.folder / "b", MULTIPLIERS, {"h": 1e-7}, lambda row: {"status": "diverged"})
+    done = cli("compare", "a", "b", code=1)
+    assert "cells that ended differently: 5\n" in done.stdout
+    assert "incomplete" in done.stdout
+
+
+def test_bad_input(cli):
+    """One line, exit 2."""
+    cli.write("a/quick.csv", "a,b\n")
+    cli.write("b/x", "")
+    assert "a/quick.csv, line 1" in cli.refused("compare", "a", "b")
+    assert "b: no results" in cli.refused("compare", "b", "a")
+    assert "--rtol" in cli.refused("compare", "a", "b", "--rtol", "nan")

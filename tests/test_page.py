@@ -1,0 +1,179 @@
+"""The page of `report`: what it says, and that it needs nothing but itself."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+import synthetic
+from click.testing import CliRunner
+from conftest import QUICK
+
+from newmark_cli.cli import cli as command_line
+from newmark_cli.report import check, page, slopes
+from newmark_cli.report.figures import FIGURES, HistoryFigure
+
+VOID = {"meta", "link", "br", "img", "input", "hr"}
+
+
+class Reader(HTMLParser):
+    """Elements with their attributes, texts of table rows, and that all tags are closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self.rows, self.open, self.style = [], [], [], ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        """Note an element, a row, a cell."""
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        """Note an element without content."""
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        """Close what was opened last."""
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        """Note texts of cells and styles."""
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+        if self.open and self.open[-1] == "style":
+            self.style += data
+
+    def attributes(self, tag):
+        """Attributes of all elements of a kind."""
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The studies past the paper; one has a record, with a reason that is markup."""
+    path = tmp_path_factory.mktemp("results")
+    for figure in synthetic.CLAIMING:
+        synthetic.write(path, figure)
+        if isinstance(figure, HistoryFigure):
+            synthetic.write_history(path, figure)
+    cell = {"problem": "pendulum", "h": 0.1, "steps": 30, "wall_seconds": 1.25}
+    record = {
+        "study": "precision",
+        "config": {"study": "precision", "description": "a < b & c"},
+        "finished": "2001-02-03T04:05:06+00:00",
+        "jobs": 2,
+        "cells": [
+            cell | {"status": "ok"},
+            cell | {"status": "failed", "reason": "<script>alert(1)</script>"},
+        ],
+    }
+    (path / "precision.json").write_text(json.dumps(record))
+    return path
+
+
+@pytest.fixture(scope="module")
+def text(folder):
+    return page.html(folder)
+
+
+@pytest.fixture(scope="module")
+def read(text):
+    return Reader(text)
+
+
+def test_every_claim_with_its_verdict(folder, read):
+    """The rows that `check` prints, slopes and claims."""
+    found = slopes.collect(folder)
+    for row in [*check.claim_rows(check.judge(found)), *check.slope_rows(found)]:
+        assert list(row) in read.rows, row
+
+
+def test_every_figure_is_labelled(read):
+    """Title and fitted slopes, for those who do not see it."""
+    labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
+    assert [label.partition(".")[0] for label in labels] == [
+        FIGURES["6"].title, *(figure.title for figure in synthetic.CLAIMING)
+    ]  # fmt: skip
+    assert {attributes["role"] for attributes in read.attributes("svg")} == {"img"}
+    assert "Δλ (physical), optimal, compensated: slope −1.00 ± 0.00, predicted −1." in labels[1]
+    assert "share of steps, none: 0.99 at h = 0.0001, 0 at h = 1e-07." in labels[3]
+    assert len(read.attributes("figure")) == len(labels)
+
+
+def test_ids_are_unique_and_found(text, read):
+    """Also those of clip paths and glyphs, which figures share."""
+    ids = [attributes["id"] for _, attributes in read.elements if "id" in attributes]
+    assert len(set(ids)) == len(ids)
+    used = re.findall(r'href="#([^"]+)"', text) + re.findall(r"url\(#([^)]+)\)", text)
+    assert used
+    assert set(used) <= set(ids)
+
+
+def test_nothing_is_loaded(text, read):
+    """No script, no address; one style, for the page alone."""
+    tags = {tag for tag, _ in read.elements}
+    assert not tags & {"script", "iframe", "object", "embed", "img", "base", "form"}
+    assert [attributes["href"] for attributes in read.attributes("link")] == ["data:,"]
+    for tag, attributes in read.elements:
+        for name in ("src", "href", "xlink:href", "action", "data", "srcset"):
+            assert attributes.get(name, "#").startswith(("#", "data:")), (tag, attributes)
+    assert len(read.attributes("style")) == 1
+    assert "url(" not in read.style
+    assert "@import" not in read.style
+    assert "http" not in text.replace("http-equiv", "")
+
+
+def test_texts_of_others_are_escaped(text, read):
+    """Descriptions and reasons are text, not markup."""
+    assert "a &lt; b &amp; c" in text
+    assert any(
+        row[-2:] == ["failed – <script>alert(1)</script>", "1.25"] for row in read.rows
+    )  # fmt: skip
+
+
+def test_times_are_those_of_the_runs(folder, text):
+    """The page has no time of its own: the same bytes each time."""
+    assert "2001-02-03T04:05:06+00:00" in text
+    assert ["precision", "1 ok, 1 failed", "2.5", "1.25", "2"] in Reader(text).rows
+    assert page.html(folder) == text
+
+
+def test_a_single_small_study(cli):
+    """Without figures, tables or Andrews' mechanism; in an empty folder."""
+    cli.write("quick.yaml", QUICK)
+    cli("run", "quick.yaml")
+    assert cli("report", "--output", "own/page.html").stdout == "own/page.html\n"
+    read = Reader((cli.folder / "own/page.html").read_text())
+    assert read.attributes("svg") == []
+    assert {"#claims", "#studies"} == {attributes["href"] for attributes in read.attributes("a")}
+    found = slopes.collect(cli.folder / "results")
+    for row in check.slope_rows(found):
+        assert list(row) in read.rows
+    cells = [row for row in read.rows if len(row) > 3 and row[0] == "pendulum"]
+    assert [row[1:5] for row in cells] == [
+        [variant, h, steps, "ok"]
+        for variant in ("none", "optimal")
+        for h, steps in (("0.1", "10"), ("0.01", "100"))
+    ]
+    beside = cli.folder / "results/report.html"
+    done = CliRunner().invoke(command_line, ["report", "--results", str(beside.parent)])
+    assert done.output == f"{beside}\n"
+    assert beside.read_bytes() == (cli.folder / "own/page.html").read_bytes()
+
+
+def test_refusals(cli, monkeypatch, folder):
+    """No results; jinja2 is not there: one line that says what to install."""
+    assert "no results" in cli.refused("report")
+    assert not (cli.folder / "results").exists()
+    cli.write("absent/jinja2.py", "raise ModuleNotFoundError('jinja2')")
+    monkeypatch.setenv("PYTHONPATH", str(cli.folder / "absent"))
+    assert "newmark-study[report]" in cli.refused("report", "--results", folder)
+    assert not (folder / "report.html").exists()
