@@ -208,6 +208,18 @@ def test_damaged_history(tmp_path, damage, words):
     assert str(path) in str(caught.value)
 
 
+def test_legends_are_whole(committed_folder):
+    """Nothing is cut off at the sides, however many decimals the slopes have."""
+    figures = [*ORDER_FIGURES, *STUDY_FIGURES]
+    slopes = collect(committed_folder, dict.fromkeys(figure.study for figure in figures))
+    for figure in figures:
+        drawing = draw.order_figure(figure, plot.series(figure, slopes, committed_folder))
+        drawing.draw_without_rendering()
+        (legend,) = drawing.legends
+        extent = legend.get_window_extent()
+        assert 0 <= extent.x0 < extent.x1 <= drawing.bbox.width, figure.name
+
+
 def test_only_the_drawing_modules_import_matplotlib():
     """All else reads CSVs and gives values; it can be used where nothing is drawn."""
     package = Path(newmark_cli.__file__).parent

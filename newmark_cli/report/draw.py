@@ -116,7 +116,7 @@ def order_figure(figure: OrderFigure | StudyFigure, slopes: Sequence[Slope]) -> 
         axes.grid(color="0.92", linewidth=0.5)
         axes.set_axisbelow(True)
         handles, labels = axes.get_legend_handles_labels()
-        drawing.legend(
+        legend = drawing.legend(
             handles,
             labels,
             title="fitted slope" if predicted else note,
@@ -125,8 +125,10 @@ def order_figure(figure: OrderFigure | StudyFigure, slopes: Sequence[Slope]) -> 
             handlelength=3.0,
             borderpad=0.2,
             columnspacing=1.2,
-            bbox_to_anchor=(0.56, 0.0),
         )
+        # Under the axes, or further left where it would be cut off.
+        width = legend.get_window_extent().width / drawing.bbox.width
+        legend.set_bbox_to_anchor((min(0.56, 0.995 - width / 2), 0.0))
         missing = sum(int(np.count_nonzero(slope.values == 0)) for slope in slopes)
         if missing and not linear:
             axes.annotate(f"{missing} values are exactly 0", (0.02, 0.02), xycoords="axes fraction")
