@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure as Drawing
 
 import newmark_cli
 from newmark_cli.errors import InputError
@@ -16,7 +15,7 @@ from newmark_cli.report import check, plot, records, slopes, tables
 from newmark_cli.report.figures import FIGURES, Figure, HistoryFigure, MechanismFigure
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.slopes import Slope
-from newmark_cli.report.style import WIDTH, rendered
+from newmark_cli.report.style import WIDTH, Drawing, rendered
 from newmark_cli.study.results import ResultsError, write_atomically
 
 _SVG = "http://www.w3.org/2000/svg"

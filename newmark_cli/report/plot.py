@@ -18,7 +18,7 @@ from newmark_cli.report.slopes import Slope
 from newmark_cli.study.results import ResultsError, history_path
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
+    from newmark_cli.report.style import Drawing
 
 
 def names(given: Iterable[str]) -> list[str]:

@@ -9,6 +9,9 @@ from matplotlib.figure import Figure
 
 from newmark_cli.study.results import write_atomically
 
+#: What the drawing modules make.
+Drawing = Figure
+
 #: Width of a journal column (inch).
 WIDTH = 3.5
 
