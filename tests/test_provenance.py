@@ -165,6 +165,7 @@ def lines(done):
 def test_verify_of_what_was_written(cli, copied):
     """One line for each CSV; slopes.csv and tables are not results."""
     (copied / "slopes.csv").write_text("whatever\n")
+    (copied / "notes.json").write_text("[]")
     found = lines(cli("verify"))
     files = ("history/series.csv", "quick.csv", "series.csv")
     assert found == {f"results/{name}": "ok" for name in files}

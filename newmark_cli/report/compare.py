@@ -13,7 +13,6 @@ from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import STATISTIC, Slope, drawn, study_slopes
 from newmark_cli.report.table import SERIES, read_study, study_files
-from newmark_cli.study.results import ResultsError
 
 #: Measures of what is determined by more than rounding: they agree to a relative tolerance.
 DETERMINED = ("condition", "sensitivity", "krylov_iterations")
@@ -136,16 +135,13 @@ class _Folder:
 
     def environment(self) -> dict[str, dict[str, str]]:
         """Study → what it was computed with; nothing of a study without a record."""
-        found = {}
-        for study in self.frames:
-            try:
-                record = records.read(self.path / f"{study}.csv")
-            except ResultsError:
-                continue
-            found[study] = records.environment(record) | {
-                f"config of {study}": str(record.get("config_sha256", records.UNKNOWN))
-            }
-        return found
+        read = {study: records.known(self.path / f"{study}.csv") for study in self.frames}
+        return {
+            study: records.environment(record)
+            | {f"config of {study}": str(record.get("config_sha256", records.UNKNOWN))}
+            for study, record in read.items()
+            if record
+        }
 
 
 def compare(first: Path, second: Path, rtol: float) -> Comparison:

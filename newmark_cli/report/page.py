@@ -89,7 +89,8 @@ def html(folder: Path) -> str:
     found = slopes.collect(folder)
     judged = check.judge(found)
     shown = check.chosen(found, everything=False) or found
-    provenance = {study: _record(folder, study) for study in dict.fromkeys(s.study for s in found)}
+    studies = dict.fromkeys(slope.study for slope in found)
+    provenance = {study: records.known(folder / f"{study}.csv") for study in studies}
     runs = [_run(study, record) for study, record in provenance.items()]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("newmark_cli.report"),
@@ -193,14 +194,6 @@ def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
     except ResultsError:
         return []
     return [tables.factors(), *tables.grids(entries)]
-
-
-def _record(folder: Path, study: str) -> dict[str, Any]:
-    """Provenance of a study; empty where its CSV travels alone."""
-    try:
-        return records.read(folder / f"{study}.csv")
-    except ResultsError:
-        return {}
 
 
 def _run(study: str, record: Mapping[str, Any]) -> Run:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,14 @@ def read(path: Path) -> dict[str, Any]:
     if not isinstance(record, dict) or record.get("study") != path.stem:
         raise ResultsError(f"{file}: not the record of {path.name}")
     return record
+
+
+def known(path: Path) -> dict[str, Any]:
+    """Provenance of one CSV; empty where there is none that can be read."""
+    try:
+        return read(path)
+    except ResultsError:
+        return {}
 
 
 def environment(record: Mapping[str, Any]) -> dict[str, str]:
@@ -185,7 +193,8 @@ def verify(folder: Path) -> list[Verified]:
     Raises:
         ResultsError: When the folder has neither a CSV of a study nor a record.
     """
-    records = [file.with_suffix(".csv") for file in folder.glob("*.json")]
+    described = [file.with_suffix(".csv") for file in folder.glob("*.json")]
+    records = [path for path in described if known(path)]
     try:
         studies = set(study_files(folder))
     except ResultsError:
@@ -196,15 +205,8 @@ def verify(folder: Path) -> list[Verified]:
     owners = {path: path for path in {*studies, *records} if path.name not in NOT_STUDIES}
     owners |= {path: folder / path.name for path in series}
     for path in list(owners.values()):
-        owners |= {folder / name: path for name in _promised(path)}
+        owners |= {folder / name: path for name in checksums(known(path))}
     return [_verified(folder, path, owners[path]) for path in sorted(owners)]
-
-
-def _promised(path: Path) -> Iterable[str]:
-    try:
-        return checksums(read(path))
-    except ResultsError:
-        return ()
 
 
 def _verified(folder: Path, path: Path, owner: Path) -> Verified:

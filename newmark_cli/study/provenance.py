@@ -41,6 +41,10 @@ def record(
 ) -> dict[str, Any]:
     """Provenance of one run of a study.
 
+    Code and machine are those that write the CSV.  A cell that was kept from an
+    earlier run has the same numerical core and libraries, but may have been computed
+    at another commit or on another machine.
+
     Args:
         study: The study.
         cells, outcomes, seconds: Cells, what they found, and their wall times (s).
