@@ -154,6 +154,8 @@ def test_a_single_small_study(cli):
     read = Reader((cli.folder / "own/page.html").read_text())
     assert read.attributes("svg") == []
     assert {"#claims", "#studies"} == {attributes["href"] for attributes in read.attributes("a")}
+    # All series are of one's own: none is folded away as further ones.
+    assert len(read.attributes("details")) == 3
     found = slopes.collect(cli.folder / "results")
     for row in check.slope_rows(found):
         assert list(row) in read.rows

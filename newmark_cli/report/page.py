@@ -88,7 +88,8 @@ def html(folder: Path) -> str:
         ) from None
     found = slopes.collect(folder)
     judged = check.judge(found)
-    shown = check.chosen(found, everything=False) or found
+    # Of studies of one's own, which no figure shows, nothing is folded away.
+    shown = check.chosen(found, everything=not check.in_paper(found))
     studies = dict.fromkeys(slope.study for slope in found)
     provenance = {study: records.known(folder / f"{study}.csv") for study in studies}
     runs = [_run(study, record) for study, record in provenance.items()]
