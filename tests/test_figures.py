@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
             for case in study.cases
         ]
         studies.append(study.model_copy(update={"cases": tuple(cases)}))
-    runner.run_studies(studies, folder, jobs=2)
+    runner.run_studies(studies, folder, runner.Options(jobs=2))
     return folder
 
 
