@@ -27,11 +27,6 @@ PRECISIONS: Mapping[str, type[np.floating[Any]]] = MappingProxyType(
 )
 
 
-def unit_roundoff(precision: str) -> float:
-    """Largest relative error of one rounding."""
-    return float(np.finfo(PRECISIONS[precision]).eps) / 2
-
-
 @dataclass(frozen=True)
 class Tolerance:
     """Stops Newton's iteration at ‖q̄ʲ‖ ≤ absolute + relative ‖q̄‖, scaled unknowns.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,20 @@ class Cell:
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
         return linear.choose(self.linear_solver, self.problem.load(), FORMS[self.form])
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        """What tells a cell from others, by the CSV's columns."""
+        return {
+            "problem": self.problem.label,
+            "integrator": self.integrator.label,
+            "form": self.form,
+            "preconditioning": self.preconditioning.label,
+            "evaluation": self.evaluation,
+            "precision": self.precision,
+            "linear_solver": self.solver,
+            "h": self.h,
+        }
 
     @property
     def weight(self) -> int:

@@ -76,15 +76,8 @@ def record(
         "sha256": dict(checksums),
         "cells": [
             {
-                "problem": cell.problem.label,
-                "integrator": cell.integrator.label,
-                "form": cell.form,
-                "preconditioning": cell.preconditioning.label,
-                "evaluation": cell.evaluation,
-                "precision": cell.precision,
-                "linear_solver": cell.solver,
+                **cell.labels,
                 "stop": cell.stop.label if cell.stop else "saturation",
-                "h": cell.h,
                 "steps": cell.steps,
                 "status": outcome.status,
                 **({"reason": outcome.reason} if outcome.reason else {}),

@@ -32,15 +32,19 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     """
     table = []
     for cell, outcome in zip(cells, outcomes, strict=True):
-        common = _named(study, cell) | {
-            "t_end": cell.t_end,
-            "steps": cell.steps,
-            "not_converged": outcome.not_converged,
-            "newton_iterations": outcome.newton_iterations,
-            "status": outcome.status,
-            "stop": cell.stop.label if cell.stop else "saturation",
-            "met": outcome.met,
-        }
+        common = (
+            {"study": study}
+            | cell.labels
+            | {
+                "t_end": cell.t_end,
+                "steps": cell.steps,
+                "not_converged": outcome.not_converged,
+                "newton_iterations": outcome.newton_iterations,
+                "status": outcome.status,
+                "stop": cell.stop.label if cell.stop else "saturation",
+                "met": outcome.met,
+            }
+        )
         for found in outcome.measurements:
             statistics = found.statistics
             table.append(
@@ -73,7 +77,8 @@ def history_path(folder: Path, study: str) -> Path:
 def history_text(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> str:
     """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
     table = [
-        _named(study, cell)
+        {"study": study}
+        | cell.labels
         | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
         | {f"lambda_{k + 1}": float(value) for k, value in enumerate(multipliers)}
         for cell, outcome in zip(cells, outcomes, strict=True)
@@ -82,21 +87,6 @@ def history_text(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome])
     most = max((len(row) for row in table), default=0) - len(HISTORY_COLUMNS)
     columns = (*HISTORY_COLUMNS, *(f"lambda_{k + 1}" for k in range(most)))
     return csv_text(columns, table) if table else ""
-
-
-def _named(study: str, cell: Cell) -> dict[str, Any]:
-    """What tells a cell from the others."""
-    return {
-        "study": study,
-        "problem": cell.problem.label,
-        "integrator": cell.integrator.label,
-        "form": cell.form,
-        "preconditioning": cell.preconditioning.label,
-        "evaluation": cell.evaluation,
-        "precision": cell.precision,
-        "linear_solver": cell.solver,
-        "h": cell.h,
-    }
 
 
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:

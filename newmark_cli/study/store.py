@@ -154,14 +154,7 @@ def _key(cell: Cell) -> _Key:
 def _description(cell: Cell) -> dict[str, Any]:
     """The cell as it is resolved; floats are spelled to the bit."""
     return {
-        "problem": cell.problem.label,
-        "integrator": cell.integrator.label,
-        "form": cell.form,
-        "preconditioning": cell.preconditioning.label,
-        "evaluation": cell.evaluation,
-        "precision": cell.precision,
-        "linear_solver": cell.solver,
-        "h": cell.h,
+        **cell.labels,
         "t_end": cell.t_end,
         "steps": cell.steps,
         "measure": list(cell.measure),
