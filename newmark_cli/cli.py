@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from newmark_cli import __version__
-from newmark_cli.errors import ExecutorError, InputError
+from newmark_cli.errors import ExecutorError, InputError, one_line
 
 if TYPE_CHECKING:
     from newmark_cli.newmark.scaling import Preconditioning
@@ -496,7 +496,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     code = 0
     for name in files:
         try:
-            click.echo(config.describe(Path(name), name, allow_code))
+            click.echo(one_line(config.describe(Path(name), name, allow_code)))
         except InputError as error:
             _complain(str(error))
             code = 2
@@ -744,4 +744,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _complain(message: str) -> None:
-    click.echo(f"newmark-study: {' '.join(message.split())}", err=True)
+    click.echo(f"newmark-study: {one_line(message)}", err=True)

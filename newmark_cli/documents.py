@@ -6,26 +6,57 @@ Numbers follow YAML 1.2 and common sense: ``1e-4`` is a number, whatever YAML
 
 import difflib
 import re
-from collections.abc import Callable, Iterable, Mapping
+import reprlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from newmark_cli.errors import InputError
+from newmark_cli.errors import InputError, one_line
 
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _SPECIAL = {".nan": float("nan"), "nan": float("nan"), ".inf": float("inf"), "inf": float("inf")}
 _CONSTANTS = {"true": True, "false": False, "null": None, "~": None, "": None}
-_MOST_NODES = 100_000
+# What is larger is no config, and would keep `validate` busy.
+_MOST_VALUES = 100_000
 _MOST_BYTES = 4_000_000
+_DEEPEST = 30
+#: Parser in C where PyYAML was built with it: ten times as fast.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_TOO_MANY = f"more than {_MOST_VALUES} values"
+_TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
+
+#: Names that an error compares with what was given, and that it lists.
+_MOST_COMPARED = 2_000
+_MOST_LISTED = 40
 
 #: Custom errors whose text already says what was given.
 _SELF_EXPLAINING = frozenset({"unknown_key", "unknown_name", "own"})
+
+
+def _whole(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+# No text, no truth value: what is quoted stays text, here and in every editor.
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Truth = Annotated[bool, Strict()]
+#: Last in the ``Annotated`` of a strict int: 1e4 is a whole number, as for JSON Schema.
+WHOLE = BeforeValidator(_whole)
 
 KeyPath = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -83,11 +114,17 @@ class StrictModel(BaseModel):
 
 
 def nearest(given: object, allowed: Iterable[str]) -> str:
-    """Text that offers the nearest allowed name and lists all of them."""
-    allowed = list(allowed)
-    close = difflib.get_close_matches(str(given), allowed, n=1)
+    """Text that offers the nearest allowed name and lists all of them, if they are not many."""
+    allowed = [_short_name(name) for name in islice(allowed, _MOST_COMPARED)]
+    word = _short_name(given) if isinstance(given, str) else ""
+    close = difflib.get_close_matches(word, allowed, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ";"
-    return f"{hint} allowed: {', '.join(allowed)}"
+    listed = [*allowed[:_MOST_LISTED], *(["…"] if len(allowed) > _MOST_LISTED else [])]
+    return f"{hint} allowed: {', '.join(listed) or 'none'}"
+
+
+def _short_name(name: str) -> str:
+    return name if len(name) <= 60 else name[:59] + "…"
 
 
 def unknown_name(kind: str, given: object, allowed: Iterable[str]) -> PydanticCustomError:
@@ -126,6 +163,8 @@ def read(path: Path, name: str | None = None) -> Document:
             content = file.read(_MOST_BYTES + 1)
     except OSError as error:
         raise DocumentError(f"{name}: cannot be read: {error.strerror}") from None
+    except ValueError:  # a NUL, or half a surrogate pair
+        raise DocumentError(f"{one_line(name)}: is no file name") from None
     if len(content) > _MOST_BYTES:
         raise DocumentError(f"{name}: larger than {_MOST_BYTES} bytes, not a config")
     try:
@@ -138,26 +177,24 @@ def read(path: Path, name: str | None = None) -> Document:
 def parse(text: str, name: str) -> Document:
     """Parse YAML text; see :func:`read`."""
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = _Composer(name, yaml.parse(text, Loader=_LOADER)).document()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
         raise DocumentError(
-            f"{name}, line {line}: not YAML: {_one_line(error.problem or 'no reason given')}"
+            f"{name}, line {line}: not YAML: {one_line(error.problem or 'no reason given')}"
         ) from None
     except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
+        line = text.encode().count(b"\n", 0, error.position) + 1
         raise DocumentError(f"{name}, line {line}: not text: {error.reason}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError) as error:
+        if isinstance(error, DocumentError):
+            raise
         raise DocumentError(f"{name}, line 1: not YAML: {type(error).__name__}") from None
     if node is None:
         raise DocumentError(f"{name}, line 1: the file is empty")
     reader = _NodeReader(name)
-    try:
-        data = reader.value(node, ())
-    except RecursionError:
-        raise DocumentError(f"{name}, line 1: nested too deeply") from None
-    return Document(name, data, reader.lines)
+    return Document(name, reader.value(node, ()), reader.lines)
 
 
 def validate(
@@ -188,42 +225,126 @@ def validate(
     raise document.error(path, message)
 
 
+class _Scalar(NamedTuple):
+    line: int
+    text: str
+    plain: bool  #: written without quotes
+
+
+class _List(NamedTuple):
+    line: int
+    items: "list[_Node]"
+
+
+class _Mapping(NamedTuple):
+    line: int
+    pairs: "list[tuple[_Node, _Node]]"
+
+
+_Node = _Scalar | _List | _Mapping
+
+
+class _Composer:
+    """Turns the events of a parser into nodes, and stops at what is no config.
+
+    PyYAML's own composers do not bound their recursion, and the one in C then
+    overflows the stack.
+    """
+
+    def __init__(self, name: str, events: Iterator[Any]) -> None:
+        self.name = name
+        self._events = events
+        self._anchors: dict[str, _Node | None] = {}
+        self._values = 0
+
+    def document(self) -> _Node | None:
+        """The one document of a file; None when there is none."""
+        node = None
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                if node is not None:
+                    raise self._error(event, "more than one document")
+                node = self._node(next(self._events), 1)
+        return node
+
+    def _node(self, event: Any, depth: int) -> _Node:
+        self._values += 1
+        if self._values > _MOST_VALUES:
+            raise self._error(event, _TOO_MANY)
+        if depth > _DEEPEST:
+            raise self._error(event, _TOO_DEEP)
+        anchor = event.anchor
+        if isinstance(event, yaml.AliasEvent):
+            known = self._anchors.get(anchor)
+            if known is None:
+                inside = anchor in self._anchors
+                why = "stands inside what it refers to" if inside else "refers to nothing"
+                raise self._error(event, f"*{anchor} {why}")
+            return known
+        if anchor is not None:
+            self._anchors[anchor] = None
+        node = self._content(event, depth)
+        if anchor is not None:
+            self._anchors[anchor] = node
+        return node
+
+    def _content(self, event: Any, depth: int) -> _Node:
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.ScalarEvent):
+            return _Scalar(line, event.value, not event.style)
+        children = []
+        for child in self._events:
+            if isinstance(child, yaml.CollectionEndEvent):
+                break
+            children.append(self._node(child, depth + 1))
+        if isinstance(event, yaml.SequenceStartEvent):
+            return _List(line, children)
+        return _Mapping(line, list(zip(children[::2], children[1::2], strict=True)))
+
+    def _error(self, event: Any, message: str) -> DocumentError:
+        line = event.start_mark.line + 1
+        return DocumentError(f"{self.name}, line {line}: {one_line(message)}")
+
+
 class _NodeReader:
     """Turns composed nodes into data, noting the line of each."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.lines: dict[KeyPath, int] = {}
-        self._nodes = 0
+        self._values = 0
 
-    def value(self, node: yaml.Node, path: KeyPath) -> Any:
-        self._nodes += 1
-        line = node.start_mark.line + 1
-        self.lines.setdefault(path, line)
-        if self._nodes > _MOST_NODES:
-            raise DocumentError(f"{self.name}, line {line}: more than {_MOST_NODES} values")
-        if isinstance(node, yaml.MappingNode):
+    def value(self, node: _Node, path: KeyPath) -> Any:
+        self._values += 1
+        self.lines.setdefault(path, node.line)
+        # Again, now that aliases stand for what they refer to.
+        if self._values > _MOST_VALUES:
+            raise self._error(node, _TOO_MANY)
+        if len(path) > _DEEPEST:
+            raise self._error(node, _TOO_DEEP)
+        if isinstance(node, _Mapping):
             return self._mapping(node, path)
-        if isinstance(node, yaml.SequenceNode):
-            return [self.value(item, (*path, i)) for i, item in enumerate(node.value)]
-        assert isinstance(node, yaml.ScalarNode)
-        return node.value if node.style is not None else _plain(node.value)
+        if isinstance(node, _List):
+            return [self.value(item, (*path, i)) for i, item in enumerate(node.items)]
+        return _plain(node.text) if node.plain else node.text
 
-    def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
+    def _mapping(self, node: _Mapping, path: KeyPath) -> dict[str, Any]:
         mapping: dict[str, Any] = {}
-        for key_node, value_node in node.value:
-            line = key_node.start_mark.line + 1
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise DocumentError(f"{self.name}, line {line}: a key must be plain text")
-            key = key_node.value
+        for key_node, value_node in node.pairs:
+            if not isinstance(key_node, _Scalar):
+                raise self._error(key_node, "a key must be plain text")
+            key = key_node.text
             if key in mapping:
-                raise DocumentError(
-                    f"{self.name}, line {line}: duplicate key {key!r}, first given in "
-                    f"line {self.lines[(*path, key)]}"
+                first = self.lines[(*path, key)]
+                raise self._error(
+                    key_node, f"duplicate key {_short(key)}, first given in line {first}"
                 )
-            self.lines[(*path, key)] = line
+            self.lines[(*path, key)] = key_node.line
             mapping[key] = self.value(value_node, (*path, key))
         return mapping
+
+    def _error(self, node: _Node, message: str) -> DocumentError:
+        return DocumentError(f"{self.name}, line {node.line}: {message}")
 
 
 def _plain(text: str) -> Any:
@@ -251,23 +372,23 @@ def _located(
         return locate((*path, detail["loc"][-1])), "missing"
     message = detail["msg"].removeprefix("Value error, ")
     if "key" in context:
-        return locate((*path, str(context["key"]))), _one_line(message)
+        return locate((*path, str(context["key"]))), one_line(message)
     if detail["type"] not in _SELF_EXPLAINING and not isinstance(detail["input"], dict | list):
         message += f", given {_short(detail['input'])}"
-    return locate(path), _one_line(message)
+    return locate(path), one_line(message)
 
 
 def _short(value: object) -> str:
-    text = repr(value)
+    text = repr(value[:60]) if isinstance(value, str) else _REPR.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
+#: Looks at no more of a list or mapping than it shows.
+_REPR = reprlib.Repr()
 
 
 def _spell(path: KeyPath) -> str:
     text = ""
     for part in path:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return _one_line(text)[:120]
+    return one_line(text)[:120]

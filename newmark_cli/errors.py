@@ -10,3 +10,13 @@ class InputError(ValueError):
 
 class ExecutorError(Exception):
     """What runs the cells is gone; what had finished is kept."""
+
+
+_LONGEST = 1_000
+
+
+def one_line(text: str) -> str:
+    """Text as a terminal may show it: one line, not long, no control characters."""
+    text = " ".join(text[: 2 * _LONGEST].split())
+    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"
