@@ -118,8 +118,9 @@ def _require_mass(problem: Problem, document: Document) -> None:
     np.add.at(diagonal, pattern.mass_rows[on], problem.mass_values[on])
     weak = np.flatnonzero(diagonal <= 0)
     if len(weak) == 0 and n <= _DENSE_UP_TO:
-        values, vectors = np.linalg.eigh(problem.M)
+        values = np.linalg.eigvalsh(problem.M)
         if values[0] <= 1e-13 * values[-1]:
+            _, vectors = np.linalg.eigh(problem.M)
             weak = np.array([int(np.argmax(np.abs(vectors[:, 0])))])
     if len(weak):
         point = problem.point_of(int(weak[0]))
@@ -139,12 +140,14 @@ def _require_independent(
         raise document.error(paths[worst], "does not constrain the initial position")
     scaled = gradient / sizes[None, :]
     if n <= _DENSE_UP_TO:
-        _, values, vectors = np.linalg.svd(np.asarray(scaled.toarray(), float))
+        dense = np.asarray(scaled.toarray(), float)
+        # Vectors take ten times as long as values, and are needed for the error alone.
+        values = np.linalg.svd(dense, compute_uv=False)
         rank = int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
-        if rank < m:
-            involved = np.flatnonzero(np.abs(vectors[rank:]).max(axis=0) > 1e-6)
-        else:
+        if rank == m:
             return
+        _, _, vectors = np.linalg.svd(dense)
+        involved = np.flatnonzero(np.abs(vectors[rank:]).max(axis=0) > 1e-6)
     else:
         try:
             factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(scaled.T @ scaled))
