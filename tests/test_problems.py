@@ -192,22 +192,22 @@ def test_tangents_of_all_elements(double):
         np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
-    [
-        ("to: B, length: 0.5", "to: Z, length: 0.5", 6, "unknown point 'Z'"),
-        ("length: 0.5,", "length: 0.6,", 6, "start 0.5 m apart, given length 0.6"),
-        ("length: 1,", "length: 0,", 7, "greater than 0, given 0"),
-        ("mass: 3", "mass: -3", 6, "greater than or equal to 0, given -3"),
-        ("stiffness: 7", "stifness: 7", 12, "did you mean 'stiffness'?"),
-        ("on: two, torque", "on: tow, torque", 15, "unknown body 'tow'; did you mean 'two'?"),
-        ("A: {fixed: [0, 0]}", "A: {}", 2, "needs either 'fixed' or 'at'"),
-        ("from: P, to: Q", "from: A, to: A", 12, "joins A with itself"),
-        ("from: P, to: Q", "from: P, to: P", 12, "joins P with itself"),
-        ("bars: {}", "bars: {b: {from: A, to: A, length: 1}}", 13, "joins A with itself"),
-        ("  B: {at: [0.3, 0.4]", "  B: {at: [0.3]", 3, "missing"),
-    ],
-)
+MISTAKES = [
+    ("to: B, length: 0.5", "to: Z, length: 0.5", 6, "unknown point 'Z'"),
+    ("length: 0.5,", "length: 0.6,", 6, "start 0.5 m apart, given length 0.6"),
+    ("length: 1,", "length: 0,", 7, "greater than 0, given 0"),
+    ("mass: 3", "mass: -3", 6, "greater than or equal to 0, given -3"),
+    ("stiffness: 7", "stifness: 7", 12, "did you mean 'stiffness'?"),
+    ("on: two, torque", "on: tow, torque", 15, "unknown body 'tow'; did you mean 'two'?"),
+    ("A: {fixed: [0, 0]}", "A: {}", 2, "needs either 'fixed' or 'at'"),
+    ("from: P, to: Q", "from: A, to: A", 12, "joins A with itself"),
+    ("from: P, to: Q", "from: P, to: P", 12, "joins P with itself"),
+    ("bars: {}", "bars: {b: {from: A, to: A, length: 1}}", 13, "joins A with itself"),
+    ("  B: {at: [0.3, 0.4]", "  B: {at: [0.3]", 3, "missing"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "line", "words"), MISTAKES)
 def test_mistakes_are_located(tmp_path, old, new, line, words):
     """Each mistake is named with file, line and key."""
     path = tmp_path / "bad.yaml"

@@ -10,11 +10,11 @@ from typing import Annotated, Any
 
 from pydantic import Field, Strict
 
-from newmark_cli.documents import StrictModel
+from newmark_cli.documents import WHOLE, StrictModel
 from newmark_cli.problems.problem import Problem
 
 #: A million links take gigabytes; more is a slip of the finger.
-Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000)]
+Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000), WHOLE]
 #: Of what is drawn at random.
 _SEED = 20061012
 

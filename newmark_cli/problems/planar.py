@@ -12,17 +12,42 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from newmark_cli import documents
 from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, KeyPath, StrictModel, misfit
+from newmark_cli.documents import Document, KeyPath, Number, StrictModel, Truth, misfit
+from newmark_cli.json_schema import JsonSchema, also, given
 from newmark_cli.problems import elements, start
 from newmark_cli.problems.problem import Pattern, Problem
 
-Vector = tuple[FiniteFloat, FiniteFloat]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+#: Products and squares of a few numbers of this size, and of their inverses, are numbers.
+_LARGEST = 1e30
+_SMALLEST = 1e-30
+
+
+def _not_huge(number: float) -> float:
+    if abs(number) > _LARGEST:
+        raise ValueError(f"must be at most {_LARGEST:g} in size")
+    return number
+
+
+def _not_tiny(number: float) -> float:
+    if number < _SMALLEST:
+        raise ValueError(f"must be at least {_SMALLEST:g}")
+    return number
+
+
+Bounded = Annotated[Number, AfterValidator(_not_huge), also(minimum=-_LARGEST, maximum=_LARGEST)]
+NotNegative = Annotated[Number, Field(ge=0), AfterValidator(_not_huge), also(maximum=_LARGEST)]
+Length = Annotated[
+    Number,
+    Field(gt=0),
+    AfterValidator(_not_huge),
+    AfterValidator(_not_tiny),
+    also(minimum=_SMALLEST, maximum=_LARGEST),
+]
+Vector = tuple[Bounded, Bounded]
 
 #: Largest |Φ| of a bar at the start, relative to L²: the data are rounded numbers.
 _MISFIT = 1e-12
@@ -30,6 +55,8 @@ _MISFIT = 1e-12
 
 class Point(StrictModel):
     """A fixed or a moving point; SI units."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [given("fixed"), given("at")]})
 
     fixed: Vector | None = Field(None, description="position of a fixed point (m)")
     at: Vector | None = Field(None, description="initial position of a moving point (m)")
@@ -42,7 +69,7 @@ class Body(StrictModel):
 
     from_: str = Field(alias="from", description="first point")
     to: str = Field(description="second point")
-    length: Positive = Field(description="distance of the two points (m)")
+    length: Length = Field(description="distance of the two points (m)")
     mass: NotNegative = Field(description="mass (kg)")
     centre: Vector = Field(
         (0.0, 0.0), description="mass centre along and across, from the first point (m)"
@@ -62,7 +89,7 @@ class Bar(StrictModel):
 
     from_: str = Field(alias="from", description="one end")
     to: str = Field(description="other end")
-    length: Positive = Field(description="length (m)")
+    length: Length = Field(description="length (m)")
 
 
 class Spring(StrictModel):
@@ -87,7 +114,9 @@ class Slider(StrictModel):
 
     point: str = Field(description="point")
     through: Vector = Field(description="a point of the line (m)")
-    direction: Vector = Field(description="direction of the line; its length does not matter")
+    direction: Annotated[Vector, also(not_={"const": [0, 0]})] = Field(
+        description="direction of the line; its length does not matter"
+    )
 
     @model_validator(mode="after")
     def _has_direction(self) -> "Slider":
@@ -99,14 +128,14 @@ class Slider(StrictModel):
 class Law(StrictModel):
     """A law of time: value + rate t + acceleration t²/2 + amplitude sin(frequency t + phase)."""
 
-    value: FiniteFloat | None = Field(
+    value: Bounded | None = Field(
         None, description="constant term; what the initial position asks for when omitted"
     )
-    rate: FiniteFloat = Field(0.0, description="constant rate (1/s)")
-    acceleration: FiniteFloat = Field(0.0, description="constant acceleration (1/s²)")
-    amplitude: FiniteFloat = Field(0.0, description="amplitude of the oscillation")
-    frequency: FiniteFloat = Field(0.0, description="angular frequency (rad/s)")
-    phase: FiniteFloat = Field(0.0, description="phase at t = 0 (rad)")
+    rate: Bounded = Field(0.0, description="constant rate (1/s)")
+    acceleration: Bounded = Field(0.0, description="constant acceleration (1/s²)")
+    amplitude: Bounded = Field(0.0, description="amplitude of the oscillation")
+    frequency: Bounded = Field(0.0, description="angular frequency (rad/s)")
+    phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
 
     @property
     def moves(self) -> bool:
@@ -122,6 +151,22 @@ class Law(StrictModel):
 
 class Motion(StrictModel):
     """A prescribed motion: coordinates of a point (m), or the angle of a body (rad)."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {
+                    **given("point"),
+                    "anyOf": [given("x"), given("y")],
+                    "not": {"anyOf": [given("body"), given("angle")]},
+                },
+                {
+                    "allOf": [given("body"), given("angle")],
+                    "not": {"anyOf": [given("point"), given("x"), given("y")]},
+                },
+            ]
+        }
+    )
 
     point: str | None = Field(None, description="driven point")
     x: Law | None = Field(None, description="law of its first coordinate")
@@ -144,26 +189,40 @@ class Torque(StrictModel):
     """A constant torque on a body."""
 
     on: str = Field(description="body")
-    torque: FiniteFloat = Field(description="torque, counter-clockwise (N m)")
+    torque: Bounded = Field(description="torque, counter-clockwise (N m)")
+
+
+_ALL_FIXED: JsonSchema = {"additionalProperties": {"not": given("at")}}
 
 
 class Mechanism(StrictModel):
-    """A mechanism file."""
+    """A planar mechanism; SI units."""
 
-    title: str = ""
-    source: str = ""
-    points: dict[str, Point]
-    bodies: dict[str, Body] = {}
-    body_points: dict[str, BodyPoint] = {}
-    bars: dict[str, Bar] = {}
-    sliders: dict[str, Slider] = {}
-    motions: dict[str, Motion] = {}
-    springs: dict[str, Spring] = {}
-    dampers: dict[str, Damper] = {}
-    torques: dict[str, Torque] = {}
+    model_config = ConfigDict(
+        json_schema_extra={
+            "anyOf": [
+                {"required": [kind], "properties": {kind: {"minProperties": 1}}}
+                for kind in ("bodies", "bars", "sliders", "motions")
+            ]
+        }
+    )
+
+    title: str = Field("", description="heads drawings")
+    source: str = Field("", description="where the data come from")
+    points: Annotated[dict[str, Point], also(not_=_ALL_FIXED)] = Field(
+        description="fixed points, and moving ones, whose coordinates are the unknowns"
+    )
+    bodies: dict[str, Body] = Field({}, description="rigid bodies, each carried by two points")
+    body_points: dict[str, BodyPoint] = Field({}, description="further points on bodies")
+    bars: dict[str, Bar] = Field({}, description="massless bars between two points")
+    sliders: dict[str, Slider] = Field({}, description="points that stay on a line")
+    motions: dict[str, Motion] = Field({}, description="prescribed motions")
+    springs: dict[str, Spring] = Field({}, description="linear springs between two points")
+    dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
+    torques: dict[str, Torque] = Field({}, description="constant torques on bodies")
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
-    assemble: bool = Field(False, description="initial positions are a guess; solve for them")
-    project_velocities: bool = Field(
+    assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
+    project_velocities: Truth = Field(
         False, description="replace initial velocities by the nearest that fit the constraints"
     )
 
@@ -206,7 +265,11 @@ def load(path: Path, name: str, spelled: str | None = None) -> Problem:
         DocumentError: Names file, line and key of the first mistake: of the file
             itself, or of a mechanism without a consistent start.
     """
-    document = documents.read(path, spelled)
+    return built(name, documents.read(path, spelled))
+
+
+def built(name: str, document: Document) -> Problem:
+    """Problem from a mechanism file that was read; raises DocumentError as `load` does."""
     return build(name, documents.validate(document, Mechanism), document)
 
 
@@ -235,13 +298,13 @@ class _Builder:
         self.mechanism = mechanism
         self.moving: dict[str, int] = {}
         self.fixed: dict[str, complex] = {}
-        for point, given in mechanism.points.items():
-            if (given.fixed is None) == (given.at is None):
+        for point, data in mechanism.points.items():
+            if (data.fixed is None) == (data.at is None):
                 raise document.error(
                     ("points", point), "needs either 'fixed' or 'at', the initial position"
                 )
-            if given.fixed is not None:
-                self.fixed[point] = complex(*given.fixed)
+            if data.fixed is not None:
+                self.fixed[point] = complex(*data.fixed)
             else:
                 self.moving[point] = 2 * len(self.moving)
         self.sites = {point: Site({point: 1}) for point in mechanism.points}

@@ -36,6 +36,7 @@ from newmark_cli.newmark.scheme import (
     Scheme,
     Tolerance,
 )
+from newmark_cli.problems import planar
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import (
@@ -620,7 +621,7 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
     """
     document = documents.read(path, name)
     if isinstance(document.data, dict) and "points" in document.data:
-        problem = MechanismFile(path.absolute(), name).load()
+        problem = planar.built(name, document)
         return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
     study = parse(document, Surroundings(path.parent, allow_code))
     return f"{name}: study {study.study}, {len(study.cells())} cells"
