@@ -1,8 +1,10 @@
 """Configs: what is accepted, and how each mistake is named."""
 
 import contextlib
+import time
 
 import pytest
+import yaml
 from conftest import QUICK
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +12,8 @@ from hypothesis import strategies as st
 from newmark_cli import documents
 from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
+from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.spec import Sized
 from newmark_cli.study import config
 
 
@@ -184,6 +188,30 @@ MISTAKES = [
         7,
         "two cases have pendulum, u-lambda, none",
     ),
+    ("form: u-lambda", "form: bogus\ncases: [{form: u-lambda}]", 3, "unknown form 'bogus'"),
+    ("t_end: 1.0", "t_end: 1\nlinear_solver: [dense-lu, auto]", 7, "dense-lu or sparse-lu: given"),
+    (
+        "[none, optimal]",
+        "[{name: x, left: {D: h*h}}, {name: x, left: {D: h * h}}]",
+        4,
+        "given twice: x[left D=h*h]",
+    ),
+    ("[1e-1, 1e-2]", str([0.5 + i / 9000 for i in range(1001)]), 5, "at most 1000 values"),
+    ("t_end: 1.0", f"t_end: 1\ncases: {[{}] * 501}", 7, "at most 500 cases, given 501"),
+    (
+        "[1e-1, 1e-2]\nt_end: 1.0",
+        f"{[0.5 + i / 9000 for i in range(1000)]}\nsteps: 1\ncases: "
+        f"{[{'iteration_cap': i + 1, 'samples': i + 1} for i in range(11)]}",
+        7,
+        "more than 20000 cells",
+    ),
+    ("pendulum", "x" * 5_000, 2, "x..."),
+    ("pendulum", '"a\\0.yaml"', 2, "a\\x00.yaml: is no file name"),
+    ("study: quick", 'study: "\\e[2J"', 1, "study: must be a name"),
+    ("t_end: 1.0", 't_end: 1\n"\\a\\u2028\\u202e": 2', 7, "\\x07 \\u202e: unknown key"),
+    ("t_end: 1.0", "t_end: *end", 6, "*end refers to nothing"),
+    ("t_end: 1.0", "t_end: &end [*end]", 6, "*end stands inside what it refers to"),
+    ("t_end: 1.0", "t_end: 1\n---\nstudy: two", 7, "more than one document"),
     ("t_end: 1.0", "t_end: [1", 7, "not YAML"),
     ("t_end: 1.0", "t_end: 1\n? [a, b]\n: 2", 7, "a key must be plain text"),
     ("study: quick", "- study: quick", 2, "not YAML"),
@@ -199,7 +227,8 @@ def test_mistakes_are_located(tmp_path, old, new, line, words):
     text = str(caught.value)
     assert text.startswith(f"c.yaml, line {line}: "), text
     assert words in text, text
-    assert "\n" not in text
+    assert text.isprintable()
+    assert len(text) < 1000
 
 
 @pytest.mark.parametrize(
@@ -212,7 +241,10 @@ def test_mistakes_are_located(tmp_path, old, new, line, words):
         (b"just words", "must be a mapping"),
         (b"[1, 2]", "must be a mapping"),
         (b"a: &x [*x, *x]", "line 1"),
-        (b"a: " + b"[" * 5000, "line 1"),
+        (b"a: " + b"[" * 5000, "line 1: nested too deeply"),
+        (b"- " * 100_000, "line 1: nested too deeply"),
+        (b"".join(b"- &a%d [*a%d]\n" % (i + 1, i) for i in range(40)), "refers to nothing"),
+        (b"- &a0 x\n" + b"".join(b"- &a%d [*a%d]\n" % (i + 1, i) for i in range(40)), "too deeply"),
         (b"x: " + b"y" * 5_000_000, "larger than"),
     ],
 )
@@ -222,6 +254,46 @@ def test_files_that_are_no_configs(tmp_path, content, words):
     path.write_bytes(content)
     with pytest.raises(DocumentError, match=words):
         config.load(path, "c.yaml")
+
+
+def test_the_parser_without_libyaml_reads_the_same(monkeypatch):
+    """PyYAML may have been built without it."""
+    texts = [QUICK, "a: &x [1, {b: 'c'}]\nd: *x", "é: \x01", "a: ]", "a: 1\n--- b", ""]
+    fast = [_read(text) for text in texts]
+    monkeypatch.setattr(documents, "_LOADER", yaml.SafeLoader)
+    assert [_read(text) for text in texts] == fast
+    assert fast[1] == {"a": [1, {"b": "c"}], "d": [1, {"b": "c"}]}
+
+
+def _read(text):
+    try:
+        return documents.parse(text, "f").data
+    except DocumentError as error:
+        return str(error).partition(": not YAML:")[0].partition(": not text:")[0]
+
+
+def test_whole_numbers(tmp_path):
+    """1e2 is one, as in JSON Schema; text and truth values are none."""
+    (cell, *_) = load(tmp_path, QUICK.replace("t_end: 1.0", "steps: 1e2\nsamples: 3.0")).cells()
+    assert (cell.steps, cell.samples) == (100, 3)
+    assert type(cell.steps) is type(cell.samples) is int
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_large_members_need_not_be_built(tmp_path, family):
+    """What a config must know of them is known at once, and right."""
+    size = FAMILIES[family].parameters[0]
+    spec = Sized(family, ((size, 9),))
+    traits, problem = spec.traits(), spec.load()
+    assert (traits.name, traits.n, traits.m) == (problem.name, problem.n, problem.m)
+    assert traits.sample.quadratic == problem.quadratic
+    assert traits.sample.single == problem.single
+    text = QUICK.replace("pendulum", f"{{{family}: {{{size}: 1000000}}}}")
+    begin = time.process_time()
+    assert load(tmp_path, text + "evaluation: compensated\n").count == 4
+    with pytest.raises(DocumentError, match="float32 needs dense-lu"):
+        load(tmp_path, text + "precision: float32\n")
+    assert time.process_time() - begin < 1
 
 
 def test_alias_bombs_are_refused(tmp_path):

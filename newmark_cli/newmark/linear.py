@@ -52,7 +52,23 @@ class LinearSystem(Protocol):
         """J̄ at a state; raises numpy.linalg.LinAlgError when it is singular."""
 
 
-def choose(linear_solver: str, problem: Problem, form: Form) -> str:
+class Counted(Protocol):
+    """A problem, or as much of it as `choose` looks at."""
+
+    @property
+    def name(self) -> str:
+        """How errors name it."""
+
+    @property
+    def n(self) -> int:
+        """Coordinates."""
+
+    @property
+    def m(self) -> int:
+        """Constraints."""
+
+
+def choose(linear_solver: str, problem: Counted, form: Form) -> str:
     """The solver that one of `LINEAR_SOLVERS` means for a problem and a form.
 
     Raises:

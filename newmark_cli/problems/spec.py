@@ -4,7 +4,8 @@ Each kind of problem is a frozen, hashable value with
 
 - ``label``, the CSV's ``problem`` column, without commas;
 - ``given``, as a config spells it;
-- ``load()``, the problem itself, built once for all cells that share it.
+- ``load()``, the problem itself, built once for all cells that share it;
+- ``traits()``, what `Traits` names of it, at no cost where it is large.
 
 Another kind is another such class beside these and a member of `ProblemSpec`.
 """
@@ -18,6 +19,27 @@ from typing import Any
 from newmark_cli.problems import registry
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.problem import Problem
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What a config must know of a problem, which a large one need not be built for.
+
+    Attributes:
+        name: Name of the problem.
+        n, m: Coordinates and constraints.
+        sample: The problem, or a small one that is quadratic, single or symmetric
+            where the problem is.
+    """
+
+    name: str
+    n: int
+    m: int
+    sample: Problem
+
+
+def _traits(problem: Problem) -> Traits:
+    return Traits(problem.name, problem.n, problem.m, problem)
 
 
 @dataclass(frozen=True)
@@ -43,6 +65,10 @@ class Shipped:
     def load(self) -> Problem:
         """The problem; raises ProblemError when there is none of this name."""
         return registry.problem(self.name)
+
+    def traits(self) -> Traits:
+        """Of the problem; raises what `load` does."""
+        return _traits(self.load())
 
 
 @dataclass(frozen=True)
@@ -70,6 +96,17 @@ class Sized:
     def load(self) -> Problem:
         """The problem."""
         return _sized(self)
+
+    def traits(self) -> Traits:
+        """From small members: each unit of a size adds as much as the one before."""
+        twos = dict.fromkeys(dict(self.sizes), 2)
+        small = Sized(self.family, tuple(twos.items())).load()
+        n, m = small.n, small.m
+        for name, size in self.sizes:
+            larger = Sized(self.family, tuple((twos | {name: 3}).items())).load()
+            n += (size - 2) * (larger.n - small.n)
+            m += (size - 2) * (larger.m - small.m)
+        return Traits(self.label, n, m, small)
 
 
 @cache
@@ -102,6 +139,10 @@ class MechanismFile:
     def load(self) -> Problem:
         """The problem; raises DocumentError for a mistake in the file."""
         return _mechanism(self)
+
+    def traits(self) -> Traits:
+        """Of the problem; raises what `load` does."""
+        return _traits(self.load())
 
 
 @cache
@@ -142,6 +183,10 @@ class PythonFactory:
     def load(self) -> Problem:
         """The problem; raises ProblemError when the code fails or what it returns is unfit."""
         return _python(self)
+
+    def traits(self) -> Traits:
+        """Of the problem; raises what `load` does."""
+        return _traits(self.load())
 
 
 @cache

@@ -3,30 +3,56 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
+    GetCoreSchemaHandler,
     PlainSerializer,
     Strict,
     TypeAdapter,
     ValidationInfo,
     WrapValidator,
+    create_model,
     model_validator,
 )
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, core_schema
 
 from newmark_cli import documents
-from newmark_cli.documents import Document, DocumentError, KeyPath, StrictModel, misfit
+from newmark_cli.documents import (
+    WHOLE,
+    Document,
+    DocumentError,
+    KeyPath,
+    Number,
+    StrictModel,
+    misfit,
+)
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import INTEGRATORS, Integrator, IntegratorError, parameters
+from newmark_cli.newmark.integrator import (
+    INTEGRATORS,
+    Integrator,
+    IntegratorError,
+    parameters,
+)
 from newmark_cli.newmark.krylov import Krylov, is_symmetric
-from newmark_cli.newmark.linear import AUTO, DENSE, GMRES, LINEAR_SOLVERS, MINRES, choose
+from newmark_cli.newmark.linear import (
+    AUTO,
+    DENSE,
+    GMRES,
+    LINEAR_SOLVERS,
+    MINRES,
+    SPARSE,
+    choose,
+)
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
@@ -38,6 +64,7 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.problems import planar
 from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import (
     MechanismFile,
@@ -61,28 +88,53 @@ BEYOND = ("integrators", "multipliers", "error", "tolerance", "krylov", "precisi
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _RESERVED = ("slopes",)
 _MOST_STEPS = 20_000_000
+# More is a slip of the finger, and would keep `validate` busy.
+_MOST_ITEMS = 1_000
+_MOST_CASES = 500
+_MOST_CELLS = 20_000
+_TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
 def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
     """A value or a list of values, each once."""
-    values = validate(value if isinstance(value, list) else [value])
-    for i, item in enumerate(values):
-        if item in values[:i]:
+    given = value if isinstance(value, list) else [value]
+    if len(given) > _MOST_ITEMS:
+        raise ValueError(f"at most {_MOST_ITEMS} values, given {len(given)}")
+    values = validate(given)
+    seen = set()
+    for item in values:
+        # A scaling of one's own has no hash.
+        if repr(item) in seen:
             name = getattr(item, "label", getattr(item, "name", item))
             raise ValueError(f"given twice: {name}")
+        seen.add(repr(item))
     return values
 
 
-_ONE_OR_MORE = WrapValidator(_one_or_more)
+Item = TypeVar("Item")
+OneOrMore = Annotated[
+    tuple[Item, ...],
+    Field(min_length=1),
+    WrapValidator(_one_or_more),
+]
 
 
-def _known(kind: str, allowed: tuple[str, ...]) -> AfterValidator:
-    def check(name: str) -> str:
-        if name not in allowed:
-            raise documents.unknown_name(kind, name, allowed)
+@dataclass(frozen=True)
+class _Known:
+    """One of the names of a registry."""
+
+    kind: str
+    allowed: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def _check(self, name: str) -> str:
+        if name not in self.allowed:
+            raise documents.unknown_name(self.kind, name, self.allowed)
         return name
-
-    return AfterValidator(check)
 
 
 def _name(text: str) -> str:
@@ -93,13 +145,9 @@ def _name(text: str) -> str:
     return text
 
 
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 Name = Annotated[str, AfterValidator(_name)]
-Factor = Annotated[
-    str | Annotated[int, Strict()] | Annotated[float, Strict()],
-    Field(union_mode="left_to_right"),
-]
+Factor = Annotated[str | Annotated[int, Strict()] | Number, Field(union_mode="left_to_right")]
 
 
 class OwnScaling(StrictModel):
@@ -128,7 +176,7 @@ class OwnScaling(StrictModel):
 class IntegratorConfig(StrictModel):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
-    method: Annotated[str, _known("method", tuple(INTEGRATORS))] = "newmark"
+    method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
     beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
     gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
     rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
@@ -184,7 +232,7 @@ class KrylovConfig(StrictModel):
     tolerance: Positive = Field(
         Krylov().tolerance, lt=1, description="relative residual to reach, in balanced rows"
     )
-    limit: Annotated[int, Strict(), Field(ge=1, le=100_000)] = Field(
+    limit: Annotated[int, Strict(), Field(ge=1, le=100_000), WHOLE] = Field(
         Krylov().limit, description="most iterations of one solve"
     )
 
@@ -267,51 +315,34 @@ def _loaded(spec: ProblemSpec) -> ProblemSpec:
     return spec
 
 
+def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
+    if AUTO in solvers and {DENSE, SPARSE} & set(solvers):
+        raise ValueError(f"{AUTO} becomes {DENSE} or {SPARSE}: given twice")
+    return solvers
+
+
 Variant = Annotated[Any, BeforeValidator(_preconditioning)]
-Problems = Annotated[
-    tuple[Annotated[Any, BeforeValidator(_problem), PlainSerializer(lambda p: p.given)], ...],
-    _ONE_OR_MORE,
-    Field(min_length=1),
+Problems = OneOrMore[
+    Annotated[
+        Any,
+        BeforeValidator(_problem),
+        PlainSerializer(lambda p: p.given),
+    ]
 ]
-Variants = Annotated[
-    tuple[Variant, ...],
-    _ONE_OR_MORE,
-    Field(min_length=1),
-]
-StepSizes = Annotated[
-    tuple[Positive, ...],
-    _ONE_OR_MORE,
-    Field(min_length=1),
-]
-
-
-Forms = Annotated[
-    tuple[Annotated[str, _known("form", tuple(FORMS))], ...], _ONE_OR_MORE, Field(min_length=1)
-]
-Measures = Annotated[
-    tuple[Annotated[str, _known("measure", MEASURES)], ...], _ONE_OR_MORE, Field(min_length=1)
-]
-Evaluations = Annotated[
-    tuple[Annotated[str, _known("evaluation", EVALUATIONS)], ...], _ONE_OR_MORE, Field(min_length=1)
-]
-Precisions = Annotated[
-    tuple[Annotated[str, _known("precision", tuple(PRECISIONS))], ...],
-    _ONE_OR_MORE,
-    Field(min_length=1),
-]
+Variants = OneOrMore[Variant]
+StepSizes = OneOrMore[Positive]
+Forms = OneOrMore[Annotated[str, _Known("form", tuple(FORMS))]]
+Measures = OneOrMore[Annotated[str, _Known("measure", MEASURES)]]
+Evaluations = OneOrMore[Annotated[str, _Known("evaluation", EVALUATIONS)]]
+Precisions = OneOrMore[Annotated[str, _Known("precision", tuple(PRECISIONS))]]
 LinearSolvers = Annotated[
-    tuple[Annotated[str, _known("linear solver", LINEAR_SOLVERS)], ...],
-    _ONE_OR_MORE,
+    tuple[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)], ...],
     Field(min_length=1),
+    WrapValidator(_one_or_more),
+    AfterValidator(_auto_alone),
 ]
-Accepted = Annotated[
-    tuple[Annotated[str, _known("status", STATUSES[1:])], ...], _ONE_OR_MORE, Field(min_length=1)
-]
-Integrators = Annotated[
-    tuple[IntegratorConfig, ...],
-    _ONE_OR_MORE,
-    Field(min_length=1),
-]
+Accepted = OneOrMore[Annotated[str, _Known("status", STATUSES[1:])]]
+Integrators = OneOrMore[IntegratorConfig]
 
 
 class Case(StrictModel):
@@ -325,7 +356,7 @@ class Case(StrictModel):
     preconditioning: Variants = Field(description="variant or scaling of one's own, or a list")
     h: StepSizes = Field(description="step sizes (s)")
     t_end: Positive | None = Field(None, description="end of the march, from 0 (s)")
-    steps: Annotated[int, Strict(), Field(ge=0, le=_MOST_STEPS)] | None = Field(
+    steps: Annotated[int, Strict(), Field(ge=0, le=_MOST_STEPS), WHOLE] | None = Field(
         None, description="steps to take, in place of t_end; 0: measure at the initial state"
     )
     integrator: Integrators = Field(
@@ -339,10 +370,10 @@ class Case(StrictModel):
         None, description="tolerance on the scaled correction; default: where rounding stops it"
     )
     measure: Measures = Field(("correction", "condition"), description="what is measured")
-    iteration_cap: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
+    iteration_cap: Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE] = Field(
         50, description="most Newton corrections in a step"
     )
-    samples: Annotated[int, Strict(), Field(ge=1, le=10_000)] = Field(
+    samples: Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE] = Field(
         32, description="most steps at which J is evaluated for condition and sensitivity"
     )
 
@@ -356,6 +387,8 @@ class Case(StrictModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> "Case":
+        if self.count > _MOST_CELLS:
+            raise ValueError(_TOO_MANY_CELLS)
         if (self.t_end is None) == (self.steps is None):
             given = "both" if self.steps is not None else "neither"
             raise misfit("t_end", f"needs either t_end or steps, given {given}")
@@ -381,6 +414,10 @@ class Case(StrictModel):
             raise misfit("measure", "tolerance needs 'stop'")
         if "krylov" in self.measure and not set(self.linear_solver) <= {GMRES, MINRES}:
             raise misfit("measure", f"krylov needs linear_solver {GMRES} or {MINRES}")
+        labels = [variant.label for variant in self.variants()]
+        if len(set(labels)) < len(labels):
+            twice = next(label for label in labels if labels.count(label) > 1)
+            raise misfit("preconditioning", f"given twice: {twice}")
         for name in self.form:
             for variant in self.variants():
                 try:
@@ -392,31 +429,42 @@ class Case(StrictModel):
 
     def _require_fit(self) -> None:
         """Refuse what a problem is not fit for; loads problems only where it matters."""
+        if not (
+            COMPENSATED in self.evaluation
+            or MINRES in self.linear_solver
+            or "float32" in self.precision
+        ):
+            return
         for spec in self.problem:
-            if COMPENSATED in self.evaluation and not spec.load().quadratic:
+            traits = spec.traits()
+            if COMPENSATED in self.evaluation and not traits.sample.quadratic:
                 raise misfit(
                     "evaluation",
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
             if MINRES in self.linear_solver:
-                self._require_symmetric(spec)
+                self._require_symmetric(spec.label, traits.sample)
             if "float32" not in self.precision:
                 continue
-            if not spec.load().single:
+            if not traits.sample.single:
                 raise misfit("precision", f"{spec.label} is computed in float64 only")
             for form, solver in product(self.form, self.linear_solver):
-                if choose(solver, spec.load(), FORMS[form]) != DENSE:
+                if choose(solver, traits, FORMS[form]) != DENSE:
                     raise misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
-    def _require_symmetric(self, spec: ProblemSpec) -> None:
+    def _require_symmetric(self, label: str, problem: Problem) -> None:
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
-            if not is_symmetric(spec.load(), scheme):
+            try:
+                symmetric = is_symmetric(problem, scheme)
+            except ArithmeticError:
+                raise misfit("h", f"too large or too small, given {self.h[0]:g}") from None
+            if not symmetric:
                 raise misfit(
                     "linear_solver",
-                    f"{MINRES}: the matrix of {spec.label}, {form}, {variant.name} is not "
+                    f"{MINRES}: the matrix of {label}, {form}, {variant.name} is not "
                     f"symmetric; take {GMRES}",
                 )
 
@@ -426,6 +474,34 @@ class Case(StrictModel):
             v.preconditioning() if isinstance(v, OwnScaling) else Preconditioning(v)
             for v in self.preconditioning
         ]
+
+    def axes(self) -> list[tuple[Any, ...]]:
+        """Values along each axis by which cells differ, problem to measure first."""
+        solvers = [
+            (DENSE, SPARSE) if solver == AUTO else (solver,) for solver in self.linear_solver
+        ]
+        return [
+            self.problem,
+            self.form,
+            tuple(variant.label for variant in self.variants()),
+            self.h,
+            self.measure,
+            tuple(integrator.integrator() for integrator in self.integrator),
+            self.evaluation,
+            self.precision,
+            tuple(chain.from_iterable(solvers)),
+            (self.stop,),
+            (self.steps == 0,),
+        ]
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        axes = (
+            self.problem, self.integrator, self.evaluation, self.precision, self.linear_solver,
+            self.form, self.preconditioning, self.h,
+        )  # fmt: skip
+        return math.prod(len(axis) for axis in axes)
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -464,12 +540,28 @@ class Case(StrictModel):
             )
 
 
+def _optional(field: FieldInfo) -> tuple[Any, FieldInfo]:
+    optional = copy(field)
+    optional.default, optional.default_factory = None, None
+    return field.annotation, optional
+
+
+#: Keys of a case that stand at the top, each looked at on its own.
+_SHARED_KEYS: dict[str, Any] = {name: _optional(field) for name, field in Case.model_fields.items()}
+_Shared = create_model("_Shared", __base__=StrictModel, **_SHARED_KEYS)
+
+
 class Study(StrictModel):
     """A study: a name and its cases."""
 
     study: Name = Field(description="names the CSV")
     description: str = Field("", description="one line for `list`")
     cases: tuple[Case, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return sum(case.count for case in self.cases)
 
     def cells(self) -> list[Cell]:
         """All cells in the order of the CSV."""
@@ -510,7 +602,16 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     if not isinstance(given, list) or not given:
         raise document.error(("cases",), "must be a list of cases, at least one")
     around = around or Surroundings()
-    cases = [_case(document, shared, case, i, around) for i, case in enumerate(given)]
+    if len(given) > _MOST_CASES:
+        raise document.error(("cases",), f"at most {_MOST_CASES} cases, given {len(given)}")
+    if "cases" in data:
+        # Also what every case replaces: a mistake is a mistake where nobody looks.
+        documents.validate(document, _Shared, shared, context=around)
+    cases: list[Case] = []
+    for i, case in enumerate(given):
+        cases.append(_case(document, shared, case, i, around))
+        if sum(case.count for case in cases) > _MOST_CELLS:
+            raise document.error(("cases",), _TOO_MANY_CELLS)
     head = {key: data[key] for key in ("study", "description") if key in data}
     study = documents.validate(document, Study, {**head, "cases": cases})
     _refuse_repeated_cells(document, study)
@@ -534,22 +635,22 @@ def _case(
 
 
 def _refuse_repeated_cells(document: Document, study: Study) -> None:
-    solvers: dict[tuple[Any, ...], list[str]] = {}
-    for cell in study.cells():
-        for measure in cell.measure:
-            key = (
-                cell.problem, cell.integrator, cell.form, cell.preconditioning.label, cell.h,
-                cell.steps == 0, measure, cell.evaluation, cell.precision, cell.stop,
-            )  # fmt: skip
-            others = solvers.setdefault(key, [])
-            # `auto` becomes one of the others.
-            if others and (AUTO in (*others, cell.linear_solver) or cell.linear_solver in others):
+    """Grids have a cell in common if they share a value along every axis."""
+    known: list[list[frozenset[Any]]] = []
+    for case in study.cases:
+        axes = case.axes()
+        for others in known:
+            if not any(other.isdisjoint(axis) for other, axis in zip(others, axes, strict=True)):
+                problem, form, label, h, measure = (
+                    next(value for value in axis if value in other)
+                    for other, axis in list(zip(others, axes, strict=True))[:5]
+                )
                 raise document.error(
                     ("cases",),
-                    f"two cases have {cell.problem.label}, {cell.form}, "
-                    f"{cell.preconditioning.name}, h = {cell.h:g}, {measure}",
+                    f"two cases have {problem.label}, {form}, {label.partition('[')[0]}, "
+                    f"h = {h:g}, {measure}",
                 )
-            others.append(cell.linear_solver)
+        known.append([frozenset(axis) for axis in axes])
 
 
 def shipped_folder() -> Path:
@@ -624,4 +725,4 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
         problem = planar.built(name, document)
         return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
     study = parse(document, Surroundings(path.parent, allow_code))
-    return f"{name}: study {study.study}, {len(study.cells())} cells"
+    return f"{name}: study {study.study}, {study.count} cells"
