@@ -552,6 +552,21 @@ def draw(
     return 0
 
 
+@cli.command()
+@click.argument("kind", type=click.Choice(["config", "mechanism"]), default="config")
+def schema(kind: str) -> int:
+    r"""Print the JSON Schema of study configs, or of mechanism files, for editors.
+
+    \b
+    Example:
+      newmark-study schema > newmark-study.json
+    """
+    from newmark_cli.study import schema as schemas
+
+    click.echo(schemas.text(kind))
+    return 0
+
+
 @cli.command("list")
 def list_() -> int:
     r"""List problems, forms, integrators, variants, configs and figures.

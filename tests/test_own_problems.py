@@ -61,7 +61,7 @@ def test_mistakes_in_a_mechanism_stop_the_run(cli, hoist):
     cli.write("hoist.yaml", text.replace("to: S, length", "to: T, length"))
     line = cli.refused("run", "mine.yaml")
     assert "mine.yaml, line 2: problem" in line
-    assert "hoist.yaml, line 20: bars.link.to: unknown point 'T'" in line
+    assert "hoist.yaml, line 21: bars.link.to: unknown point 'T'" in line
     assert not (cli.folder / "results").exists()
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from newmark_cli.errors import InputError
 
 SYMBOLS = ("beta", "gamma", "h")
-_LONGEST = 200
+LONGEST = 200
 _ALPHABET = re.compile(r"[a-zA-Z0-9.+*/^() -]*", re.ASCII)
 
 
@@ -47,8 +47,8 @@ class Monomial:
                 coefficient is not positive and finite.
         """
         source = str(text)
-        if len(source) > _LONGEST:
-            raise MonomialError(f"longer than {_LONGEST} characters")
+        if len(source) > LONGEST:
+            raise MonomialError(f"longer than {LONGEST} characters")
         if not _ALPHABET.fullmatch(source):
             raise MonomialError(f"{source!r}: only numbers, symbols, * / ^ and parentheses")
         try:

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from itertools import chain, product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -12,12 +12,15 @@ from typing import Annotated, Any, TypeVar
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Field,
     GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     PlainSerializer,
     Strict,
     TypeAdapter,
     ValidationInfo,
+    WithJsonSchema,
     WrapValidator,
     create_model,
     model_validator,
@@ -36,8 +39,10 @@ from newmark_cli.documents import (
     misfit,
 )
 from newmark_cli.errors import InputError
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.json_schema import JsonSchema, Shown, also, given
+from newmark_cli.newmark.forms import FORMS, ROWS
 from newmark_cli.newmark.integrator import (
+    FIELDS,
     INTEGRATORS,
     Integrator,
     IntegratorError,
@@ -53,6 +58,7 @@ from newmark_cli.newmark.linear import (
     SPARSE,
     choose,
 )
+from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
@@ -80,7 +86,7 @@ MEASURES = (
     "krylov",
 )  # fmt: skip
 #: Measures that need steps; the others can be taken at the initial state.
-_ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history", "krylov")
+ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history", "krylov")
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -90,7 +96,7 @@ _RESERVED = ("slopes",)
 _MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_ITEMS = 1_000
-_MOST_CASES = 500
+MOST_CASES = 500
 _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
@@ -111,11 +117,17 @@ def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tupl
     return values
 
 
+def _written_once_or_more(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    several = handler(schema) | {"maxItems": _MOST_ITEMS, "uniqueItems": True}
+    return {"anyOf": [several["items"], several]}
+
+
 Item = TypeVar("Item")
 OneOrMore = Annotated[
     tuple[Item, ...],
     Field(min_length=1),
     WrapValidator(_one_or_more),
+    Shown(_written_once_or_more),
 ]
 
 
@@ -130,6 +142,11 @@ class _Known:
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        return {"type": "string", "enum": list(self.allowed)}
 
     def _check(self, name: str) -> str:
         if name not in self.allowed:
@@ -146,16 +163,53 @@ def _name(text: str) -> str:
 
 
 Positive = Annotated[Number, Field(gt=0)]
-Name = Annotated[str, AfterValidator(_name)]
-Factor = Annotated[str | Annotated[int, Strict()] | Number, Field(union_mode="left_to_right")]
+Name = Annotated[
+    str,
+    AfterValidator(_name),
+    also(pattern=f"^{_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
+]
+# A factor of a scaling, but that nobody counts its parentheses: symbols and positive
+# numbers with whole powers up to 16, joined by * and /.
+_ATOM = rf"({'|'.join(SYMBOLS)}|(?=[0-9.]*[1-9])([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?)"
+_POWER = r"([ )]*(\^|\*\*)[ (]*(-[ (]*)?(1[0-6]|[0-9])(?![0-9]))?"
+_MONOMIAL = rf"^[ (]*{_ATOM}{_POWER}[ )]*([*/][ (]*{_ATOM}{_POWER}[ )]*)*$"
+Factor = Annotated[
+    str | Annotated[int, Strict()] | Number,
+    Field(union_mode="left_to_right"),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string", "pattern": _MONOMIAL, "maxLength": LONGEST},
+                {"type": "number", "exclusiveMinimum": 0},
+            ],
+        }
+    ),
+]
+
+
+def _blocks(*names: str) -> Shown:
+    """Mapping with these keys; `own_scaling` knows which of them a form has."""
+
+    def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+        factor = handler(schema)["additionalProperties"] | {"title": "Factor"}
+        properties = dict.fromkeys(names, factor)
+        return {"type": "object", "properties": properties, "additionalProperties": False}
+
+    return Shown(written)
 
 
 class OwnScaling(StrictModel):
     """A scaling of one's own; blocks that are not named keep factor 1."""
 
-    name: Name = Field(description="name in CSVs and figures")
-    left: dict[str, Factor] = Field({}, description="row block D, V, K, C → monomial")
-    right: dict[str, Factor] = Field({}, description="unknown u, v, a, lambda → monomial")
+    name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
+        description="name in CSVs and figures"
+    )
+    left: Annotated[dict[str, Factor], _blocks(*ROWS)] = Field(
+        {}, description="row block D, V, K, C → monomial in beta, gamma and h"
+    )
+    right: Annotated[dict[str, Factor], _blocks(*FIELDS, "lambda")] = Field(
+        {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
+    )
 
     @model_validator(mode="after")
     def _not_a_variant(self) -> "OwnScaling":
@@ -177,10 +231,38 @@ class IntegratorConfig(StrictModel):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
     method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
-    beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
-    gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
-    rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
-    alpha: Number | None = Field(None, description="α of hht, 0 to 1/3")
+    # The integrators check the bounds, and say why; they stand here for JSON Schema.
+    beta: Annotated[Number, also(exclusiveMinimum=0)] | None = Field(
+        None, description="β of newmark, 0.25 when omitted"
+    )
+    gamma: Annotated[Number, also(minimum=0.5)] | None = Field(
+        None, description="γ of newmark, 0.5 when omitted"
+    )
+    rho: Annotated[Number, also(minimum=0, maximum=1)] | None = Field(
+        None, description="ρ∞ of generalized-alpha, 0 to 1"
+    )
+    alpha: Annotated[Number, also(minimum=0, maximum=1 / 3)] | None = Field(
+        None, description="α of hht, 0 to 1/3"
+    )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        rules = []
+        for method, integrator in INTEGRATORS.items():
+            is_it: JsonSchema = {"properties": {"method": {"const": method}}}
+            if method != cls.model_fields["method"].default:
+                is_it["required"] = ["method"]
+            absent = [
+                name for name in cls.model_fields if name not in ("method", *parameters(method))
+            ]
+            needed = [f.name for f in fields(integrator) if f.default is MISSING]
+            then = {"properties": {name: {"type": "null"} for name in absent}}
+            rules.append({"if": is_it, "then": {"allOf": [then, *map(given, needed)]}})
+        handler.resolve_ref_schema(reference)["allOf"] = rules
+        return reference
 
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
@@ -211,6 +293,8 @@ class IntegratorConfig(StrictModel):
 
 class StopConfig(StrictModel):
     """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
+
+    model_config = ConfigDict(json_schema_extra={"anyOf": [given("absolute"), given("relative")]})
 
     absolute: Positive | None = Field(None, description="bound of the scaled correction")
     relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
@@ -321,12 +405,64 @@ def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
     return solvers
 
 
-Variant = Annotated[Any, BeforeValidator(_preconditioning)]
+def _written_solvers(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    both = [{"contains": {"const": AUTO}}, {"contains": {"enum": [DENSE, SPARSE]}}]
+    return _written_once_or_more(schema, handler) | {"not": {"type": "array", "allOf": both}}
+
+
+def _written_variant(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    """What `_preconditioning` takes."""
+    own = handler(OwnScaling.__pydantic_core_schema__)
+    return {"anyOf": [{"type": "string", "enum": list(VARIANTS)}, own]}
+
+
+def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    """What `_problem` takes."""
+
+    def mapping(about: str, properties: JsonSchema, required: str) -> JsonSchema:
+        return {
+            "type": "object",
+            "description": about,
+            "properties": properties,
+            "required": [required],
+            "additionalProperties": False,
+        }
+
+    arguments = {
+        "type": "object",
+        "description": "arguments of the function",
+        "additionalProperties": {"type": ["string", "number", "boolean", "null"]},
+    }
+    # Identifiers may have letters of any script, which no pattern names.
+    code = {"type": "string", "pattern": r"[^:]:[^\s\d:()./-][^\s:()./-]*$"}
+    return {
+        "anyOf": [
+            {"type": "string", "enum": list(PROBLEMS)},
+            {
+                "type": "string",
+                "description": "mechanism file, looked for beside the config",
+                "pattern": r"[^/]\.ya?ml/*$",
+            },
+            *(
+                mapping(family.title, {name: handler(family.size.__pydantic_core_schema__)}, name)
+                for name, family in FAMILIES.items()
+            ),
+            mapping(
+                "function in a Python file, which runs only with --allow-code",
+                {"python": code, "args": arguments},
+                "python",
+            ),
+        ]
+    }
+
+
+Variant = Annotated[Any, BeforeValidator(_preconditioning), Shown(_written_variant)]
 Problems = OneOrMore[
     Annotated[
         Any,
         BeforeValidator(_problem),
         PlainSerializer(lambda p: p.given),
+        Shown(_written_problem),
     ]
 ]
 Variants = OneOrMore[Variant]
@@ -340,6 +476,7 @@ LinearSolvers = Annotated[
     Field(min_length=1),
     WrapValidator(_one_or_more),
     AfterValidator(_auto_alone),
+    Shown(_written_solvers),
 ]
 Accepted = OneOrMore[Annotated[str, _Known("status", STATUSES[1:])]]
 Integrators = OneOrMore[IntegratorConfig]
@@ -403,7 +540,7 @@ class Case(StrictModel):
                     raise misfit(
                         "h", f"errors are measured at t_end: no whole number of steps, given {h:g}"
                     )
-        along = [measure for measure in self.measure if measure in _ALONG_STEPS]
+        along = [measure for measure in self.measure if measure in ALONG_STEPS]
         if self.steps == 0 and along:
             raise misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
         if self.stop is not None and "correction" in self.measure:
@@ -602,8 +739,8 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     if not isinstance(given, list) or not given:
         raise document.error(("cases",), "must be a list of cases, at least one")
     around = around or Surroundings()
-    if len(given) > _MOST_CASES:
-        raise document.error(("cases",), f"at most {_MOST_CASES} cases, given {len(given)}")
+    if len(given) > MOST_CASES:
+        raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(given)}")
     if "cases" in data:
         # Also what every case replaces: a mistake is a mistake where nobody looks.
         documents.validate(document, _Shared, shared, context=around)
