@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from newmark_cli import __version__
+from newmark_cli.completion import complete
 from newmark_cli.errors import ExecutorError, InputError, one_line
 
 if TYPE_CHECKING:
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
     from newmark_cli.report.tables import Entry
     from newmark_cli.study.config import Study
+
+
+_complete_config = complete("configs", files=True)
 
 
 def _folder(context: click.Context, option: click.Parameter, given: Path) -> Path:
@@ -142,7 +146,9 @@ def _shard(
 
 
 @cli.command()
-@click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
+@click.argument(
+    "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=_complete_config
+)
 @_results
 @_running
 @click.option("--dry-run", is_flag=True, help="List every cell as done, or to run and why.")
@@ -177,7 +183,9 @@ def run(
 
 
 @cli.command()
-@click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
+@click.argument(
+    "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=_complete_config
+)
 @click.option(
     "--from",
     "sources",
@@ -218,7 +226,7 @@ def merge(
 
 
 @cli.command()
-@click.argument("figures", nargs=-1, metavar="[FIGURE...]")
+@click.argument("figures", nargs=-1, metavar="[FIGURE...]", shell_complete=complete("figures"))
 @_results
 def plot(figures: tuple[str, ...], folder: Path) -> int:
     r"""Draw figures, by default all that the CSVs in DIR are enough for.
@@ -308,7 +316,7 @@ def reproduce(folder: Path, how: _How, everything: bool) -> int:
 
 
 @cli.command()
-@click.argument("studies", nargs=-1, metavar="[STUDY...]")
+@click.argument("studies", nargs=-1, metavar="[STUDY...]", shell_complete=complete("configs"))
 @_results
 @click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
 @click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
@@ -411,11 +419,18 @@ def report(folder: Path, output: Path | None) -> int:
 
 
 @cli.command()
-@click.option("--form", "form", metavar="FORM", help="One form; all seven when omitted.")
+@click.option(
+    "--form",
+    "form",
+    metavar="FORM",
+    shell_complete=complete("forms"),
+    help="One form; all seven when omitted.",
+)
 @click.option(
     "--preconditioning",
     "variant",
     metavar="VARIANT",
+    shell_complete=complete("preconditioning"),
     help="One variant; the paper's four when omitted.",
 )
 @click.option(
@@ -424,7 +439,13 @@ def report(folder: Path, output: Path | None) -> int:
     default=None,
     help="How residuals are evaluated; direct when omitted.",
 )
-@click.option("--config", "file", metavar="CONFIG", help="Forms and scalings of a config.")
+@click.option(
+    "--config",
+    "file",
+    metavar="CONFIG",
+    shell_complete=_complete_config,
+    help="Forms and scalings of a config.",
+)
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @_allow_code
@@ -480,7 +501,9 @@ def tables(folder: Path) -> int:
 
 
 @cli.command()
-@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.argument(
+    "files", nargs=-1, required=True, metavar="FILE...", shell_complete=complete(files=True)
+)
 @_allow_code
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     r"""Check configs and mechanism files without running them.
@@ -504,7 +527,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
 
 
 @cli.command()
-@click.argument("problem", metavar="PROBLEM")
+@click.argument("problem", metavar="PROBLEM", shell_complete=complete("problems", files=True))
 @_results
 @click.option("--at", "time", type=float, default=0.0, metavar="T", help="Time of the drawing (s).")
 @click.option("--h", "step", type=float, metavar="H", help="Step size (s); T/2000 when omitted.")
@@ -568,7 +591,8 @@ def schema(kind: str) -> int:
 
 
 @cli.command("list")
-def list_() -> int:
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def list_(as_json: bool) -> int:
     r"""List problems, forms, integrators, variants, configs and figures.
 
     \b
@@ -603,6 +627,9 @@ def list_() -> int:
         "configs": [(name, config.load_shipped(name).description) for name in config.shipped()],
         "figures": [(figure.name, figure.title) for figure in FIGURES.values()],
     }
+    if as_json:
+        click.echo(_json({title: dict(entries) for title, entries in sections.items()}))
+        return 0
     for title, entries in sections.items():
         click.echo(f"{title}:")
         for name, text in entries:

@@ -29,6 +29,7 @@ MECHANISMS = ROOT / "newmark_cli/problems/mechanisms"
 COMMITTED = {
     ROOT / "configs/schema/config.json": ("schema", "config"),
     MECHANISMS / "schema/mechanism.json": ("schema", "mechanism"),
+    ROOT / "newmark_cli/names.json": ("list", "--json"),
 }
 FILES = sorted(
     file
@@ -194,7 +195,7 @@ def assert_agreement(text, folder):
 
 @pytest.mark.parametrize("file", COMMITTED, ids=lambda file: file.name)
 def test_committed_files_are_what_the_commands_print(cli, file):
-    """After a change: newmark-study schema, schema mechanism (CONTRIBUTING)."""
+    """After a change: newmark-study schema, schema mechanism, list --json (CONTRIBUTING)."""
     assert file.read_text() == cli(*COMMITTED[file]).stdout
 
 

@@ -1,0 +1,135 @@
+"""Completion in shells, through the console script and the protocol of click."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import SCRIPT
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.scaling import VARIANTS
+from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.study import config
+
+README = (Path(__file__).parents[1] / "README.md").read_text()
+
+
+@pytest.fixture
+def complete(tmp_path):
+    """Offered for a line that ends at the cursor, in a folder with a few files."""
+    for name in ("mine.yaml", "other.yml", "notes.txt", ".hidden.yaml", "more/own.yaml"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+
+    def run(line, shell="bash"):
+        words = line.split(" ")
+        if shell == "fish":
+            variables = {"COMP_WORDS": line, "COMP_CWORD": words[-1]}
+        else:
+            variables = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+        done = subprocess.run(
+            [SCRIPT],
+            env={**os.environ, **variables, "_NEWMARK_STUDY_COMPLETE": f"{shell}_complete"},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    return run
+
+
+def offered(text):
+    """Words that bash is given."""
+    return [line.removeprefix("plain,") for line in text.splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("newmark-study val", ["validate"]),
+        ("newmark-study run ", [*config.shipped(), "mine.yaml", "other.yml"]),
+        ("newmark-study run pendulum-u mi", ["mine.yaml"]),
+        ("newmark-study run more/", ["more/own.yaml"]),
+        ("newmark-study run .h", [".hidden.yaml"]),
+        ("newmark-study validate ", ["mine.yaml", "other.yml"]),
+        ("newmark-study plot ", list(FIGURES)),
+        ("newmark-study plot 1 sens", ["sensitivity"]),
+        ("newmark-study draw ", [*PROBLEMS, "mine.yaml", "other.yml"]),
+        ("newmark-study orders --form ", list(FORMS)),
+        ("newmark-study orders --preconditioning ", list(VARIANTS)),
+        ("newmark-study orders --config pendulum-a", ["pendulum-a"]),
+        ("newmark-study orders --evaluation ", ["direct", "compensated"]),
+        ("newmark-study schema ", ["config", "mechanism"]),
+    ],
+)
+def test_arguments(complete, line, words):
+    """Names from the registries, and YAML files."""
+    assert offered(complete(line)) == words
+
+
+def test_the_way_into_folders_is_the_shells(complete):
+    """Where nothing fits, the shell completes files."""
+    assert complete("newmark-study run mor") == "file,mor\n"
+    assert complete("newmark-study run nowhere/x") == "file,nowhere/x\n"
+    assert complete("newmark-study plot nothing").strip() == ""
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_other_shells_show_what_a_name_means(complete, shell):
+    """With the text of `list`."""
+    text = complete("newmark-study run pendulum-v", shell)
+    assert "pendulum-v" in text
+    assert config.load_shipped("pendulum-v").description in text
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_line_of_the_readme(shell):
+    """The script that a shell is to evaluate; bash, where it is, takes it."""
+    variables = {**os.environ, "_NEWMARK_STUDY_COMPLETE": f"{shell}_source"}
+    done = subprocess.run([SCRIPT], env=variables, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert f"_NEWMARK_STUDY_COMPLETE={shell}_source newmark-study" in README
+    assert f"_NEWMARK_STUDY_COMPLETE={shell}_complete" in done.stdout
+    if shell == "bash" and shutil.which("bash"):
+        command = (
+            f'eval "$(_NEWMARK_STUDY_COMPLETE=bash_source {SCRIPT})" && complete -p newmark-study'
+        )
+        done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+        assert "newmark-study" in done.stdout, done.stderr
+
+
+def test_nothing_heavy_is_imported():
+    """A key press must not wait for numpy."""
+    code = (
+        "import sys\nfrom newmark_cli.cli import main\n"
+        "try:\n    main([])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'pandas', 'scipy', 'numba', 'matplotlib', 'pydantic', 'yaml'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    for line in ("run p", "plot 1", "draw a", "orders --form u"):
+        variables = {"COMP_WORDS": f"newmark-study {line}", "COMP_CWORD": str(len(line.split()))}
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, **variables, "_NEWMARK_STUDY_COMPLETE": "bash_complete"},
+            capture_output=True,
+            text=True,
+        )
+        assert "plain," in done.stdout
+        assert "HEAVY []" in done.stdout, done.stdout + done.stderr
+
+
+def test_list_as_json(cli):
+    """The same names and texts as `list` prints."""
+    found = json.loads(cli("list", "--json").stdout)
+    text = cli("list").stdout
+    for section, entries in found.items():
+        assert f"{section}:\n" in text
+        for name, words in entries.items():
+            assert f"  {name:<16} {words}".rstrip() in text
