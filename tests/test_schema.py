@@ -1,5 +1,6 @@
 """JSON Schemas: as committed, found by editors, and of one mind with `validate`."""
 
+import importlib.util
 import itertools
 import json
 import random
@@ -392,3 +393,13 @@ def test_rules_between_keys(folder):
     # Every rule was met, and much was valid.
     assert len(verdicts) > 12
     assert verdicts[""] > 60
+
+
+def test_damaged_files(folder):
+    """Nothing that is valid looks wrong in an editor; what only looks right is in BEYOND."""
+    spec = importlib.util.spec_from_file_location("fuzz", ROOT / "benchmarks/fuzz.py")
+    fuzz = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fuzz)
+    for data in fuzz.inputs(120, seed=11):
+        if len(data) < 20_000:
+            assert_agreement(data.decode(errors="ignore"), folder)
