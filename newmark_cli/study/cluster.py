@@ -70,47 +70,63 @@ def cluster(
         except (OSError, TimeoutError, ValueError) as error:
             raise ExecutorError(f"no dask scheduler at {address}: {error}") from None
         run = uuid.uuid4().hex
-        futures = [
-            client.submit(
-                perform,
-                replace(task, cell=replace(task.cell, problem=portable(task.cell.problem))),
-                timeout,
-                key=f"newmark-{run}-{name}",
-                priority=-rank,
-                pure=False,
-            )
-            for rank, (name, task) in enumerate(tasks.items())
-        ]
-        yield _as_done(client, futures, tasks, address, on_steps)
+
+        def submit(name: int, attempt: str, priority: int) -> Any:
+            task = tasks[name]
+            carried = replace(task, cell=replace(task.cell, problem=portable(task.cell.problem)))
+            key = f"newmark-{run}-{attempt}-{name}"
+            return client.submit(perform, carried, timeout, key=key, priority=priority, pure=False)
+
+        yield _as_done(submit, tasks, address, on_steps)
 
 
 def _as_done(
-    client: Any,
-    futures: list[Any],
+    submit: Callable[[int, str, int], Any],
     tasks: Mapping[int, Task],
     address: str | None,
     on_steps: Callable[[int], None],
 ) -> Execution:
     import distributed
 
+    futures = [submit(name, "first", -rank) for rank, name in enumerate(tasks)]
     names = {future.key: name for future, name in zip(futures, tasks, strict=True)}
     waiting = distributed.as_completed(futures)
     futures.clear()  # released one by one as they are read
+    suspects = []
     for future in waiting:
         name = names[future.key]
-        try:
-            done = future.result()
-        except distributed.KilledWorker as error:
-            reason = f"ended its worker, {error.allowed_failures + 1} times"
-            done = Done(Outcome([], 0, np.nan, "failed", reason), 0.0)
-        except InputError:
-            raise
-        except (CancelledError, OSError, TimeoutError):
-            where = f" at {address}" if address else ""
-            raise ExecutorError(f"the dask scheduler{where} is lost") from None
-        except Exception as error:
-            reason = f"{type(error).__name__}: {error}"
-            done = Done(Outcome([], 0, np.nan, "failed", reason), 0.0)
+        done = _result(future, address)
+        if done is None:
+            suspects.append(name)
+            continue
         on_steps(tasks[name].cell.weight)
-        future.release()
         yield name, done
+    # dask suspects every cell that waited on a worker that died: each is tried alone.
+    for name in suspects:
+        done = _result(submit(name, "alone", 0), address)
+        on_steps(tasks[name].cell.weight)
+        yield name, done or Done(_failed("ended its workers, whichever it ran on"), 0.0)
+
+
+def _result(future: Any, address: str | None) -> Done | None:
+    """What a cell found; None when the workers that it was given to have died."""
+    import distributed
+
+    try:
+        done: Done = future.result()
+    except distributed.KilledWorker:
+        return None
+    except InputError:
+        raise
+    except (CancelledError, OSError, TimeoutError):
+        where = f" at {address}" if address else ""
+        raise ExecutorError(f"the dask scheduler{where} is lost") from None
+    except Exception as error:
+        return Done(_failed(f"{type(error).__name__}: {error}"), 0.0)
+    finally:
+        future.release()
+    return done
+
+
+def _failed(reason: str) -> Outcome:
+    return Outcome([], 0, np.nan, "failed", reason)
