@@ -15,6 +15,8 @@ from newmark_cli.errors import InputError
 SYMBOLS = ("beta", "gamma", "h")
 LONGEST = 200
 _ALPHABET = re.compile(r"[a-zA-Z0-9.+*/^() -]*", re.ASCII)
+#: A number that runs into a word, as in 0x1: Python reads some of them, and warns.
+_RUN_TOGETHER = re.compile(r"[0-9]\.?([A-DF-Za-df-z]|[eE](?![-+]?[0-9]))")
 
 
 class MonomialError(InputError):
@@ -51,6 +53,8 @@ class Monomial:
             raise MonomialError(f"longer than {LONGEST} characters")
         if not _ALPHABET.fullmatch(source):
             raise MonomialError(f"{source!r}: only numbers, symbols, * / ^ and parentheses")
+        if _RUN_TOGETHER.search(source):
+            raise MonomialError(f"{source!r} is not a product of powers")
         try:
             tree = ast.parse(source.replace("^", "**").strip(), mode="eval")
             monomial = _read(tree.body, frozenset(symbols))
