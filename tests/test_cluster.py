@@ -133,28 +133,3 @@ def test_no_scheduler(cli):
     )
     (line,) = done.stderr.splitlines()
     assert "no dask scheduler at tcp://127.0.0.1:9" in line
-
-
-def test_a_cell_that_kills_its_workers_fails_alone(cli):
-    """On the run's own single worker, where it makes dask suspect the other cell too."""
-    code = (
-        "import os\nimport numpy as np\n"
-        "from newmark_cli.problems.python_problem import Definition\n"
-        "def force(u, v, t):\n"
-        "    if t > 0.5:\n        os._exit(3)\n"
-        "    return np.array([0.0, -1.0])\n"
-        "def swing():\n"
-        "    return Definition(np.eye(2), np.array([1.0, 0.0]), np.zeros(2), force,\n"
-        "        lambda u, t: np.array([(u @ u - 1) / 2]), lambda u, t: u[:, None])\n"
-    )
-    cli.write("mine.py", code)
-    cli.write(
-        "spread.yaml",
-        "study: spread\nform: u-lambda\npreconditioning: none\nh: 1e-1\nt_end: 1.0\n"
-        'cases: [{problem: {python: "mine.py:swing"}}, {problem: pendulum}]\n',
-    )
-    done = cli(
-        "run", "spread.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1
-    )
-    assert done.stdout == "spread: 1 failed, 1 ok -> results/spread.csv\n"
-    assert "failed: ended its workers" in done.stderr
