@@ -37,6 +37,11 @@ class _Bar(Watcher):
             if self._bar is not None:
                 self._bar.update(steps)
 
+    def waiting(self, what: str) -> None:
+        """A line, so that nobody wonders why nothing happens."""
+        if self._verbose or sys.stderr.isatty():
+            click.echo(what, err=True)
+
     def finished(self, cell: Cell, done: Done) -> None:
         """A line for each cell, when they are asked for."""
         if self._verbose:

@@ -70,6 +70,36 @@ t_end: 1.0
 """
 
 
+#: A problem in plain Python that is well, does not end, or ends its process.
+SWING = """\
+import os
+import time
+
+import numpy as np
+from newmark_cli.problems.python_problem import Definition
+
+
+def swing(what="", after=0.5):
+    def force(u, v, t):
+        if what == "hang" and t > after:
+            time.sleep(3600)
+        if what == "exit" and t > after:
+            os._exit(3)
+        return np.array([0.0, -1.0])
+
+    return Definition(
+        mass_matrix=np.eye(2),
+        u0=np.array([1.0, 0.0]),
+        v0=np.zeros(2),
+        force=force,
+        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
+        gradient=lambda u, t: u[:, None],
+        stiffness=lambda u, v, multipliers, t: -multipliers[0] * np.eye(2),
+        damping=lambda u, v, t: np.zeros((2, 2)),
+    )
+"""
+
+
 @pytest.fixture
 def quick(cli):
     """A small valid config in the folder of ``cli``."""

@@ -335,50 +335,37 @@ def test_no_results(cli, command):
     assert not (cli.folder / "results").exists()
 
 
-@pytest.mark.parametrize("command", ["plot", "check"])
+#: What may be wrong with a CSV of `pendulum-u`: name, and the text made of its text and lines.
+DAMAGED = {
+    "cut in a row": lambda text, lines: text[: len(text) // 2].rstrip("\n"),
+    "cut in a word": lambda text, lines: text[:-2],
+    "cut at a line": lambda text, lines: "".join(lines[:57]),
+    "twice": lambda text, lines: text + lines[-1],
+    "column twice": lambda text, lines: text.replace("\n", ",1\n").replace("met,1", "met,study"),
+    "long field": lambda text, lines: text + "x" * 200_000 + "\n",
+    "h": lambda text, lines: text.replace(",0.1,3.0", ",-0.1,3.0"),
+    "study": lambda text, lines: text.replace("pendulum-u,", "other,", 1),
+    "integrator": lambda text, lines: text.replace("newmark beta", "bdf beta"),
+    "quantity": lambda text, lines: text.replace(",u,correction", ",w,correction"),
+    "status": lambda text, lines: text.replace(",ok,", ",fine,", 1),
+    "no rows": lambda text, lines: lines[0],
+    "schema": lambda text, lines: text.replace("preconditioning", "scaling", 1),
+    "words": lambda text, lines: (
+        lines[0] + lines[1].replace(",0.1,", ",wide,", 1) + "".join(lines[2:])
+    ),
+}
+
+
 @pytest.mark.parametrize(
-    "kind",
-    [
-        "cut in a row",
-        "cut in a word",
-        "cut at a line",
-        "no rows",
-        "schema",
-        "words",
-        "twice",
-        "column twice",
-        "long field",
-        "h",
-        "study",
-        "integrator",
-        "quantity",
-        "status",
-    ],
+    ("command", "kind"),
+    [*(("check", kind) for kind in DAMAGED), ("plot", "cut in a row"), ("plot", "schema")],
 )
 def test_damaged_csv(cli, pendulum_results, command, kind):
     """A truncated CSV and one of another schema: one line, figures as they were."""
     shutil.copytree(pendulum_results, cli.folder / "results")
     path = cli.folder / "results/pendulum-u.csv"
     text = path.read_text()
-    lines = text.splitlines(keepends=True)
-    path.write_text(
-        {
-            "cut in a row": text[: len(text) // 2].rstrip("\n"),
-            "cut in a word": text[:-2],
-            "cut at a line": "".join(lines[:57]),
-            "twice": text + lines[-1],
-            "column twice": text.replace("\n", ",1\n").replace("met,1", "met,study"),
-            "long field": text + "x" * 200_000 + "\n",
-            "h": text.replace(",0.1,3.0", ",-0.1,3.0"),
-            "study": text.replace("pendulum-u,", "other,", 1),
-            "integrator": text.replace("newmark beta", "bdf beta"),
-            "quantity": text.replace(",u,correction", ",w,correction"),
-            "status": text.replace(",ok,", ",fine,", 1),
-            "no rows": lines[0],
-            "schema": text.replace("preconditioning", "scaling", 1),
-            "words": lines[0] + lines[1].replace(",0.1,", ",wide,", 1) + "".join(lines[2:]),
-        }[kind]
-    )
+    path.write_text(DAMAGED[kind](text, text.splitlines(keepends=True)))
     before = snapshot(cli.folder / "results")
     line = cli.refused(command, *(["1"] if command == "plot" else []))
     assert "results/pendulum-u.csv" in line

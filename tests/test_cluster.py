@@ -1,5 +1,6 @@
 """Cells on dask workers: scheduler and workers as processes of their own."""
 
+import os
 import re
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import SWING
 
 pytest.importorskip("distributed")
 
@@ -28,8 +30,13 @@ BIN = Path(sys.executable).parent
 
 
 @pytest.fixture
-def scheduler(tmp_path):
-    """A scheduler on loopback, its address, and a function that starts workers."""
+def scheduler(tmp_path, request):
+    """A scheduler on loopback, its address, and a function that starts workers.
+
+    The parameter is how long it waits for workers.
+    """
+    patience = getattr(request, "param", "120s")
+    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
     processes = []
 
     def start(*command):
@@ -37,7 +44,13 @@ def scheduler(tmp_path):
         away = tmp_path / "away"
         away.mkdir(exist_ok=True)
         processes.append(
-            subprocess.Popen(command, cwd=away, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+            subprocess.Popen(
+                command,
+                cwd=away,
+                env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+            )
         )
         return processes[-1]
 
@@ -84,11 +97,11 @@ def wait_for_cells(folder, count):
     raise AssertionError("nothing is kept")
 
 
-def running(cli, address):
+def running(cli, address, *options):
     """A run on the scheduler, started and not waited for."""
     return subprocess.Popen(
         [BIN / "newmark-study", "run", "spread.yaml", "--results", "dask", "--executor", "dask",
-         "--scheduler", address],
+         "--scheduler", address, *options],
         cwd=cli.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -124,8 +137,9 @@ def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
     assert (cli.folder / "dask/spread.csv").read_bytes() == study
 
 
-def test_no_scheduler(cli):
-    """One line, exit code 1."""
+def test_no_scheduler(cli, monkeypatch):
+    """One line, exit code 1, after the time that dask's configuration gives."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "2s")
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
     done = cli(
@@ -133,3 +147,47 @@ def test_no_scheduler(cli):
     )
     (line,) = done.stderr.splitlines()
     assert "no dask scheduler at tcp://127.0.0.1:9" in line
+
+
+def test_workers_that_come_late(cli, study, scheduler):
+    """The run says that it waits, and goes on when a worker is there."""
+    _, address, workers = scheduler
+    run = running(cli, address, "-v")
+    line = run.stderr.readline()
+    assert line == f"waiting for workers: the dask scheduler at {address} has none\n"
+    workers(1)
+    output, errors = run.communicate(timeout=120)
+    assert run.returncode == 0, errors
+    assert output.startswith("spread: 24 ok")
+
+
+@pytest.mark.parametrize("scheduler", ["2s"], indirect=True)
+def test_workers_that_never_come(cli, scheduler):
+    """One line, exit code 1, after the time that the scheduler is configured for."""
+    _, address, _ = scheduler
+    cli.write("mine.yaml", MINE)
+    cli.write("spread.yaml", STUDY)
+    run = running(cli, address)
+    _, errors = run.communicate(timeout=120)
+    assert run.returncode == 1
+    (line,) = errors.splitlines()
+    assert line.startswith(f"newmark-study: the dask scheduler at {address} has no workers; ")
+
+
+def test_a_cell_that_ends_its_worker_fails_alone(cli):
+    """Again and again, with one worker of this machine: the others are done all the same."""
+    cli.write("mine.py", SWING)
+    cases = "".join(
+        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n'
+        for what in ("exit", "")
+    )
+    cli.write(
+        "ends.yaml",
+        "study: ends\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
+        f"cases:\n{cases}",
+    )
+    done = cli("run", "ends.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1)
+    assert done.stdout == "ends: 1 failed, 1 ok -> results/ends.csv\n"
+    (failed,) = [line for line in done.stderr.splitlines() if "failed" in line]
+    assert "failed: ended its workers, whichever it ran on" in failed
+    assert "swing(what=exit)" in failed

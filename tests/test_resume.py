@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, SCRIPT
+from conftest import QUICK, SCRIPT, SWING
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,40 +24,12 @@ problem: pendulum
 form: [u-lambda, v-lambda, a-lambda]
 preconditioning: [none, optimal]
 h: [1e-2, 1e-3, 1e-4, 1e-5]
-t_end: 6.0
+t_end: 3.0
 """
 ROD = """\
 points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 1}}
 bars: {rod: {from: O, to: P, length: 2}}
 gravity: [0, -9.81]
-"""
-#: Problems in plain Python: one that is well, one that does not end, one that ends its process.
-CODE = """\
-import os
-import time
-
-import numpy as np
-from newmark_cli.problems.python_problem import Definition
-
-
-def swing(what="", after=0.5):
-    def force(u, v, t):
-        if what == "hang" and t > after:
-            time.sleep(3600)
-        if what == "exit" and t > after:
-            os._exit(3)
-        return np.array([0.0, -1.0])
-
-    return Definition(
-        mass_matrix=np.eye(2),
-        u0=np.array([1.0, 0.0]),
-        v0=np.zeros(2),
-        force=force,
-        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-        gradient=lambda u, t: u[:, None],
-        stiffness=lambda u, v, multipliers, t: -multipliers[0] * np.eye(2),
-        damping=lambda u, v, t: np.zeros((2, 2)),
-    )
 """
 
 
@@ -196,26 +168,31 @@ def test_shards_and_merge(cli, quick):
     assert "no finished cells" in cli.refused("merge", "quick.yaml", "--from", ".")
 
 
-def python_study(cli, *cases):
-    cli.write("mine.py", CODE)
-    lines = "".join(
-        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n' for what in cases
-    )
-    cli.write("quick.yaml", QUICK.replace("problem: pendulum\n", "") + "cases:\n" + lines)
-
-
 def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     """Plain Python runs in processes: the timeout ends one, an exit fails its cell alone."""
-    python_study(cli, "hang", "exit", "")
-    arguments = ("run", "quick.yaml", "--allow-code")
+    cli.write("mine.py", SWING)
+    cases = "".join(
+        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n'
+        for what in ("hang", "exit", "")
+    )
+    cli.write(
+        "apart.yaml",
+        "study: apart\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
+        f"cases:\n{cases}",
+    )
+    arguments = ("run", "apart.yaml", "--allow-code")
     done = cli(*arguments, "--timeout", 8, "-v", code=1)
-    assert done.stdout.startswith("quick: 8 failed, 4 ok")
-    told = done.stderr.splitlines()
-    assert sum("failed: took longer than 8 s" in line for line in told) == 4
-    assert sum("failed: its process ended with code 3" in line for line in told) == 4
+    assert done.stdout == "apart: 2 failed, 1 ok -> results/apart.csv\n"
+    told = sorted(done.stderr.splitlines())
+    assert len(told) == 3
+    assert "(what=) " in told[0]
+    assert "(what=exit) " in told[1]
+    assert "failed: its process ended with code 3" in told[1]
+    assert "(what=hang) " in told[2]
+    assert "failed: took longer than 8 s" in told[2]
     dry = cli(*arguments, "--dry-run").stdout
-    assert dry.count("to run: failed before: ") == 8
-    assert dry.endswith("8 of 12 cells to run\n")
+    assert dry.count("to run: failed before: ") == 2
+    assert dry.endswith("2 of 3 cells to run\n")
 
 
 def test_fail_fast_skips_the_rest(cli):

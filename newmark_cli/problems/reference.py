@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import DOP853
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
@@ -118,6 +117,9 @@ def _integrated(
     system: Index1, end: float, tolerance: float, on_work: Callable[[], None]
 ) -> tuple[Array, Array]:
     """Coordinates and velocities at a time."""
+    # With scipy.optimize behind it this is a tenth of what starting a command takes.
+    from scipy.integrate import DOP853
+
     problem, n = system.problem, system.problem.n
 
     def rates(t: float, state: Array) -> Array:

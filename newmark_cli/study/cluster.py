@@ -15,8 +15,14 @@ from newmark_cli.problems.spec import portable
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.executors import Execution, Task, perform
 
-#: Longest wait for a scheduler to answer (s).
-_PATIENCE = 15.0
+#: What workers of our own are started with, over dask's configuration.
+_OWN = {
+    # dask gives up a worker for good that is not back when this has passed since it
+    # died, and one that dies again and again may be away at that moment.
+    "distributed.deploy.lost-worker-timeout": "1000 weeks",
+    # Without it cells wait for ever when no worker starts.
+    "distributed.scheduler.no-workers-timeout": "60s",
+}
 
 
 @contextmanager
@@ -26,11 +32,14 @@ def cluster(
     jobs: int,
     timeout: float | None,
     on_steps: Callable[[int], None],
+    on_wait: Callable[[str], None],
 ) -> Iterator[Execution]:
     """Workers of a dask scheduler.
 
     The scheduler gives the cells of a worker that has died to another.  Problems
-    travel by their content.
+    travel by their content.  How long a scheduler may take to answer, and how often a
+    cell may end its worker, is in dask's configuration
+    (``distributed.comm.timeouts.connect``, ``distributed.scheduler.allowed-failures``).
 
     Args:
         tasks: In the order in which they start.
@@ -39,12 +48,15 @@ def cluster(
         jobs: How many such processes.
         timeout: Most wall time of a cell (s), looked at between two stretches.
         on_steps: Told how many steps were done, a cell at a time.
+        on_wait: Told what the run waits for, when it does.
 
     Raises:
         InputError: When dask is not installed.
-        ExecutorError: When there is no scheduler, or it is lost.
+        ExecutorError: When there is no scheduler, it is lost, or it has no workers for
+            longer than it is configured to wait.
     """
     try:
+        import dask
         import distributed
     except ImportError:
         raise InputError(
@@ -56,19 +68,25 @@ def cluster(
         logging.disable(logging.CRITICAL)
         where: Any = address
         if address is None:
-            where = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=jobs,
-                    threads_per_worker=1,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
+            stack.enter_context(dask.config.set(_OWN))
+            try:
+                where = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=jobs,
+                        threads_per_worker=1,
+                        host="127.0.0.1",
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                    )
                 )
-            )
+            except (OSError, RuntimeError, TimeoutError) as error:
+                raise ExecutorError(f"no dask workers on this machine: {error}") from None
         try:
-            client = stack.enter_context(distributed.Client(where, timeout=_PATIENCE))
+            client = stack.enter_context(distributed.Client(where))
         except (OSError, TimeoutError, ValueError) as error:
             raise ExecutorError(f"no dask scheduler at {address}: {error}") from None
+        if not client.nthreads():
+            on_wait(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
 
         def submit(name: int, attempt: str, priority: int) -> Any:
@@ -111,15 +129,18 @@ def _as_done(
 def _result(future: Any, address: str | None) -> Done | None:
     """What a cell found; None when the workers that it was given to have died."""
     import distributed
+    from distributed.scheduler import NoWorkerError
 
+    where = f" at {address}" if address else ""
     try:
         done: Done = future.result()
     except distributed.KilledWorker:
         return None
     except InputError:
         raise
+    except NoWorkerError:
+        raise ExecutorError(f"the dask scheduler{where} has no workers") from None
     except (CancelledError, OSError, TimeoutError):
-        where = f" at {address}" if address else ""
         raise ExecutorError(f"the dask scheduler{where} is lost") from None
     except Exception as error:
         return Done(_failed(f"{type(error).__name__}: {error}"), 0.0)

@@ -91,6 +91,9 @@ class Watcher:
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
 
+    def waiting(self, what: str) -> None:
+        """The run cannot go on until something else happens."""
+
     def finished(self, cell: Cell, done: Done) -> None:
         """A cell has ended."""
 
@@ -198,7 +201,12 @@ def _execution(
         from newmark_cli.study.cluster import cluster
 
         with cluster(
-            tasks, options.scheduler, options.jobs, options.timeout, watcher.steps
+            tasks,
+            options.scheduler,
+            options.jobs,
+            options.timeout,
+            watcher.steps,
+            watcher.waiting,
         ) as running:
             yield running
     else:
