@@ -7,7 +7,7 @@ from mpmath import mp
 from scipy.special import ellipj
 from scipy.stats import linregress
 
-from newmark_cli.newmark import kernel, kernel_march
+from newmark_cli.newmark import kernel_march, tables
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -26,7 +26,7 @@ def final_state(name, h, t_end, integrator=None):
     ending = kernel_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
     )
-    assert ending == (kernel.COMPLETED, steps)
+    assert ending == (tables.COMPLETED, steps)
     return state
 
 

@@ -2,8 +2,10 @@
 
 import pytest
 
-from newmark_cli.newmark import sensitivity
-from newmark_cli.study import cell, config
+from newmark_cli.newmark import linear, sensitivity
+from newmark_cli.study import config
+from newmark_cli.study.cell import Cell
+from newmark_cli.study.compute import compute
 
 
 @pytest.mark.parametrize(("samples", "steps"), [(32, 10_000), (3, 10_000), (32, 5), (1, 12_000)])
@@ -19,11 +21,11 @@ def test_sampled_states(monkeypatch, samples, steps):
         def condition(self):
             return 1.0
 
-    monkeypatch.setattr(cell.linear, "system", lambda *arguments: Recorder())
+    monkeypatch.setattr(linear, "system", lambda *arguments: Recorder())
     (first, *_) = config.find("pendulum-u").cells()
     told = []
-    chosen = cell.Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
-    outcome = cell.run(chosen, on_steps=told.append)
+    chosen = Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
+    outcome = compute(chosen, on_steps=told.append)
     assert outcome.status == "ok"
     assert len(times) == min(samples, steps)
     assert times[-1] == pytest.approx(steps * 1e-4)
@@ -43,5 +45,5 @@ def test_initial_state_is_measured_without_steps(monkeypatch):
 
     monkeypatch.setattr(sensitivity, "sensitivities", record)
     (first, *_) = config.find("sensitivity").cells()
-    assert cell.run(first).measurements == []
+    assert compute(first).measurements == []
     assert times == [0.0]

@@ -7,14 +7,14 @@ from marching import start
 from mpmath import ellipfun, mp, mpf
 from scipy.stats import linregress
 
-from newmark_cli.newmark import kernel, kernel_march, measures
+from newmark_cli.newmark import kernel_march, measures, tables
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
-from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.tables import State
 from newmark_cli.problems import planar, python_problem
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.reference import Reference
@@ -213,7 +213,7 @@ def test_trapezoidal_rule_misses_energy_and_rate_at_second_order(name, t_end, h,
                 subject, scheme, state, first,
                 np.zeros((steps // 2, 2)), np.zeros(steps // 2, np.int64),
             )  # fmt: skip
-            assert ending == (kernel.COMPLETED, steps // 2)
+            assert ending == (tables.COMPLETED, steps // 2)
             samples.append(invariants(subject, (first + steps // 2) * step, state))
         found.append(relative(samples))
     for quantity in ("velocity", "energy"):

@@ -7,14 +7,15 @@ from damped import damped
 from marching import assert_same_step, copy, march, start
 
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import kernel, linear, scipy_march
+from newmark_cli.newmark import linear, scipy_march, solvers, tables
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
-from newmark_cli.newmark.krylov import Krylov, KrylovSystem, Stagnation, is_symmetric
+from newmark_cli.newmark.krylov import KrylovSystem, is_symmetric
 from newmark_cli.newmark.measures import krylov
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.solvers import Krylov, Stagnation
 from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import Shipped, Sized
@@ -80,11 +81,11 @@ def test_solutions(name, form, h):
 @pytest.mark.parametrize(
     ("solver", "form", "variant"),
     [
-        *((linear.GMRES, "u-lambda", variant) for variant in PAPER_VARIANTS),
-        *((linear.GMRES, "a-lambda", variant) for variant in PAPER_VARIANTS),
-        (linear.MINRES, "u-lambda", "none"),
-        (linear.MINRES, "u-lambda", "optimal"),
-        (linear.MINRES, "a-lambda", "left"),
+        *((solvers.GMRES, "u-lambda", variant) for variant in PAPER_VARIANTS),
+        *((solvers.GMRES, "a-lambda", variant) for variant in PAPER_VARIANTS),
+        (solvers.MINRES, "u-lambda", "none"),
+        (solvers.MINRES, "u-lambda", "optimal"),
+        (solvers.MINRES, "a-lambda", "left"),
     ],
 )
 def test_recorded_residual(solver, form, variant):
@@ -134,7 +135,7 @@ def test_where_symmetric(name, form, h):
         assert is_symmetric(subject, scheme) == expected
         if not expected:
             with pytest.raises(InputError) as refusal:
-                linear.system(linear.MINRES, subject, scheme)
+                linear.system(solvers.MINRES, subject, scheme)
             assert str(refusal.value) == (
                 f"linear_solver minres: the Jacobian of {subject.name}, {form}, "
                 f"preconditioning {variant} is not symmetric; take gmres"
@@ -153,13 +154,13 @@ def test_minres_finds_what_gmres_does(name, form, variant, h):
     values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
     minres, gmres = (
         linear.system(solver, subject, scheme, Krylov(tolerance=1e-10)).solve(values, rhs)
-        for solver in (linear.MINRES, linear.GMRES)
+        for solver in (solvers.MINRES, solvers.GMRES)
     )
     condition = BalancedJacobian(subject, scheme, 0.0, state).condition()
     assert np.linalg.norm(minres - gmres) <= 2e-10 * condition * np.linalg.norm(gmres)
 
 
-@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
 def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
     """And without scaling the tolerance is out of reach, whatever the solver makes of it."""
     state, counts = in_motion(LONG), []
@@ -189,7 +190,7 @@ def test_rows_of_different_size_do_not_hide_a_residual():
     assert np.linalg.norm(residual[LONG.n :]) > 0.1 * np.linalg.norm(rhs[LONG.n :])
 
 
-@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
 def test_stagnation(solver):
     """At the limit it is raised, as one of numpy's errors, and the solve is recorded."""
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
@@ -202,7 +203,7 @@ def test_stagnation(solver):
     assert 1e-8 < system.residuals[0] < 1
 
 
-@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
 def test_special_right_hand_sides(solver):
     """Zero, far below the root of the smallest number, and none at all."""
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
@@ -219,7 +220,7 @@ def test_special_right_hand_sides(solver):
     assert len(system.iterations) == len(system.residuals) == 3
 
 
-@pytest.mark.parametrize("solver", [linear.GMRES, linear.MINRES])
+@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
 def test_singular_matrices_end_the_march(solver):
     """G vanishes at the pendulum's pivot, and the length of the rod is out of reach."""
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "optimal", 0.1)
@@ -229,7 +230,7 @@ def test_singular_matrices_end_the_march(solver):
         array[:] = 0
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
     ending = scipy_march.march(subject, scheme, at_pivot, 0, norms, iterations, system)
-    assert ending == (kernel.STAGNATED, 0)
+    assert ending == (tables.STAGNATED, 0)
     assert system.residuals[0] > 0.1
 
 
@@ -240,7 +241,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
     first, second = start(subject, integrator, h), start(subject, integrator, h)
     ours, taken = march(scipy_march, subject, scheme, first, 0, 40,
-                        system=linear.system(linear.GMRES, subject, scheme))  # fmt: skip
+                        system=linear.system(solvers.GMRES, subject, scheme))  # fmt: skip
     theirs, _ = march(scipy_march, subject, scheme, second, 0, 40,
                       system=SparseSystem(subject, scheme))  # fmt: skip
     assert taken.min() > 0
@@ -248,7 +249,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     assert rms == pytest.approx(1, rel=0.5)
     again = copy(first)
     march(scipy_march, subject, scheme, first, 40, 1,
-          system=linear.system(linear.GMRES, subject, scheme))  # fmt: skip
+          system=linear.system(solvers.GMRES, subject, scheme))  # fmt: skip
     march(scipy_march, subject, scheme, again, 40, 1, system=SparseSystem(subject, scheme))
     assert_same_step(subject, scheme, first, again)
 

@@ -9,9 +9,10 @@ from scipy.stats import linregress
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS, Newmark
-from newmark_cli.newmark.measures import corrections, sample_steps, statistics
+from newmark_cli.newmark.measures import corrections, sample_steps
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.statistics import statistics
 from newmark_cli.report.fits import power_law
 
 norms = arrays(float, st.integers(1, 40), elements=st.floats(0, 1e300))

@@ -12,7 +12,7 @@ from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 from scipy.stats import linregress
 
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import kernel, kernel_march
+from newmark_cli.newmark import kernel_march, tables
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -216,7 +216,7 @@ def march(subject, h, t_end):
     ending = kernel_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
     )
-    assert ending == (kernel.COMPLETED, steps)
+    assert ending == (tables.COMPLETED, steps)
     return state.fields[:2]
 
 

@@ -14,7 +14,7 @@ from conftest import QUICK, SCRIPT, SWING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from newmark_cli.newmark.measures import Measurement, Statistics
+from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.study import config, results, store
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 

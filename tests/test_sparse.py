@@ -7,7 +7,7 @@ from damped import damped
 from marching import EPS, STEP, assert_same_step, copy, march, start, states
 
 from newmark_cli import documents
-from newmark_cli.newmark import kernel, kernel_march, scipy_march, sensitivity
+from newmark_cli.newmark import kernel_march, scipy_march, sensitivity, tables
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -18,8 +18,8 @@ from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems import index_1
 from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.problems.spec import Shipped, Sized
-from newmark_cli.study import cell as cell_module
 from newmark_cli.study import config, results
+from newmark_cli.study.compute import compute
 
 CHAIN = Sized("chain", (("links", 6),))
 FOUR_BARS = Sized("four-bars", (("windows", 4),))
@@ -148,14 +148,14 @@ def test_singular_and_infinite_matrices_end_the_march():
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "none", 0.1)
     system = SparseSystem(subject, scheme)
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    still = kernel.State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
+    still = tables.State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
     ending = scipy_march.march(subject, scheme, still, 0, norms, iterations, system)
-    assert ending == (kernel.SINGULAR, 0)
+    assert ending == (tables.SINGULAR, 0)
     state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):
         ending = scipy_march.march(subject, scheme, state, 0, norms, iterations, system)
-    assert ending == (kernel.DIVERGED, 0)
+    assert ending == (tables.DIVERGED, 0)
 
 
 def test_studies_name_the_solver(tmp_path):
@@ -163,7 +163,7 @@ def test_studies_name_the_solver(tmp_path):
     cases = "cases: [{linear_solver: dense-lu}, {linear_solver: sparse-lu}]\n"
     study = config.parse(documents.parse(QUICK + "measure: [correction, condition]\n" + cases, "q"))
     cells = study.cells()
-    table = results.rows("quick", cells, [cell_module.run(cell) for cell in cells])
+    table = results.rows("quick", cells, [compute(cell) for cell in cells])
     assert {row["status"] for row in table} == {"ok"}
     solvers = [row["linear_solver"] for row in table]
     half = len(table) // 2

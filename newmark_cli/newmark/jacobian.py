@@ -10,9 +10,9 @@ import scipy.linalg
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
-from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scaling import sensitivity
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem, Terms, Values
 
 Blocks = dict[str, dict[str, Array]]

@@ -1,69 +1,21 @@
 """The compiled Newton march: every form, scaling and integrator in one loop.
 
 Everything that tells one form, scaling or integrator from another reaches the
-kernel as numbers (:class:`StepTables`), every problem as a compiled function
-and its tables (:class:`ProblemTables`).  All compiled code of the core stands
+kernel as numbers (`tables.StepTables`), every problem as a compiled function and
+its tables (`tables.ProblemTables`).  All compiled code of the core stands
 in this file, because numba's disk cache does not notice a change in another.
 """
 
 import threading
-from typing import NamedTuple
 
 import numpy as np
 from numba import from_dtype, njit, typeof, types
 
-#: How a march ends; only a Krylov solver stagnates.
-COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
-
-
-class StepTables(NamedTuple):
-    """Form, integrator and scaling at one step size, as numbers.
-
-    In compensated evaluation the increments w and ν stand for u and v.
-
-    p is the number of kept fields among (u, v, a), P of past vectors, r of kept
-    rows among (V, K), N = p n + m.
-    """
-
-    kept: np.ndarray  #: (p,) kept fields, 0 = u, 1 = v, 2 = a
-    weights: np.ndarray  #: (3, p) ∂(u, v, a)/∂(kept)
-    past_weights: np.ndarray  #: (3, P) what the past adds to (u, v, a)
-    differenced: np.ndarray  #: (3,) 1 where a field is formed from kept − past 0, 1, else 0
-    dynamic_weights: np.ndarray  #: (p,) ∂v'/∂(kept) in row D
-    dynamic_past: np.ndarray  #: (P,) what the past adds to v' in row D
-    row_weights: np.ndarray  #: (r, p) rows V, K in the kept fields
-    row_past: np.ndarray  #: (r, P) what the past adds to rows V, K
-    predictor: np.ndarray  #: (3, P) u, v, a at the start of Newton's iteration
-    acceleration: np.ndarray  #: (1 + P,) v' from the new a and the past
-    advance: np.ndarray  #: (P,) new past: 0..3 = u, v, a, v'; 4, 5 = increments w, ν
-    left: np.ndarray  #: (r + 2,) left factors of rows D, (V, K), C
-    right: np.ndarray  #: (p + 1,) right factors of the kept fields and λ
-
-
-class ProblemTables(NamedTuple):
-    """A problem's tables as the kernel reads them; the values come from its function."""
-
-    ints: np.ndarray  #: two-dimensional, meaning known to the problem's function
-    reals: np.ndarray  #: likewise
-    mass_values: np.ndarray
-    mass_rows: np.ndarray
-    mass_columns: np.ndarray
-    x_rows: np.ndarray
-    x_columns: np.ndarray
-    y_rows: np.ndarray
-    y_columns: np.ndarray
-    g_rows: np.ndarray
-    g_columns: np.ndarray
-
-
-class State(NamedTuple):
-    """What one step hands to the next; overwritten by the march."""
-
-    fields: np.ndarray  #: (4, n) u, v, a and v'
-    past: np.ndarray  #: (P, n) past vectors of the integrator, u and v first
-    multipliers: np.ndarray  #: (m,) λ
-    lows: np.ndarray  #: (2, n) what u and v have beyond past 0, 1; compensated evaluation
-    phi: np.ndarray  #: (m,) Φ as carried along; compensated evaluation
+from newmark_cli.newmark.tables import (
+    COMPLETED,
+    DIVERGED,
+    SINGULAR,
+)
 
 
 def evaluate_type(dtype):

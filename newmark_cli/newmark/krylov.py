@@ -11,7 +11,6 @@ for 1000 random links after 14 iterations, 90 % of the constraints' still there.
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -21,41 +20,15 @@ import scipy.sparse.linalg
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
-from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.solvers import Krylov, Stagnation
 from newmark_cli.newmark.sparse import SparseBalancedJacobian, SparseSystem
+from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem, Values
 
 #: Asymmetry of a pair of blocks, relative to the larger of them, that is rounding.
 _ROUNDING = 1e-12
 _EPS = float(np.finfo(float).eps)
-
-
-class Stagnation(np.linalg.LinAlgError):
-    """An iterative solver did not reach its tolerance."""
-
-
-@dataclass(frozen=True)
-class Krylov:
-    """When a Krylov solver stops.
-
-    Attributes:
-        tolerance: Largest residual relative to the right-hand side, both in balanced
-            rows; between 0 and 1.
-        limit: Most iterations of a solve; at least 1.
-
-    Raises:
-        InputError: For other values.
-    """
-
-    tolerance: float = 1e-8
-    limit: int = 600
-
-    def __post_init__(self) -> None:
-        if not 0 < self.tolerance < 1:
-            raise InputError(f"krylov tolerance = {self.tolerance:g}: must be between 0 and 1")
-        if self.limit < 1:
-            raise InputError(f"krylov limit = {self.limit}: must be at least 1")
 
 
 class KrylovSystem:

@@ -9,9 +9,10 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import DenseSystem
-from newmark_cli.newmark.kernel import COMPLETED, DIVERGED, SINGULAR, STAGNATED, State
-from newmark_cli.newmark.linear import LinearSystem, Stagnation
+from newmark_cli.newmark.linear import LinearSystem
 from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.solvers import Stagnation
+from newmark_cli.newmark.tables import COMPLETED, DIVERGED, SINGULAR, STAGNATED, State
 from newmark_cli.problems.problem import Problem
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.jacobian import DenseSystem
-from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.linear import LinearSystem
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem
 
 #: Size of the perturbation; a power of two, so that dividing by it is exact.

@@ -13,8 +13,8 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
-from newmark_cli.newmark.kernel import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem, Values
 
 

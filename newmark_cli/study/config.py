@@ -48,16 +48,7 @@ from newmark_cli.newmark.integrator import (
     IntegratorError,
     parameters,
 )
-from newmark_cli.newmark.krylov import Krylov, is_symmetric
-from newmark_cli.newmark.linear import (
-    AUTO,
-    DENSE,
-    GMRES,
-    LINEAR_SOLVERS,
-    MINRES,
-    SPARSE,
-    choose,
-)
+from newmark_cli.newmark.krylov import is_symmetric
 from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
@@ -67,6 +58,16 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Scheme,
     Tolerance,
+)
+from newmark_cli.newmark.solvers import (
+    AUTO,
+    DENSE,
+    GMRES,
+    LINEAR_SOLVERS,
+    MINRES,
+    SPARSE,
+    Krylov,
+    choose,
 )
 from newmark_cli.problems import planar
 from newmark_cli.problems.families import FAMILIES

@@ -18,8 +18,8 @@ import numpy as np
 
 from newmark_cli.errors import InputError
 from newmark_cli.problems.reference import Reference
-from newmark_cli.study import cell as cells
 from newmark_cli.study.cell import Cell, Done, Outcome
+from newmark_cli.study.compute import compute
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def perform(
 
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
-            outcome = cells.run(task.cell, task.reference, checked)
+            outcome = compute(task.cell, task.reference, checked)
     except (_Stopped, InputError):
         raise
     except _Overtime:

@@ -6,7 +6,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import kernel, linear
+from newmark_cli.newmark import linear, solvers, tables
 from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
@@ -35,7 +35,7 @@ def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence
     """
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
-    solver = linear.choose(linear.AUTO, problem, form)
+    solver = solvers.choose(solvers.AUTO, problem, form)
     march = march_with(solver, problem, linear.system(solver, problem, scheme))
     state = initial_state(problem, scheme)
     found, done = [state.fields[0].copy()], 0
@@ -44,7 +44,7 @@ def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence
         iterations = np.zeros(len(norms), np.int64)
         ending, _ = march(problem, scheme, state, done, norms, iterations)
         done = int(stop)
-        if ending != kernel.COMPLETED or np.any(iterations < 0):
+        if ending != tables.COMPLETED or np.any(iterations < 0):
             raise InputError(f"the march fails before t = {done * h:g}; try a smaller --h")
         found.append(state.fields[0].copy())
     return found

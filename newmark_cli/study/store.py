@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import newmark_cli
-from newmark_cli.newmark.measures import Measurement, Statistics
+from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.study import results
 from newmark_cli.study.cell import STATUSES, Cell, Done, Outcome
 from newmark_cli.study.results import ResultsError
@@ -177,6 +177,7 @@ def core() -> str:
         *sorted((package / "newmark").glob("*.py")),
         *sorted((package / "problems").glob("*.py")),
         package / "study" / "cell.py",
+        package / "study" / "compute.py",
     ]
     digest = hashlib.sha256(json.dumps(_versions(), sort_keys=True).encode())
     for file in files:
