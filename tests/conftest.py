@@ -100,6 +100,19 @@ def swing(what="", after=0.5):
 """
 
 
+def write_swings(cli, *whats):
+    """The study ``swings.yaml``: one cell of `SWING` for each of its ``what``."""
+    cli.write("mine.py", SWING)
+    cases = "".join(
+        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n' for what in whats
+    )
+    cli.write(
+        "swings.yaml",
+        "study: swings\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
+        f"cases:\n{cases}",
+    )
+
+
 @pytest.fixture
 def quick(cli):
     """A small valid config in the folder of ``cli``."""

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import SWING
+from conftest import write_swings
 
 pytest.importorskip("distributed")
 
@@ -176,18 +176,27 @@ def test_workers_that_never_come(cli, scheduler):
 
 def test_a_cell_that_ends_its_worker_fails_alone(cli):
     """Again and again, with one worker of this machine: the others are done all the same."""
-    cli.write("mine.py", SWING)
-    cases = "".join(
-        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n'
-        for what in ("exit", "")
+    write_swings(cli, "exit", "")
+    done = cli(
+        "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1
     )
-    cli.write(
-        "ends.yaml",
-        "study: ends\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
-        f"cases:\n{cases}",
-    )
-    done = cli("run", "ends.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1)
-    assert done.stdout == "ends: 1 failed, 1 ok -> results/ends.csv\n"
+    assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
     (failed,) = [line for line in done.stderr.splitlines() if "failed" in line]
     assert "failed: ended its workers, whichever it ran on" in failed
     assert "swing(what=exit)" in failed
+
+
+def test_a_cell_that_does_not_come_back_fails_alone(cli):
+    """With a timeout plain Python runs in a process of the worker, which outlives it."""
+    write_swings(cli, "hang", "exit", "")
+    done = cli(
+        "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1,
+        "--timeout", 8, "-v", code=1,
+    )  # fmt: skip
+    assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
+    well, ends, hangs = sorted(done.stderr.splitlines())
+    assert "(what=) " in well
+    assert "(what=exit) " in ends
+    assert "failed: its process ended with code 3" in ends
+    assert "(what=hang) " in hangs
+    assert "failed: took longer than 8 s" in hangs

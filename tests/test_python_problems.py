@@ -180,6 +180,11 @@ def test_any_object_with_the_attributes_serves(tmp_path):
         ("np.array([0.0, -1.0])", "np.zeros(3)", "force has shape (3,), expected (2,)"),
         ("np.array([0.0, -1.0])", "1 / 0", "force failed: ZeroDivisionError"),
         ("np.array([0.0, -1.0])", "np.array([np.nan, 0.0])", "force is not finite"),
+        (
+            "np.array([(u @ u - 1) / 2])",
+            "(u @ u - 1) / 2",
+            "constraints has shape (), expected (m,)",
+        ),
         ("u[:, None]", "u", "gradient has shape (2,), expected (2, 1)"),
         ("u[:, None]", "2 * u[:, None]", "gradient disagrees with differences in row 1, column 1"),
         ("u[:, None]", "0 * u[:, None]", "redundant"),
@@ -189,6 +194,8 @@ def test_any_object_with_the_attributes_serves(tmp_path):
         ("np.eye(2)\n    u0", "np.eye(3)\n    u0", "mass_matrix has shape (3, 3)"),
         ("u0 = np.array([1.0, 0.0])", "u0 = 'here'", "u0 is no array of numbers"),
         ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 misses the constraints"),
+        ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a finite number"),
+        ("    u0 =", "    t0 = 'now'\n    u0 =", "t0 is no array of numbers"),
         ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 misses the constraints"),
     ],
 )

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, SCRIPT, SWING
+from conftest import QUICK, SCRIPT, CommandLine, write_swings
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -122,8 +122,17 @@ def wait_for_cells(folder, count):
     raise AssertionError("nothing is kept")
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The CSV of the long study from a run that nothing has interrupted, on one thread."""
+    cli = CommandLine(tmp_path_factory.mktemp("whole"))
+    cli.write("long.yaml", LONG)
+    cli("run", "long.yaml", "--jobs", 1)
+    return csv(cli.folder / "results", "long")
+
+
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
-def test_an_interrupted_run_goes_on(cli, ending):
+def test_an_interrupted_run_goes_on(cli, whole, ending):
     """Ctrl-C exits with 130 and one line; however it ended, the CSV is the same at last."""
     cli.write("long.yaml", LONG)
     run = start(cli, "long.yaml")
@@ -136,8 +145,7 @@ def test_an_interrupted_run_goes_on(cli, ending):
     assert not (cli.folder / "results/long.csv").exists()
     done = cli("run", "long.yaml").stdout
     assert "24 ok (" in done
-    cli("run", "long.yaml", "--results", "whole", "--jobs", 1)
-    assert csv(cli.folder / "results", "long") == csv(cli.folder / "whole", "long")
+    assert csv(cli.folder / "results", "long") == whole
 
 
 def test_one_run_at_a_time(cli):
@@ -170,19 +178,10 @@ def test_shards_and_merge(cli, quick):
 
 def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     """Plain Python runs in processes: the timeout ends one, an exit fails its cell alone."""
-    cli.write("mine.py", SWING)
-    cases = "".join(
-        f'  - problem: {{python: "mine.py:swing", args: {{what: "{what}"}}}}\n'
-        for what in ("hang", "exit", "")
-    )
-    cli.write(
-        "apart.yaml",
-        "study: apart\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
-        f"cases:\n{cases}",
-    )
-    arguments = ("run", "apart.yaml", "--allow-code")
+    write_swings(cli, "hang", "exit", "")
+    arguments = ("run", "swings.yaml", "--allow-code")
     done = cli(*arguments, "--timeout", 8, "-v", code=1)
-    assert done.stdout == "apart: 2 failed, 1 ok -> results/apart.csv\n"
+    assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
     told = sorted(done.stderr.splitlines())
     assert len(told) == 3
     assert "(what=) " in told[0]

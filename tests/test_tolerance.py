@@ -153,7 +153,7 @@ STOPPED = QUICK + "measure: [condition, tolerance]\nstop: {absolute: 1e-8}\n"
         ("{absolute: 1e-8}", "{relative: .inf}", 8, "relative: Input should be a finite number"),
         ("{absolute: 1e-8}", "{absolut: 1e-8}", 8, "did you mean 'absolute'"),
         ("[condition, tolerance]", "correction", 7, "Newton stops before rounding does"),
-        ("measure: [condition, tolerance]\n", "", 1, "Newton stops before rounding does"),
+        ("measure: [condition, tolerance]\n", "", 7, "Newton stops before rounding does"),
         ("stop: {absolute: 1e-8}", "", 7, "tolerance needs 'stop'"),
         ("t_end: 1.0", "steps: 0", 6, "no tolerance without steps"),
     ],

@@ -131,10 +131,13 @@ def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
     _require_shape(mass_matrix, (n, n), "mass_matrix", where)
     if not np.allclose(mass_matrix, mass_matrix.T) or np.linalg.eigvalsh(mass_matrix)[0] <= 0:
         raise ProblemError(f"{where}: mass_matrix is not symmetric and positive definite")
-    t0 = float(getattr(given, "t0", 0.0))
+    t0 = float(_array(getattr(given, "t0", 0.0), "t0", where, 0))
     functions = {key: getattr(given, key) for key in _FUNCTIONS}
     tangents = {key: getattr(given, key, None) for key in _TANGENTS}
-    m = len(np.atleast_1d(_called(functions["constraints"], (u0, t0), "constraints", where, None)))
+    phi = _called(functions["constraints"], (u0, t0), "constraints", where, None)
+    if phi.ndim != 1:
+        raise ProblemError(f"{where}: constraints has shape {phi.shape}, expected (m,)")
+    m = len(phi)
     force = _called(functions["force"], (u0, v0, t0), "force", where, (n,))
     gradient = _called(functions["gradient"], (u0, t0), "gradient", where, (n, m))
     if m == 0 or np.linalg.matrix_rank(gradient) < m:
@@ -414,11 +417,12 @@ def _called(
 
 def _array(given: Any, key: str, where: str, dimensions: int) -> Array:
     try:
-        array = np.ascontiguousarray(given, float)
+        array = np.array(given, float, order="C")
     except (TypeError, ValueError) as error:
         raise ProblemError(f"{where}: {key} is no array of numbers: {error}") from None
     if array.ndim != dimensions or not np.all(np.isfinite(array)):
-        raise ProblemError(f"{where}: {key} must be a finite array of {dimensions} dimension(s)")
+        kind = f"array of {dimensions} dimension(s)" if dimensions else "number"
+        raise ProblemError(f"{where}: {key} must be a finite {kind}")
     return array
 
 

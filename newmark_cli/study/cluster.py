@@ -8,12 +8,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from newmark_cli.errors import ExecutorError, InputError
 from newmark_cli.problems.spec import portable
-from newmark_cli.study.cell import Done, Outcome
-from newmark_cli.study.executors import Execution, Task, perform
+from newmark_cli.study.cell import Done
+from newmark_cli.study.child import perform_apart
+from newmark_cli.study.executors import Execution, Task, failed, perform, wants_process
 
 #: What workers of our own are started with, over dask's configuration.
 _OWN = {
@@ -46,7 +45,8 @@ def cluster(
         address: Of the scheduler; without one, processes of this machine that
             listen on loopback alone.
         jobs: How many such processes.
-        timeout: Most wall time of a cell (s), looked at between two stretches.
+        timeout: Most wall time of a cell (s); problems in plain Python, which might
+            not come back, then run in processes of the workers.
         on_steps: Told how many steps were done, a cell at a time.
         on_wait: Told what the run waits for, when it does.
 
@@ -93,7 +93,15 @@ def cluster(
             task = tasks[name]
             carried = replace(task, cell=replace(task.cell, problem=portable(task.cell.problem)))
             key = f"newmark-{run}-{attempt}-{name}"
-            return client.submit(perform, carried, timeout, key=key, priority=priority, pure=False)
+            apart = timeout is not None and wants_process(task.cell)
+            return client.submit(
+                perform_apart if apart else perform,
+                carried,
+                timeout,
+                key=key,
+                priority=priority,
+                pure=False,
+            )
 
         yield _as_done(submit, tasks, address, on_steps)
 
@@ -123,7 +131,7 @@ def _as_done(
     for name in suspects:
         done = _result(submit(name, "alone", 0), address)
         on_steps(tasks[name].cell.weight)
-        yield name, done or Done(_failed("ended its workers, whichever it ran on"), 0.0)
+        yield name, done or Done(failed("ended its workers, whichever it ran on"), 0.0)
 
 
 def _result(future: Any, address: str | None) -> Done | None:
@@ -143,11 +151,7 @@ def _result(future: Any, address: str | None) -> Done | None:
     except (CancelledError, OSError, TimeoutError):
         raise ExecutorError(f"the dask scheduler{where} is lost") from None
     except Exception as error:
-        return Done(_failed(f"{type(error).__name__}: {error}"), 0.0)
+        return Done(failed(f"{type(error).__name__}: {error}"), 0.0)
     finally:
         future.release()
     return done
-
-
-def _failed(reason: str) -> Outcome:
-    return Outcome([], 0, np.nan, "failed", reason)

@@ -546,7 +546,9 @@ class Case(StrictModel):
             raise misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
         if self.stop is not None and "correction" in self.measure:
             raise misfit(
-                "measure", "with a tolerance Newton stops before rounding does; no correction"
+                "measure" if "measure" in self.model_fields_set else "stop",
+                "with a tolerance Newton stops before rounding does; no correction "
+                "can be a 'measure'",
             )
         if self.stop is None and "tolerance" in self.measure:
             raise misfit("measure", "tolerance needs 'stop'")

@@ -76,7 +76,7 @@ def perform(
         raise
     except _Overtime:
         assert timeout is not None
-        outcome = _overtime(timeout)
+        outcome = overtime(timeout)
     except np.linalg.LinAlgError as error:
         outcome = Outcome([], 0, np.nan, "singular", str(error))
     except Exception as error:
@@ -84,11 +84,13 @@ def perform(
     return Done(outcome, time.perf_counter() - start)
 
 
-def _overtime(timeout: float) -> Outcome:
-    return _failed(f"took longer than {timeout:g} s")
+def overtime(timeout: float) -> Outcome:
+    """What becomes of a cell that takes longer than it may (s)."""
+    return failed(f"took longer than {timeout:g} s")
 
 
-def _failed(reason: str) -> Outcome:
+def failed(reason: str) -> Outcome:
+    """What becomes of a cell that does not end by itself."""
     return Outcome([], 0, np.nan, "failed", reason)
 
 
@@ -155,9 +157,9 @@ def _as_done(
             done = future.result()
         except TimeoutError:
             assert timeout is not None
-            done = Done(_overtime(timeout), timeout)
+            done = Done(overtime(timeout), timeout)
         except ProcessExpired as error:
-            done = Done(_failed(f"its process ended with code {error.exitcode}"), 0.0)
+            done = Done(failed(f"its process ended with code {error.exitcode}"), 0.0)
         if name in apart:
             on_steps(tasks[name].cell.weight)
         yield name, done
