@@ -53,7 +53,7 @@ _jobs = click.option(
     type=click.IntRange(1, 1024),
     default=None,
     metavar="N",
-    help="Threads; as many as processors when omitted.",
+    help="Threads, or processes for plain Python; as many as processors when omitted.",
 )
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import sys
 import threading
 from collections.abc import Iterator, Sequence
@@ -37,10 +38,12 @@ class _Bar(Watcher):
             if self._bar is not None:
                 self._bar.update(steps)
 
-    def waiting(self, what: str) -> None:
-        """A line, so that nobody wonders why nothing happens."""
+    def told(self, line: str) -> None:
+        """A line, above the bar if there is one."""
+        if self._bar is not None:
+            line = "\r" + line.ljust(shutil.get_terminal_size().columns - 1)
         if self._verbose or sys.stderr.isatty():
-            click.echo(what, err=True)
+            click.echo(line, err=True)
 
     def finished(self, cell: Cell, done: Done) -> None:
         """A line for each cell, when they are asked for."""

@@ -153,6 +153,7 @@ def test_workers_that_come_late(cli, study, scheduler):
     """The run says that it waits, and goes on when a worker is there."""
     _, address, workers = scheduler
     run = running(cli, address, "-v")
+    assert run.stderr.readline() == f"24 cells on the workers of {address}\n"
     line = run.stderr.readline()
     assert line == f"waiting for workers: the dask scheduler at {address} has none\n"
     workers(1)
@@ -194,7 +195,8 @@ def test_a_cell_that_does_not_come_back_fails_alone(cli):
         "--timeout", 8, "-v", code=1,
     )  # fmt: skip
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
-    well, ends, hangs = sorted(done.stderr.splitlines())
+    where, well, ends, hangs = sorted(done.stderr.splitlines())
+    assert where == "3 cells on the workers of this machine"
     assert "(what=) " in well
     assert "(what=exit) " in ends
     assert "failed: its process ended with code 3" in ends

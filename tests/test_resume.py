@@ -3,6 +3,8 @@
 import json
 import math
 import os
+import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -180,15 +182,15 @@ def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     """Plain Python runs in processes: the timeout ends one, an exit fails its cell alone."""
     write_swings(cli, "hang", "exit", "")
     arguments = ("run", "swings.yaml", "--allow-code")
-    done = cli(*arguments, "--timeout", 8, "-v", code=1)
+    done = cli(*arguments, "--timeout", 8, "--jobs", 2, "-v", code=1)
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
-    told = sorted(done.stderr.splitlines())
-    assert len(told) == 3
-    assert "(what=) " in told[0]
-    assert "(what=exit) " in told[1]
-    assert "failed: its process ended with code 3" in told[1]
-    assert "(what=hang) " in told[2]
-    assert "failed: took longer than 8 s" in told[2]
+    where, well, ends, hangs = sorted(done.stderr.splitlines())
+    assert where == "3 cells on 2 processes"
+    assert "(what=) " in well
+    assert "(what=exit) " in ends
+    assert "failed: its process ended with code 3" in ends
+    assert "(what=hang) " in hangs
+    assert "failed: took longer than 8 s" in hangs
     dry = cli(*arguments, "--dry-run").stdout
     assert dry.count("to run: failed before: ") == 2
     assert dry.endswith("2 of 3 cells to run\n")
@@ -209,9 +211,39 @@ def test_quiet_and_verbose(cli, quick):
     """-q says nothing, -v a line for every cell on stderr."""
     done = cli("run", "quick.yaml", "-q")
     assert (done.stdout, done.stderr) == ("", "")
-    done = cli("run", "quick.yaml", "-v", "--force")
-    assert len(done.stderr.splitlines()) == 4
-    assert all(": ok, " in line for line in done.stderr.splitlines())
+    done = cli("run", "quick.yaml", "-v", "--force", "--jobs", 2)
+    where, *cells = done.stderr.splitlines()
+    assert where == "4 cells on 2 threads"
+    assert len(cells) == 4
+    assert all(": ok, " in line for line in cells)
+
+
+def test_a_terminal_shows_progress(cli, quick):
+    """Where the cells run, and a bar up to the end; nothing when all is kept, or with -q."""
+
+    def shown(*arguments):
+        ours, theirs = pty.openpty()
+        try:
+            done = subprocess.run(
+                [SCRIPT, "run", "quick.yaml", *arguments], cwd=cli.folder, timeout=100,
+                stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"COLUMNS": "100"},
+            )  # fmt: skip
+            os.write(theirs, b"$")
+            text = b""
+            while not text.endswith(b"$"):
+                text += os.read(ours, 4096)
+        finally:
+            os.close(ours)
+            os.close(theirs)
+        assert done.returncode == 0
+        return text[:-1].decode()
+
+    lines = re.split(r"[\r\n]+", shown("--jobs", "1"))
+    assert "4 cells on 1 thread" in [line.strip() for line in lines]
+    assert any(line.endswith("0%") for line in lines)
+    assert any("100%" in line for line in lines)
+    assert shown() == ""
+    assert shown("--force", "-q") == ""
 
 
 def test_a_folder_that_vanishes(cli):

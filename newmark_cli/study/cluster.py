@@ -31,7 +31,7 @@ def cluster(
     jobs: int,
     timeout: float | None,
     on_steps: Callable[[int], None],
-    on_wait: Callable[[str], None],
+    on_told: Callable[[str], None],
 ) -> Iterator[Execution]:
     """Workers of a dask scheduler.
 
@@ -48,7 +48,7 @@ def cluster(
         timeout: Most wall time of a cell (s); problems in plain Python, which might
             not come back, then run in processes of the workers.
         on_steps: Told how many steps were done, a cell at a time.
-        on_wait: Told what the run waits for, when it does.
+        on_told: Told what the run waits for, when it does.
 
     Raises:
         InputError: When dask is not installed.
@@ -85,8 +85,8 @@ def cluster(
             client = stack.enter_context(distributed.Client(where))
         except (OSError, TimeoutError, ValueError) as error:
             raise ExecutorError(f"no dask scheduler at {address}: {error}") from None
-        if not client.nthreads():
-            on_wait(f"waiting for workers: the dask scheduler at {address} has none")
+        if address is not None and not client.nthreads():
+            on_told(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
 
         def submit(name: int, attempt: str, priority: int) -> Any:

@@ -91,8 +91,8 @@ class Watcher:
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
 
-    def waiting(self, what: str) -> None:
-        """The run cannot go on until something else happens."""
+    def told(self, line: str) -> None:
+        """Where the cells run, or what the run waits for."""
 
     def finished(self, cell: Cell, done: Done) -> None:
         """A cell has ended."""
@@ -197,21 +197,33 @@ def _execution(
 ) -> Iterator[Execution]:
     if not tasks:
         yield iter(())
-    elif options.executor == "dask":
+        return
+    cells = _counted(len(tasks), "cell", "cells")
+    if options.executor == "dask":
         from newmark_cli.study.cluster import cluster
 
+        watcher.told(f"{cells} on the workers of {options.scheduler or 'this machine'}")
         with cluster(
             tasks,
             options.scheduler,
             options.jobs,
             options.timeout,
             watcher.steps,
-            watcher.waiting,
+            watcher.told,
         ) as running:
             yield running
     else:
+        apart = sum(executors.wants_process(task.cell) for task in tasks.values())
+        threads = _counted(min(options.jobs, len(tasks) - apart), "thread", "threads")
+        processes = _counted(min(options.jobs, apart), "process", "processes")
+        places = " and ".join(filter(None, (threads, processes)))
+        watcher.told(f"{cells} on {places}")
         with executors.local(tasks, options.jobs, options.timeout, watcher.steps) as running:
             yield running
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}" if count else ""
 
 
 class _OpenRuns:
