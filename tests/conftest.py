@@ -113,6 +113,18 @@ def write_swings(cli, *whats):
     )
 
 
+def require_failed_alone(told, where):
+    """What a run of hang, exit and "" says with ``-v`` and a timeout of 8 s."""
+    first, well, ends, hangs = sorted(told.splitlines())
+    assert first == where
+    assert "(what=) " in well
+    assert ": ok, " in well
+    assert "(what=exit) " in ends
+    assert "failed: its process ended with code 3" in ends
+    assert "(what=hang) " in hangs
+    assert "failed: took longer than 8 s" in hangs
+
+
 @pytest.fixture
 def quick(cli):
     """A small valid config in the folder of ``cli``."""

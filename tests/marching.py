@@ -74,3 +74,17 @@ def assert_same_step(subject, scheme, first, second):
         ("lambda", first.multipliers, second.multipliers, to_multiplier),
     ):
         assert np.linalg.norm(one - other) <= unit * weight, name
+
+
+def scheme_of(form, variant, h, integrator=None):
+    return Scheme(integrator or Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+
+
+def in_motion(subject, seed=3):
+    """A state in general position."""
+    random = np.random.default_rng(seed)
+    state = start(subject)
+    state.fields[0] += 0.05 * np.abs(subject.u0).max() * random.normal(size=subject.n)
+    state.fields[1] += random.normal(size=subject.n)
+    state.multipliers[:] += random.normal(size=subject.m)
+    return state

@@ -2,19 +2,26 @@
 
 from newmark_cli.problems import planar
 
-_EVERYTHING = """\
-points:
-  A: {fixed: [0, 0]}
-  W: {fixed: [2, 2]}
-  B: {at: [0.3, 0.4]}
-  C: {at: [0.9, 1.2], mass: 2}
-  S: {at: [1.5, 0.5], mass: 1}
+#: Two bodies on points A, B and C, and points on them.
+TWO_BODIES = """\
 bodies:
   one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
   two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
 body_points:
   P: {on: one, at: [0.25, 0.3]}
   Q: {on: two, at: [0.75, -0.1]}
+"""
+_EVERYTHING = (
+    """\
+points:
+  A: {fixed: [0, 0]}
+  W: {fixed: [2, 2]}
+  B: {at: [0.3, 0.4]}
+  C: {at: [0.9, 1.2], mass: 2}
+  S: {at: [1.5, 0.5], mass: 1}
+"""
+    + TWO_BODIES
+    + """\
 bars:
   fixed on bodies: {from: P, to: S, length: LENGTH}
 sliders:
@@ -30,6 +37,7 @@ MOTIONS
 gravity: [1, -9]
 project_velocities: true
 """
+)
 
 _MOTIONS = "motions: {crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}}"
 

@@ -4,6 +4,7 @@ import numpy as np
 import oracles
 import pytest
 from marching import start
+from mechanisms import TWO_BODIES
 from mpmath import ellipfun, mp, mpf
 from scipy.stats import linregress
 
@@ -223,23 +224,22 @@ def test_trapezoidal_rule_misses_energy_and_rate_at_second_order(name, t_end, h,
     assert all(multipliers[0] < entry["multiplier"] < multipliers[1] for entry in found)
 
 
-SPRUNG = """\
+SPRUNG = (
+    """\
 points:
   A: {fixed: [0, 0]}
   W: {fixed: [2, 2]}
   B: {at: [0.3, 0.4], velocity: [-0.8, 0.6]}
   C: {at: [0.3, 1.4], mass: 2, velocity: [-0.8, 0.6]}
-bodies:
-  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
-  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
-body_points:
-  P: {on: one, at: [0.25, 0.3]}
-  Q: {on: two, at: [0.75, -0.1]}
+"""
+    + TWO_BODIES
+    + """\
 springs:
   inner: {from: P, to: Q, stiffness: 7, rest_length: 0.3}
   outer: {from: W, to: Q, stiffness: 5, rest_length: 0.9}
 gravity: [1, -9]
 """
+)
 
 
 def rigid(points, velocities, centre, length):

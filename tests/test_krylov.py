@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg
 from damped import damped
-from marching import assert_same_step, copy, march, start
+from marching import assert_same_step, copy, in_motion, march, scheme_of, start
 
 from newmark_cli.errors import InputError
 from newmark_cli.newmark import linear, scipy_march, solvers, tables
@@ -13,8 +13,7 @@ from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
 from newmark_cli.newmark.krylov import KrylovSystem, is_symmetric
 from newmark_cli.newmark.measures import krylov
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
 from newmark_cli.newmark.solvers import Krylov, Stagnation
 from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems.registry import PROBLEMS
@@ -36,20 +35,6 @@ SYMMETRIC = {
     ("a-lambda", "optimal"),
     ("a-lambda", "optimal-printed"),
 }
-
-
-def scheme_of(form, variant, h, integrator=None):
-    return Scheme(integrator or Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
-
-
-def in_motion(subject, seed=3):
-    """A state in general position."""
-    random = np.random.default_rng(seed)
-    state = start(subject)
-    state.fields[0] += 0.05 * np.abs(subject.u0).max() * random.normal(size=subject.n)
-    state.fields[1] += random.normal(size=subject.n)
-    state.multipliers[:] += random.normal(size=subject.m)
-    return state
 
 
 def values_of(subject, state):

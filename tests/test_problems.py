@@ -6,6 +6,7 @@ import oracles
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mechanisms import TWO_BODIES
 from mpmath import mp
 
 from newmark_cli.documents import DocumentError
@@ -119,17 +120,15 @@ def test_accelerations_in_motion(angle, rate):
     np.testing.assert_allclose(a, multipliers[0] * u + [0, -1], atol=1e-13)
 
 
-BODY = """\
+BODY = (
+    """\
 points:
   A: {fixed: [0, 0]}
   B: {at: [0.3, 0.4], velocity: [-0.8, 0.6]}
   C: {at: [0.3, 1.4], mass: 2, velocity: [-0.8, 0.6]}
-bodies:
-  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
-  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
-body_points:
-  P: {on: one, at: [0.25, 0.3]}
-  Q: {on: two, at: [0.75, -0.1]}
+"""
+    + TWO_BODIES
+    + """\
 springs:
   spring: {from: P, to: Q, stiffness: 7, rest_length: 0.3}
 bars: {}
@@ -137,6 +136,7 @@ torques:
   motor: {on: two, torque: 1.5}
 gravity: [1, -9]
 """
+)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import numpy as np
 import oracles
 import pytest
 from marching import start
+from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 from scipy.stats import linregress
 
@@ -170,19 +171,17 @@ def test_car_axis_against_the_published_reference():
     assert np.all(estimated <= [5e-12, 2e-10, 1e-10])
 
 
-DRIVEN = """\
+DRIVEN = (
+    """\
 points:
   A: {fixed: [0, 0]}
   W: {fixed: [2, 2]}
   B: {at: [0.3, 0.4]}
   C: {at: [0.9, 1.2], mass: 2}
   S: {at: [1.4, 0.4], mass: 1}
-bodies:
-  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
-  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
-body_points:
-  P: {on: one, at: [0.25, 0.3]}
-  Q: {on: two, at: [0.75, -0.1]}
+"""
+    + TWO_BODIES
+    + """\
 bars:
   fixed on a body: {from: Q, to: S, length: 0.8}
 sliders:
@@ -197,6 +196,7 @@ gravity: [1, -9]
 assemble: true
 project_velocities: true
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, SCRIPT, CommandLine, write_swings
+from conftest import QUICK, SCRIPT, CommandLine, require_failed_alone, write_swings
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -184,13 +184,7 @@ def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     arguments = ("run", "swings.yaml", "--allow-code")
     done = cli(*arguments, "--timeout", 8, "--jobs", 2, "-v", code=1)
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
-    where, well, ends, hangs = sorted(done.stderr.splitlines())
-    assert where == "3 cells on 2 processes"
-    assert "(what=) " in well
-    assert "(what=exit) " in ends
-    assert "failed: its process ended with code 3" in ends
-    assert "(what=hang) " in hangs
-    assert "failed: took longer than 8 s" in hangs
+    require_failed_alone(done.stderr, "3 cells on 2 processes")
     dry = cli(*arguments, "--dry-run").stdout
     assert dry.count("to run: failed before: ") == 2
     assert dry.endswith("2 of 3 cells to run\n")

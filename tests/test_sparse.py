@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import QUICK
 from damped import damped
-from marching import EPS, STEP, assert_same_step, copy, march, start, states
+from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
 from newmark_cli import documents
 from newmark_cli.newmark import kernel_march, scipy_march, sensitivity, tables
@@ -12,8 +12,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
-from newmark_cli.newmark.scaling import VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems import index_1
 from newmark_cli.problems.registry import PROBLEMS
@@ -27,20 +26,6 @@ SPECS = [*(Shipped(name) for name in PROBLEMS), CHAIN, FOUR_BARS]
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
 STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2, "damped": 1e-2}
 SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
-
-
-def scheme_of(form, variant, h):
-    return Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
-
-
-def in_motion(subject, seed=3):
-    """A state in general position."""
-    random = np.random.default_rng(seed)
-    state = start(subject)
-    state.fields[0] += 0.05 * np.abs(subject.u0).max() * random.normal(size=subject.n)
-    state.fields[1] += random.normal(size=subject.n)
-    state.multipliers[:] += random.normal(size=subject.m)
-    return state
 
 
 @pytest.mark.parametrize("h", [1e-1, 1e-7])

@@ -21,6 +21,9 @@ _OWN = {
     "distributed.deploy.lost-worker-timeout": "1000 weeks",
     # Without it cells wait for ever when no worker starts.
     "distributed.scheduler.no-workers-timeout": "60s",
+    # dask listens for HTTP even without a dashboard: nobody is answered.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
 
 
@@ -76,6 +79,8 @@ def cluster(
                         threads_per_worker=1,
                         host="127.0.0.1",
                         dashboard_address=None,
+                        # The usual port may be taken, and is another's then.
+                        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                         silence_logs=logging.CRITICAL,
                     )
                 )
