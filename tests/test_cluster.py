@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import pytest
 from conftest import require_failed_alone, write_swings
+
+import newmark_cli
 
 pytest.importorskip("distributed")
 
@@ -41,7 +44,7 @@ def scheduler(tmp_path, request):
     environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
     processes = []
 
-    def start(*command):
+    def start(*command, **added):
         # Elsewhere, so that nothing is found by its path.
         away = tmp_path / "away"
         away.mkdir(exist_ok=True)
@@ -49,7 +52,7 @@ def scheduler(tmp_path, request):
             subprocess.Popen(
                 command,
                 cwd=away,
-                env=environment,
+                env=environment | added,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
             )
@@ -63,11 +66,11 @@ def scheduler(tmp_path, request):
             address = found[1].decode()
             break
 
-    def workers(count):
+    def workers(count, **environment):
         return [
             start(
                 BIN / "dask", "worker", address, "--nthreads", "1", "--nworkers", "1",
-                "--no-dashboard", "--no-nanny", "--host", "127.0.0.1",
+                "--no-dashboard", "--no-nanny", "--host", "127.0.0.1", **environment,
             )
             for _ in range(count)
         ]  # fmt: skip
@@ -162,6 +165,25 @@ def test_workers_that_come_late(cli, study, scheduler):
     output, errors = run.communicate(timeout=120)
     assert run.returncode == 0, errors
     assert output.startswith("spread: 24 ok")
+
+
+def test_a_worker_with_another_core_is_refused(cli, scheduler):
+    """Its numbers would be kept as those of the code that runs here."""
+    _, address, workers = scheduler
+    package = Path(newmark_cli.__file__).parent
+    other = cli.folder / "other"
+    shutil.copytree(package, other / "newmark_cli", ignore=shutil.ignore_patterns("__pycache__"))
+    with (other / "newmark_cli/newmark/kernel.py").open("a") as file:
+        file.write("# changed\n")
+    workers(1, PYTHONPATH=str(other))
+    cli.write("mine.yaml", MINE)
+    cli.write("spread.yaml", STUDY)
+    run = running(cli, address)
+    _, errors = run.communicate(timeout=120)
+    assert run.returncode == 1
+    (line,) = errors.splitlines()
+    assert "computes with another numerical core of the same version; " in line
+    assert not list((cli.folder / "dask/cells").iterdir())
 
 
 @pytest.mark.parametrize("scheduler", ["2s"], indirect=True)

@@ -5,7 +5,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from newmark_cli.errors import ExecutorError, InputError
@@ -13,6 +13,7 @@ from newmark_cli.problems.spec import portable
 from newmark_cli.study.cell import Done
 from newmark_cli.study.child import perform_apart
 from newmark_cli.study.executors import Execution, Task, failed, perform, wants_process
+from newmark_cli.study.store import core, unlike, versions
 
 #: What workers of our own are started with, over dask's configuration.
 _OWN = {
@@ -55,8 +56,8 @@ def cluster(
 
     Raises:
         InputError: When dask is not installed.
-        ExecutorError: When there is no scheduler, it is lost, or it has no workers for
-            longer than it is configured to wait.
+        ExecutorError: When there is no scheduler, it is lost, it has no workers for
+            longer than it is configured to wait, or one has another numerical core.
     """
     try:
         import dask
@@ -93,22 +94,44 @@ def cluster(
         if address is not None and not client.nthreads():
             on_told(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
+        here = _Core(core(), versions())
 
         def submit(name: int, attempt: str, priority: int) -> Any:
             task = tasks[name]
             carried = replace(task, cell=replace(task.cell, problem=portable(task.cell.problem)))
             key = f"newmark-{run}-{attempt}-{name}"
-            apart = timeout is not None and wants_process(task.cell)
             return client.submit(
-                perform_apart if apart else perform,
-                carried,
-                timeout,
-                key=key,
-                priority=priority,
-                pure=False,
+                _perform, carried, timeout, here, key=key, priority=priority, pure=False
             )
 
         yield _as_done(submit, tasks, address, on_steps)
+
+
+@dataclass(frozen=True)
+class _Core:
+    """What the numbers come from; see `newmark_cli.study.store`."""
+
+    digest: str
+    versions: Mapping[str, str]
+
+
+def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
+    """A cell on a worker, which must compute as the process that keeps the result."""
+    if core() != wanted.digest:
+        import distributed
+
+        there = versions()
+        others = [
+            f"{name} {there[name]}, here {wanted.versions[name]}"
+            for name in unlike(there, wanted.versions)
+        ]
+        raise ExecutorError(
+            f"the dask worker at {distributed.get_worker().address} computes with another "
+            f"{'; '.join(others) or 'numerical core of the same version'}"
+        )
+    if timeout is not None and wants_process(task.cell):
+        return perform_apart(task, timeout)
+    return perform(task, timeout)
 
 
 def _as_done(
@@ -149,7 +172,7 @@ def _result(future: Any, address: str | None) -> Done | None:
         done: Done = future.result()
     except distributed.KilledWorker:
         return None
-    except InputError:
+    except (ExecutorError, InputError):
         raise
     except NoWorkerError:
         raise ExecutorError(f"the dask scheduler{where} has no workers") from None

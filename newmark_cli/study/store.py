@@ -9,6 +9,7 @@ mean nothing.
 import hashlib
 import json
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
@@ -79,7 +80,7 @@ class Store:
         record = {
             "cell": _description(cell),
             "key": asdict(key),
-            "versions": _versions(),
+            "versions": versions(),
             "seconds": done.seconds,
             "outcome": _record(done.outcome),
         }
@@ -100,12 +101,8 @@ class Store:
             other for other in others if other and other["key"]["problem"] == key.problem
         ]
         if same_problem:
-            before, now = same_problem[-1].get("versions", {}), _versions()
-            changed = [
-                f"{name} {before.get(name)} -> {now[name]}"
-                for name in now
-                if before.get(name) != now[name]
-            ]
+            before, now = same_problem[-1].get("versions", {}), versions()
+            changed = [f"{name} {before.get(name)} -> {now[name]}" for name in unlike(before, now)]
             return ", ".join(changed) or "the numerical core has changed"
         if any(others):
             return "the problem has changed"
@@ -179,19 +176,25 @@ def core() -> str:
         package / "study" / "cell.py",
         package / "study" / "compute.py",
     ]
-    digest = hashlib.sha256(json.dumps(_versions(), sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     for file in files:
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 
 
 @cache
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Versions of what the numbers come from, and the type of processor, by name."""
     return {
         "newmark-study": newmark_cli.__version__,
         "machine": platform.machine(),
         **{name: version(name) for name in _LIBRARIES},
     }
+
+
+def unlike(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
+    """Names of what has different `versions`."""
+    return [name for name in other if one.get(name) != other[name]]
 
 
 def _record(outcome: Outcome) -> dict[str, Any]:
