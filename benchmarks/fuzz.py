@@ -404,18 +404,18 @@ def damaged_bytes(chance: random.Random, corpus: list[str]) -> bytes:
     return bytes(data)
 
 
-def inputs(count: int, seed: int) -> Iterator[bytes]:
-    """Damaged files; the same for the same seed."""
+def inputs(numbers: range, seed: int) -> Iterator[tuple[int, bytes]]:
+    """Damaged files and their numbers; the same for the same number and seed."""
     corpus = [*(file.read_text() for file in FILES), EVERYTHING, CODE, MOTIONS]
-    for number in range(count):
+    for number in numbers:
         chance = random.Random(f"{seed} {number}")
-        yield (damaged_tree if chance.random() < 0.8 else damaged_bytes)(chance, corpus)
+        yield number, (damaged_tree if chance.random() < 0.8 else damaged_bytes)(chance, corpus)
 
 
 # -- judging ------------------------------------------------------------------------------
 
 
-def judge(file: Path, tally: Tally) -> None:
+def judge(number: int, file: Path, tally: Tally) -> None:
     """Run `validate` on a file and note what it does."""
     out, err = io.StringIO(), io.StringIO()
     code, finding, loaded = -1, "", tally.loaded
@@ -443,6 +443,7 @@ def judge(file: Path, tally: Tally) -> None:
     if not finding and seconds > SECONDS:
         finding = f"slower than {SECONDS:g} s"
     if finding:
+        print(f"input {number}: {finding}", file=sys.stderr, flush=True)
         tally.findings[finding] += 1
         tally.examples.setdefault(finding, data)
 
@@ -469,7 +470,7 @@ def located(error: BaseException) -> str:
     return f"{type(error).__name__} at {Path(place.filename).name}:{place.name}: {text}"
 
 
-def fuzz(count: int, seed: int) -> Tally:
+def fuzz(numbers: range, seed: int) -> Tally:
     """Judge damaged files, in a folder of their own."""
     tally = Tally()
 
@@ -491,9 +492,9 @@ def fuzz(count: int, seed: int) -> Tally:
         (folder / "trap.py").write_text(TRAP)
         with contextlib.chdir(folder):
             warm_up()
-            for data in inputs(count, seed):
+            for number, data in inputs(numbers, seed):
                 Path("m.yaml").write_bytes(data)
-                judge(Path("m.yaml"), tally)
+                judge(number, Path("m.yaml"), tally)
             litter = {file.name for file in Path().iterdir()}
             if litter != {"m.yaml", "trap.py", *(file.name for file in FILES)}:
                 tally.findings["wrote files"] += 1
@@ -512,16 +513,17 @@ def main() -> None:
     parser.add_argument("count", type=int, nargs="?", default=1000, help="how many inputs")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--keep", type=Path, help="folder for the first input of each finding")
     options = parser.parse_args()
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    share = -(-options.count // options.processes)
-    seeds = [(share, options.seed * 1000 + k) for k in range(options.processes)]
+    last = options.first + options.count
+    parts = [range(options.first + k, last, options.processes) for k in range(options.processes)]
     tally = Tally()
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.processes, mp_context=spawn) as pool:
-        for part in pool.map(fuzz, *zip(*seeds, strict=True)):
+        for part in pool.map(fuzz, parts, [options.seed] * len(parts)):
             tally.add(part)
     spent = sorted(tally.seconds)
     print(f"{len(spent)} inputs, seed {options.seed}")
