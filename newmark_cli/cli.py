@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
     from newmark_cli.report.tables import Entry
     from newmark_cli.study.config import Study
+    from newmark_cli.study.runner import StudyRun
 
 
 _complete_config = complete("configs", files=True)
@@ -82,6 +83,8 @@ def _running(command: Callable[..., int]) -> Callable[..., int]:
     ) -> int:  # fmt: skip
         if scheduler is not None and executor != "dask":
             raise click.UsageError("--scheduler needs --executor dask")
+        if timeout is not None and math.isnan(timeout):
+            raise click.UsageError("--timeout: must be a number of seconds, given nan")
         how = _How(
             jobs or os.cpu_count() or 1, force, fail_fast, timeout, executor, scheduler, quiet,
             verbose,
@@ -98,7 +101,7 @@ def _running(command: Callable[..., int]) -> Callable[..., int]:
             ),
             click.option(
                 "--timeout",
-                type=click.FloatRange(min=0, min_open=True),
+                type=click.FloatRange(0, 1e9, min_open=True),
                 metavar="SECONDS",
                 help="Longest time of a cell; it then counts as failed.",
             ),
@@ -139,7 +142,7 @@ def _shard(
 ) -> tuple[int, int] | None:
     if given is None:
         return None
-    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", given)
+    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", given)
     if not match or not 1 <= int(match[1]) <= int(match[2]):
         raise click.BadParameter(f"must be I/N with 1 <= I <= N, given {given!r}")
     return int(match[1]), int(match[2])
@@ -178,7 +181,7 @@ def run(
 
     studies = [config.find(name, allow_code) for name in configs]
     if dry_run:
-        return _dry_run(studies, folder, how.force)
+        return _dry_run(studies, folder, how.force, shard)
     return _run(studies, folder, how, shard)
 
 
@@ -208,21 +211,18 @@ def merge(
     Example:
       newmark-study merge andrews-u --from node1/results --from node2/results
     """
-    from newmark_cli.study import config, runner, store
+    from newmark_cli.study import config, runner
 
     studies = [config.find(name, allow_code) for name in configs]
-    kept = store.Store(folder)
-    kept.prepare()
-    for source in sources:
-        click.echo(f"{source}: {kept.take(source)} cells")
-    missing = [one for one in runner.plan(studies, folder) if one.done is None]
-    for s, study in enumerate(studies):
-        count = sum(one.study == s for one in missing)
+    merged = runner.merge(studies, folder, sources)
+    for source, count in zip(sources, merged.taken, strict=True):
+        click.echo(f"{source}: {count} cells")
+    for study, count in zip(studies, merged.missing, strict=True):
         if count:
             _complain(f"{study.study}: {count} of {len(study.cells())} cells are missing")
-    if missing:
+    if any(merged.missing):
         return 1
-    return _run(studies, folder, _How(1, False, False, None, "local", None, False, False), None)
+    return _tell(merged.runs, folder)
 
 
 @cli.command()
@@ -646,21 +646,28 @@ def _run(studies: "Sequence[Study]", folder: Path, how: _How, shard: tuple[int, 
     )
     with terminal.watching(how.quiet, how.verbose) as watcher:
         runs = runner.run_studies(studies, folder, options, watcher)
+    return _tell(runs, folder, how.quiet)
+
+
+def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
+    """How studies went, a line each; 1 when a cell did not end well."""
     for done in runs:
         counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
         spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
         kept = f" ({done.kept} kept)" if done.kept else ""
         where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
-        if not how.quiet:
+        if not quiet:
             click.echo(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
     return 0 if all(done.ok for done in runs) else 1
 
 
-def _dry_run(studies: "Sequence[Study]", folder: Path, force: bool) -> int:
+def _dry_run(
+    studies: "Sequence[Study]", folder: Path, force: bool, shard: tuple[int, int] | None
+) -> int:
     from newmark_cli import terminal
     from newmark_cli.study import runner
 
-    planned = runner.plan(studies, folder, force)
+    planned = runner.plan(studies, folder, force, shard)
     for one in planned:
         state = f"done, {one.done.outcome.status}" if one.done else f"to run: {one.why}"
         click.echo(f"{studies[one.study].study}: {terminal.described(one.cell)}: {state}")
@@ -745,7 +752,6 @@ def _forms_and_scalings(
 def _json(value: object) -> str:
     """JSON for programs; NaN and infinity are null."""
     import json
-    import math
 
     def plain(part: object) -> object:
         if isinstance(part, dict):

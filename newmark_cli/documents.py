@@ -228,7 +228,7 @@ def validate(
 class _Scalar(NamedTuple):
     line: int
     text: str
-    plain: bool  #: written without quotes
+    value: Any  #: what it means: text where it is quoted
 
 
 class _List(NamedTuple):
@@ -291,7 +291,9 @@ class _Composer:
     def _content(self, event: Any, depth: int) -> _Node:
         line = event.start_mark.line + 1
         if isinstance(event, yaml.ScalarEvent):
-            return _Scalar(line, event.value, not event.style)
+            # Once: it may be long, and referred to very often.
+            value = event.value if event.style else _plain(event.value)
+            return _Scalar(line, event.value, value)
         children = []
         for child in self._events:
             if isinstance(child, yaml.CollectionEndEvent):
@@ -326,7 +328,7 @@ class _NodeReader:
             return self._mapping(node, path)
         if isinstance(node, _List):
             return [self.value(item, (*path, i)) for i, item in enumerate(node.items)]
-        return _plain(node.text) if node.plain else node.text
+        return node.value
 
     def _mapping(self, node: _Mapping, path: KeyPath) -> dict[str, Any]:
         mapping: dict[str, Any] = {}

@@ -70,7 +70,7 @@ t_end: 1.0
 """
 
 
-#: A problem in plain Python that is well, does not end, or ends its process.
+#: A problem in plain Python that is well, does not end, ends its process, or fails.
 SWING = """\
 import os
 import time
@@ -85,6 +85,8 @@ def swing(what="", after=0.5):
             time.sleep(3600)
         if what == "exit" and t > after:
             os._exit(3)
+        if what == "raise" and t > after:
+            raise RuntimeError(f"not after {after}")
         return np.array([0.0, -1.0])
 
     return Definition(

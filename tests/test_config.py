@@ -304,6 +304,15 @@ def test_alias_bombs_are_refused(tmp_path):
         load(tmp_path, "\n".join(lines))
 
 
+def test_what_is_referred_to_is_read_once(monkeypatch):
+    """However long it is and however often it stands: a million digits, 2000 times."""
+    read, plain = [], documents._plain
+    monkeypatch.setattr(documents, "_plain", lambda text: read.append(text) or plain(text))
+    found = documents.parse(f"a: &a {'1' * 1_000_000}\nb: [{'*a, ' * 2000}]", "f").data
+    assert found == {"a": float("inf"), "b": [float("inf")] * 2000}
+    assert len(read) == 1
+
+
 @given(st.floats(1e-300, 1e300))
 def test_numbers_read_back(value):
     """Every spelling of a float that Python writes is a number here."""

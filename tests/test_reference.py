@@ -448,7 +448,7 @@ def test_damaged_files_are_written_anew(tmp_path, counted, damage):
 def test_what_cannot_be_written_is_an_input_error(tmp_path):
     """One line, not a traceback."""
     (tmp_path / "references").write_text("in the way")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot be made"):
         References(tmp_path).of(SPEC, 0.2)
 
 

@@ -5,19 +5,18 @@ import math
 import os
 import pty
 import re
-import shutil
 import signal
 import subprocess
 import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, SCRIPT, CommandLine, require_failed_alone, write_swings
+from conftest import QUICK, SCRIPT, SWING, CommandLine, require_failed_alone, write_swings
 from hypothesis import given
 from hypothesis import strategies as st
 
 from newmark_cli.newmark.statistics import Measurement, Statistics
-from newmark_cli.study import config, results, store
+from newmark_cli.study import config, results, sealed, store
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
 LONG = """\
@@ -95,9 +94,13 @@ def test_dry_runs_say_why(cli):
             file.unlink()
             file = file.with_name("-".join([*parts[:2], "0" * 16]) + ".json")
         if change == "outcome":
-            record["outcome"]["measurements"][0]["statistics"].pop("rms")
-        text = json.dumps(record)
-        file.write_text(text[:100] if change == "cut" else text)
+            record["outcome"]["measurements"][0]["statistics"]["rms"] *= 2
+        if change in ("cut", "outcome"):
+            text = json.dumps(record)
+            file.write_text(text[:100] if change == "cut" else text)
+        else:
+            record.pop("sha256")
+            sealed.write(file, record)
     found = sorted(reasons(cli)[0])
     assert found[:2] == ["to run: kept result is damaged"] * 2
     assert found[2].startswith("to run: numba 0.1 -> ")
@@ -115,13 +118,18 @@ def start(cli, *arguments, **options):
     )  # fmt: skip
 
 
-def wait_for_cells(folder, count):
-    """Until so many cells are kept."""
+def wait_until(holds):
+    """At most a minute."""
     for _ in range(2400):
-        if len(list(folder.glob("cells/*.json"))) >= count:
+        if holds():
             return
         time.sleep(0.025)
-    raise AssertionError("nothing is kept")
+    raise AssertionError("not within a minute")
+
+
+def wait_for_cells(folder, count):
+    """Until so many cells are kept."""
+    wait_until(lambda: len(list(folder.glob("cells/*.json"))) >= count)
 
 
 @pytest.fixture(scope="module")
@@ -201,6 +209,128 @@ def test_fail_fast_skips_the_rest(cli):
     assert "12 not_converged, 12 ok (" in cli("run", "long.yaml", code=1).stdout
 
 
+def test_failures_replace_no_results(cli, quick):
+    """A forced run that fails leaves what is kept, and the next run writes it again."""
+    cli("run", "quick.yaml")
+    first = csv(cli.folder / "results")
+    assert "4 failed" in cli("run", "quick.yaml", "--force", "--timeout", "1e-9", code=1).stdout
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert csv(cli.folder / "results") == first
+
+
+def test_failed_cells_are_merged(cli, quick):
+    """They are not missing: the bytes of the plain run.  A result is better, in any order."""
+    write_swings(cli, "exit", "")
+    run = ("run", "swings.yaml", "--allow-code")
+    merge = ("merge", "swings.yaml", "--allow-code", "--from", "one", "--from", "two")
+    cli(*run, "--results", "whole", code=1)
+    cli(*run, "--shard", "1/2", "--results", "one", code=1)
+    cli(*run, "--shard", "2/2", "--results", "two")
+    done = cli(*merge, "--results", "all", code=1)
+    assert done.stdout.endswith("swings: 1 failed, 1 ok (2 kept) -> all/swings.csv\n")
+    assert csv(cli.folder / "all", "swings") == csv(cli.folder / "whole", "swings")
+
+    cli("run", "quick.yaml", "--results", "bad", "--timeout", "1e-9", code=1)
+    cli("run", "quick.yaml", "--results", "good")
+    for i, sources in enumerate((("bad", "good"), ("good", "bad"))):
+        options = [word for source in sources for word in ("--from", source)]
+        cli("merge", "quick.yaml", *options, "--results", f"merged{i}")
+        assert csv(cli.folder / f"merged{i}") == csv(cli.folder / "good")
+
+
+def test_merge_leaves_a_folder_that_is_in_use(cli, quick):
+    """Refused before anything is copied."""
+    cli("run", "quick.yaml", "--results", "source")
+    cli.write("long.yaml", LONG)
+    run = start(cli, "long.yaml")
+    wait_for_cells(cli.folder / "results", 1)
+    assert "in use" in cli.refused("merge", "quick.yaml", "--from", "source")
+    run.kill()
+    run.communicate()
+    ours, theirs = (cli.folder / name / "cells" for name in ("results", "source"))
+    assert not {file.name for file in ours.iterdir()} & {file.name for file in theirs.iterdir()}
+
+
+ERRORS = """\
+study: errors
+problem: {python: "mine.py:swing", args: {what: WHAT}}
+form: u-lambda
+preconditioning: optimal
+h: 0.1
+t_end: 1.0
+measure: [correction, error]
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("hang", "no reference at t = 1: took longer than 6 s"),
+        ("exit", "no reference at t = 1: its process ended with code 3"),
+        ("raise", "no reference at t = 1: RuntimeError: not after 0.5"),
+    ],
+)
+def test_references_that_never_come(cli, what, reason):
+    """They fail the cells that need them, which are told, kept, and not those beside them."""
+    cli.write("quick.yaml", QUICK)
+    cli.write("mine.py", SWING)
+    cli.write("errors.yaml", ERRORS.replace("WHAT", what))
+    arguments = ("errors.yaml", "quick.yaml", "--allow-code")
+    done = cli("run", *arguments, "--timeout", 6, "-v", code=1)
+    assert done.stdout.startswith("errors: 1 failed -> results/errors.csv\nquick: 4 ok ->")
+    (told,) = [line for line in done.stderr.splitlines() if "failed" in line]
+    assert reason in told
+    assert reason in cli("run", *arguments, "--dry-run").stdout
+
+
+def test_workers_end_with_their_run(cli):
+    """Processes of a run that is killed do not compute on for nobody."""
+    cli.write("mine.py", SWING)
+    write_swings(cli, "hang")
+    run = start(cli, "swings.yaml", "--allow-code", start_new_session=True)
+
+    def members():
+        """Processes of the run's session."""
+        found = subprocess.run(
+            ["ps", "-s", str(run.pid), "-o", "pid="], capture_output=True, text=True
+        )
+        return found.stdout.split()
+
+    wait_until(lambda: len(members()) > 2)
+    time.sleep(1)
+    run.kill()
+    run.communicate()
+    wait_until(lambda: not members())
+
+
+def test_interrupts_are_for_the_run(cli):
+    """Ctrl-C goes to all processes of a terminal; one line, at every moment."""
+    write_swings(cli, "hang")
+    for delay in (0.5, 1.5, 3):
+        run = start(cli, "swings.yaml", "--allow-code", start_new_session=True)
+        time.sleep(delay)
+        os.killpg(run.pid, signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
+
+
+def test_dry_runs_of_shards(cli, quick):
+    """A part alone; and what the run refuses is refused."""
+    assert reasons(cli, "--shard", "2/3") == (["to run: not run yet"], "1 of 1 cells to run")
+    line = cli.refused("run", "quick.yaml", "quick.yaml", "--dry-run")
+    assert "two studies are named 'quick'" in line
+
+
+def test_fail_fast_minds_what_is_kept(cli):
+    """The same command again does not go past the failure that ended it."""
+    cli.write("long.yaml", LONG + "iteration_cap: 1\nmeasure: correction\n")
+    arguments = ("run", "long.yaml", "--fail-fast", "--jobs", 1)
+    first, again = (re.findall(r"\d+ [a-z_]+", cli(*arguments, code=1).stdout) for _ in range(2))
+    assert "1 not_converged" in first
+    assert first == again[: len(first)]
+    assert again[-1].endswith(" kept")
+
+
 def test_quiet_and_verbose(cli, quick):
     """-q says nothing, -v a line for every cell on stderr."""
     done = cli("run", "quick.yaml", "-q")
@@ -241,19 +371,17 @@ def test_a_terminal_shows_progress(cli, quick):
 
 
 def test_a_folder_that_vanishes(cli):
-    """Deleted in mid-run: the run ends with its results, or with one line; never a traceback."""
+    """Taken away in mid-run: one line, and the folder is not made again without its lock."""
     cli.write("long.yaml", LONG)
     run = start(cli, "long.yaml")
     wait_for_cells(cli.folder / "results", 2)
-    shutil.rmtree(cli.folder / "results", ignore_errors=True)
-    output, errors = run.communicate(timeout=120)
-    if run.returncode == 0:
-        assert "24 ok" in output
-        assert errors == ""
-        return
+    (cli.folder / "results").rename(cli.folder / "taken")
+    _, errors = run.communicate(timeout=120)
     assert run.returncode == 2
-    assert len(errors.splitlines()) == 1
-    assert "cannot be written" in errors
+    (line,) = errors.splitlines()
+    assert "cannot be written: No such file or directory" in line
+    assert not (cli.folder / "results").exists()
+    assert len(list((cli.folder / "taken/cells").glob("*.json"))) >= 2
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)

@@ -1,7 +1,7 @@
-"""A cell in a process of its own, which ends in time whatever the cell does.
+"""Calls in a process of their own, which end in time whatever the called code does.
 
-For workers that must not die with a cell and may not have children of
-`multiprocessing`, as those of dask.
+For what must not take its caller along and where `multiprocessing` may not start
+processes: in the workers of dask.
 """
 
 import os
@@ -10,61 +10,69 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
+from typing import Any
 
 from newmark_cli.errors import InputError
-from newmark_cli.study.cell import Done
-from newmark_cli.study.executors import Task, failed, overtime, perform
 
 
-def perform_apart(task: Task, timeout: float) -> Done:
-    """`newmark_cli.study.executors.perform` in a new process.
+class ChildError(Exception):
+    """The process did not come back; the text says how it ended."""
+
+
+def call(function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float | None) -> Any:
+    """What a function returns when it is called in a new process.
 
     Args:
-        task: The cell, portable.
+        function: A function of a module.
+        arguments: What pickle can carry.
         timeout: Most wall time (s), with the start of the process.
 
     Raises:
-        InputError: When the cell asks for what there is not.
+        ChildError: When there is no answer.
+        InputError: What the function raised.
     """
-    start = time.perf_counter()
     try:
         child = subprocess.run(
             [sys.executable, "-m", __name__],
-            input=pickle.dumps(task),
+            input=pickle.dumps((function, arguments)),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             timeout=timeout,
         )
     except subprocess.TimeoutExpired:
-        return Done(overtime(timeout), timeout)
+        raise ChildError(f"took longer than {timeout:g} s") from None
     if child.returncode != 0:
-        reason = f"its process ended with code {child.returncode}"
-        return Done(failed(reason), time.perf_counter() - start)
+        raise ChildError(f"its process ended with code {child.returncode}")
     found = pickle.loads(child.stdout)
     if isinstance(found, InputError):
         raise found
-    assert isinstance(found, Done)
     return found
 
 
-def _main() -> None:
-    # What the cell's code prints must not run into what it found.
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
-        found: Done | InputError
-        try:
-            found = perform(pickle.load(sys.stdin.buffer))
-        except InputError as error:
-            found = error
-        pickle.dump(found, output)
+def end_with_parent() -> None:
+    """Let this process end when its parent has; nobody else waits for its work."""
+    threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
 
 
 def _end_with(parent: int) -> None:
-    """A worker that is killed leaves no process behind that nobody waits for."""
     while os.getppid() == parent:
         time.sleep(1)
     os._exit(1)
+
+
+def _main() -> None:
+    # What the called code prints must not run into what it returns.
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        end_with_parent()
+        function, arguments = pickle.load(sys.stdin.buffer)
+        found: Any
+        try:
+            found = function(*arguments)
+        except InputError as error:
+            found = error
+        pickle.dump(found, output)
 
 
 if __name__ == "__main__":

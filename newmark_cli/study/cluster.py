@@ -1,6 +1,8 @@
 """Cells on the workers of a dask scheduler, or of one started for this run."""
 
 import logging
+import signal
+import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
@@ -8,10 +10,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from newmark_cli.errors import ExecutorError, InputError
+from newmark_cli.errors import ExecutorError, InputError, one_line
 from newmark_cli.problems.spec import portable
 from newmark_cli.study.cell import Done
-from newmark_cli.study.child import perform_apart
+from newmark_cli.study.child import ChildError, call
 from newmark_cli.study.executors import Execution, Task, failed, perform, wants_process
 from newmark_cli.study.store import core, unlike, versions
 
@@ -55,7 +57,7 @@ def cluster(
         on_told: Told what the run waits for, when it does.
 
     Raises:
-        InputError: When dask is not installed.
+        InputError: When dask is not installed, or an address is none.
         ExecutorError: When there is no scheduler, it is lost, it has no workers for
             longer than it is configured to wait, or one has another numerical core.
     """
@@ -73,6 +75,8 @@ def cluster(
         where: Any = address
         if address is None:
             stack.enter_context(dask.config.set(_OWN))
+            # Half a cluster does not know how to end: Ctrl-C waits until it is there.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
                 where = stack.enter_context(
                     distributed.LocalCluster(
@@ -87,10 +91,15 @@ def cluster(
                 )
             except (OSError, RuntimeError, TimeoutError) as error:
                 raise ExecutorError(f"no dask workers on this machine: {error}") from None
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
             client = stack.enter_context(distributed.Client(where))
-        except (OSError, TimeoutError, ValueError) as error:
-            raise ExecutorError(f"no dask scheduler at {address}: {error}") from None
+        except ValueError as error:
+            raise InputError(f"--scheduler {address}: {error}") from None
+        except Exception as error:  # of whatever listens there, or of the kind of address
+            reason = one_line(f"{error}" or type(error).__name__)
+            raise ExecutorError(f"no dask scheduler at {address}: {reason}") from None
         if address is not None and not client.nthreads():
             on_told(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
@@ -129,9 +138,14 @@ def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
             f"the dask worker at {distributed.get_worker().address} computes with another "
             f"{'; '.join(others) or 'numerical core of the same version'}"
         )
-    if timeout is not None and wants_process(task.cell):
-        return perform_apart(task, timeout)
-    return perform(task, timeout)
+    if timeout is None or not wants_process(task.cell.problem):
+        return perform(task, timeout)
+    start = time.perf_counter()
+    try:
+        done: Done = call(perform, (task,), timeout)
+    except ChildError as error:
+        return Done(failed(str(error)), time.perf_counter() - start)
+    return done
 
 
 def _as_done(

@@ -18,7 +18,9 @@ import numpy as np
 
 from newmark_cli.errors import InputError
 from newmark_cli.problems.reference import Reference
+from newmark_cli.problems.spec import ProblemSpec
 from newmark_cli.study.cell import Cell, Done, Outcome
+from newmark_cli.study.child import end_with_parent
 from newmark_cli.study.compute import compute
 
 
@@ -94,9 +96,9 @@ def failed(reason: str) -> Outcome:
     return Outcome([], 0, np.nan, "failed", reason)
 
 
-def wants_process(cell: Cell) -> bool:
-    """Whether a cell holds the interpreter lock: a problem in plain Python does."""
-    return not cell.problem.load().compiled
+def wants_process(problem: ProblemSpec) -> bool:
+    """Whether a problem holds the interpreter lock: one in plain Python does."""
+    return not problem.load().compiled
 
 
 @contextmanager
@@ -129,7 +131,7 @@ def local(
             raise _Stopped
         return perform(task, timeout, checked)
 
-    apart = {name: task for name, task in tasks.items() if wants_process(task.cell)}
+    apart = {name: task for name, task in tasks.items() if wants_process(task.cell.problem)}
     with ThreadPoolExecutor(max_workers=jobs) as threads, _processes(jobs, len(apart)) as start:
         try:
             futures: dict[Future[Done], int] = {
@@ -172,9 +174,18 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
 
     # Forked, they would inherit the locks of threads that do not run in them.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_leave_interrupts, context=context)
+    pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_prepare, context=context)
+
+    def start(task: Task, timeout: float | None) -> Future[Done]:
+        # The pool's threads inherit what is blocked, and so do the processes they start.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return pool.schedule(perform, args=[task], timeout=timeout)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
     try:
-        yield lambda task, timeout: pool.schedule(perform, args=[task], timeout=timeout)
+        yield start
         pool.close()
     except BaseException:
         pool.stop()
@@ -183,6 +194,7 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
         pool.join()
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C is for the process that has started this one."""
+def _prepare() -> None:
+    """Ctrl-C is for the process that has started this one, which is not outlived."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()

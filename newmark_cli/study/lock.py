@@ -49,14 +49,13 @@ def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
             fcntl.flock(file, kind | fcntl.LOCK_NB)
         except OSError:
             raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
-        file.seek(0)
-        file.truncate()
         started = datetime.now().astimezone().isoformat(timespec="seconds")
-        json.dump(
-            {"what": what, "process": os.getpid(), "host": platform.node(), "started": started},
-            file,
-        )
-        file.flush()
+        holder = {"what": what, "process": os.getpid(), "host": platform.node(), "started": started}
+        # On a full disk the lock holds all the same, and whoever is refused learns less.
+        with contextlib.suppress(OSError):
+            file.seek(0)
+            file.truncate()
+            os.write(file.fileno(), json.dumps(holder).encode())
         yield
 
 

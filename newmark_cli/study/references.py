@@ -7,7 +7,6 @@ again.
 """
 
 import hashlib
-import json
 import re
 import threading
 from collections.abc import Callable
@@ -22,29 +21,38 @@ from newmark_cli.problems.known import KNOWN
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.problems.spec import ProblemSpec, Shipped
-from newmark_cli.study import results
+from newmark_cli.study import results, sealed
+
+#: Computes the solution of a problem at a time.
+Solve = Callable[[ProblemSpec, float], Reference]
+
+
+def solved(spec: ProblemSpec, t: float, on_work: Callable[[], None] = lambda: None) -> Reference:
+    """`newmark_cli.problems.reference.solution` of a problem by its name."""
+    return reference.solution(spec.load(), t, on_work)
 
 
 class References:
     """References that share a results folder; threads may share this object."""
 
-    def __init__(self, folder: Path) -> None:
-        """Take a results folder; nothing is read or written yet."""
-        self._folder = folder / "references"
+    def __init__(self, folder: Path, solve: Solve | None = None) -> None:
+        """Take a results folder; nothing is read or written yet.
+
+        Args:
+            folder: Results folder.
+            solve: Computes one; `newmark_cli.problems.reference.solution` if omitted.
+        """
+        self._folder, self._solve = folder / "references", solve or solved
         self._guard = threading.Lock()
         self._locks: dict[str, threading.Lock] = {}
         self._found: dict[str, Reference] = {}
 
-    def of(
-        self, spec: ProblemSpec, t: float, on_work: Callable[[], None] = lambda: None
-    ) -> Reference:
+    def of(self, spec: ProblemSpec, t: float) -> Reference:
         """The solution of a problem at a time, computed at most once.
 
         Args:
             spec: The problem.
             t: Time since the problem's start (s).
-            on_work: Called now and then while one is computed; an exception that it
-                raises ends the work.
 
         Raises:
             NoReference: The motion cannot be computed up to that time.
@@ -60,19 +68,18 @@ class References:
             lock = self._locks.setdefault(content, threading.Lock())
         with lock:
             if content not in self._found:
-                self._found[content] = self._stored(spec.label, problem, t, content, on_work)
+                self._found[content] = self._stored(spec, problem, t, content)
             return self._found[content]
 
-    def _stored(
-        self, label: str, problem: Problem, t: float, content: str, on_work: Callable[[], None]
-    ) -> Reference:
+    def _stored(self, spec: ProblemSpec, problem: Problem, t: float, content: str) -> Reference:
         """From its file, which is written when there is none that fits."""
-        safe = re.sub(r"[^A-Za-z0-9._=-]+", "-", label).strip("-.")[:80]
+        safe = re.sub(r"[^A-Za-z0-9._=-]+", "-", spec.label).strip("-.")[:80]
         path = self._folder / f"{safe}-{float(t)!r}-{content[:12]}.json"
         found = _read(path, problem, t, content)
         if found is None:
-            found = reference.solution(problem, t, on_work)
-            results.write_json(path, _record(label, found, content))
+            found = self._solve(spec, t)
+            results.make_subfolder(self._folder)
+            sealed.write(path, _record(spec.label, found, content))
         return found
 
 
@@ -105,8 +112,8 @@ def _record(label: str, found: Reference, content: str) -> dict[str, Any]:
 def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | None:
     """The reference in a file; None when it is missing, damaged or of something else."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        if record["content"] != content:
+        record = sealed.read(path)
+        if record is None or record["content"] != content:
             return None
         estimated = record["estimated_error"]
         return Reference(
@@ -119,7 +126,7 @@ def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | N
             v_error=float(estimated["v"]),
             multipliers_error=float(estimated["lambda"]),
         )
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError):
         return None
 
 

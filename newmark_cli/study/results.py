@@ -108,15 +108,22 @@ def _spell(value: Any) -> str:
     return str(value)
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
+def write_atomically(path: Path, content: str | bytes, make_folder: bool = True) -> None:
     """Write a file under a temporary name and rename it: whole, or as it was before.
+
+    Args:
+        path: The file.
+        content: Text or bytes.
+        make_folder: Whether to make its folder; what was there when a run began and
+            is not any more was taken away by somebody.
 
     Raises:
         ResultsError: When it cannot be written.
     """
     data = content.encode() if isinstance(content, str) else content
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(descriptor, "wb") as file:
@@ -159,6 +166,18 @@ def require_writable(folder: Path, names: Iterable[str]) -> None:
             raise ResultsError(f"{folder / name}: cannot be written: it is a folder")
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write JSON for people to read, atomically."""
-    write_atomically(path, json.dumps(value, indent=2, ensure_ascii=False) + "\n")
+def write_json(path: Path, value: Any, make_folder: bool = True) -> None:
+    """Write JSON for people to read; see `write_atomically`."""
+    write_atomically(path, json.dumps(value, indent=2, ensure_ascii=False) + "\n", make_folder)
+
+
+def make_subfolder(folder: Path) -> None:
+    """Make a folder in a results folder, which exists.
+
+    Raises:
+        ResultsError: When it cannot be made.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultsError(f"{folder}: cannot be made: {error.strerror}") from None

@@ -1,21 +1,24 @@
 """Running studies: what is kept is not computed again, the rest side by side."""
 
 import contextlib
-import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.solvers import DENSE, DENSE_UP_TO
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.study import executors, provenance, results
+from newmark_cli.problems.spec import ProblemSpec
+from newmark_cli.study import child, executors, provenance, results
 from newmark_cli.study.cell import Cell, Done, Outcome
 from newmark_cli.study.config import Study
 from newmark_cli.study.executors import Execution, Task
 from newmark_cli.study.lock import locked
-from newmark_cli.study.references import References
+from newmark_cli.study.references import References, solved
 from newmark_cli.study.store import Store
 
 
@@ -99,26 +102,46 @@ class Watcher:
         """A cell has ended."""
 
 
-def plan(studies: Sequence[Study], folder: Path, force: bool = False) -> list[Planned]:
+def plan(
+    studies: Sequence[Study],
+    folder: Path,
+    force: bool = False,
+    shard: tuple[int, int] | None = None,
+    failed: bool = False,
+) -> list[Planned]:
     """Every cell of the studies, with what is kept of it or why it is to run.
 
     Args:
         studies: The studies.
         folder: Results folder.
         force: Whether cells that are kept are computed again.
+        shard: See `Options`.
+        failed: Whether cells that have failed are as good as others.
+
+    Raises:
+        InputError: Two studies have one name.
     """
+    _require_distinct(studies)
     store = Store(folder)
     planned = []
     for s, study in enumerate(studies):
         for cell in study.cells():
-            kept = store.find(cell)
+            kept = store.find(cell, failed)
             if kept is None:
                 planned.append(Planned(s, cell, None, store.why(cell)))
             elif force:
                 planned.append(Planned(s, cell, None, "forced"))
             else:
                 planned.append(Planned(s, cell, kept))
-    return planned
+    part, parts = shard or (1, 1)
+    return planned[part - 1 :: parts]
+
+
+def _require_distinct(studies: Sequence[Study]) -> None:
+    names = [study.study for study in studies]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"two studies are named {name!r}; each needs a CSV of its own")
 
 
 def run_studies(
@@ -142,42 +165,37 @@ def run_studies(
         ExecutorError: The executor is lost; what was finished is kept.
     """
     watcher = watcher or Watcher()
-    names = [study.study for study in studies]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f"two studies are named {name!r}; each needs a CSV of its own")
-    files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
-    results.require_writable(folder, files)
     shard = "{}/{}".format(*options.shard) if options.shard else ""
-    with locked(folder, f"run {' '.join(names)}", shard):
+    _require_distinct(studies)
+    with _held(studies, folder, "run", shard):
         store = Store(folder)
-        store.prepare()
-        planned = plan(studies, folder, options.force)
-        if options.shard:
-            part, parts = options.shard
-            planned = [one for i, one in enumerate(planned) if i % parts == part - 1]
+        planned = plan(studies, folder, options.force, options.shard)
         watcher.planned(planned)
         found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
         open_runs = _OpenRuns(studies, folder, options, planned, writes=not shard)
         for i in list(found):
             open_runs.took(i, found[i])
+        if options.fail_fast and any(
+            _is_failure(planned[i].cell, done.outcome) for i, done in found.items()
+        ):
+            return open_runs.close()
 
         # A cell that two studies share is computed once.
         sharing: dict[Cell, list[int]] = {}
         for i, one in enumerate(planned):
             if i not in found:
                 sharing.setdefault(one.cell, []).append(i)
-        references = References(folder)
+        references = References(folder, partial(_solution, timeout=options.timeout))
         tasks: dict[int, Task] = {}
+        early: list[tuple[int, Done]] = []
         for cell, places in sorted(sharing.items(), key=lambda item: -_cost(item[0])):
             try:
                 tasks[places[0]] = Task(cell, _reference(cell, references))
             except NoReference as error:
-                missing = Done(Outcome([], 0, math.nan, "failed", str(error)), 0.0)
-                for place in places:
-                    open_runs.took(place, missing)
+                early.append((places[0], Done(executors.failed(str(error)), 0.0)))
+                watcher.steps(cell.weight)
         with _execution(tasks, options, watcher) as finished:
-            for i, done in finished:
+            for i, done in chain(early, finished):
                 cell = planned[i].cell
                 store.keep(cell, done)
                 watcher.finished(cell, done)
@@ -186,6 +204,78 @@ def run_studies(
                 if options.fail_fast and _is_failure(cell, done.outcome):
                     break
         return open_runs.close()
+
+
+@dataclass(frozen=True)
+class Merged:
+    """How the cells of several folders were put together.
+
+    Attributes:
+        taken: Cells taken from each folder.
+        missing: Cells that are missing of each study.
+        runs: The studies, when nothing is missing.
+    """
+
+    taken: tuple[int, ...]
+    missing: tuple[int, ...]
+    runs: tuple[StudyRun, ...]
+
+
+def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Merged:
+    """Take the cells of other results folders and write studies that are complete.
+
+    Args:
+        studies: With distinct names.
+        folder: Results folder.
+        sources: Folders to take cells from.
+
+    Raises:
+        InputError: As for `run_studies`, and when a source holds no cells.
+    """
+    _require_distinct(studies)
+    with _held(studies, folder, "merge"):
+        store = Store(folder)
+        taken = tuple(store.take(source) for source in sources)
+        planned = plan(studies, folder, failed=True)
+        missing = tuple(
+            sum(one.done is None for one in planned if one.study == s) for s in range(len(studies))
+        )
+        if any(missing):
+            return Merged(taken, missing, ())
+        open_runs = _OpenRuns(studies, folder, Options(jobs=1), planned, writes=True)
+        for i, one in enumerate(planned):
+            assert one.done is not None
+            open_runs.took(i, one.done)
+        return Merged(taken, missing, tuple(open_runs.close()))
+
+
+@contextlib.contextmanager
+def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") -> Iterator[None]:
+    """Hold a results folder, in which everything can be written."""
+    names = [study.study for study in studies]
+    files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
+    results.require_writable(folder, files)
+    with locked(folder, f"{what} {' '.join(names)}", shard):
+        Store(folder).prepare()
+        yield
+
+
+def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
+    """A reference, in time: plain Python, which might not come back, in a process."""
+    where = f"{spec.label}: no reference at t = {t:g}"
+    if executors.wants_process(spec):
+        try:
+            found: Reference = child.call(solved, (spec, t), timeout)
+        except child.ChildError as error:
+            raise NoReference(f"{where}: {error}") from None
+        return found
+    start = time.perf_counter()
+
+    def watch() -> None:
+        if timeout is not None and time.perf_counter() - start > timeout:
+            raise NoReference(f"{where}: took longer than {timeout:g} s")
+
+    return solved(spec, t, watch)
 
 
 def _reference(cell: Cell, references: References) -> Reference | None:
@@ -214,7 +304,7 @@ def _execution(
         ) as running:
             yield running
     else:
-        apart = sum(executors.wants_process(task.cell) for task in tasks.values())
+        apart = sum(executors.wants_process(task.cell.problem) for task in tasks.values())
         threads = _counted(min(options.jobs, len(tasks) - apart), "thread", "threads")
         processes = _counted(min(options.jobs, apart), "process", "processes")
         places = " and ".join(filter(None, (threads, processes)))
@@ -305,8 +395,10 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     }
     record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
     for file, text in reversed(texts.items()):
-        results.write_atomically(file, text)
-    results.write_json(path.with_suffix(".json"), record)
+        if file.parent != folder:
+            results.make_subfolder(file.parent)
+        results.write_atomically(file, text, make_folder=False)
+    results.write_json(path.with_suffix(".json"), record, make_folder=False)
     return path
 
 

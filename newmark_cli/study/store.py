@@ -20,7 +20,7 @@ import numpy as np
 
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
-from newmark_cli.study import results
+from newmark_cli.study import results, sealed
 from newmark_cli.study.cell import STATUSES, Cell, Done, Outcome
 from newmark_cli.study.results import ResultsError
 
@@ -54,29 +54,33 @@ class Store:
         Raises:
             ResultsError: When it cannot be made.
         """
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ResultsError(f"{self._folder}: cannot be made: {error.strerror}") from None
+        results.make_subfolder(self._folder)
 
-    def find(self, cell: Cell) -> Done | None:
-        """The finished cell; None when it is not there, damaged, or failed."""
+    def find(self, cell: Cell, failed: bool = False) -> Done | None:
+        """The kept cell; None when it is not there or damaged.
+
+        Args:
+            cell: The cell.
+            failed: Whether it may have failed.
+        """
         record = self._read(_key(cell))
         if record is None:
             return None
         try:
             kept = Done(_outcome(record["outcome"]), float(record["seconds"]))
-        except (KeyError, TypeError, ValueError):
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
             return None
-        return None if kept.outcome.status == "failed" else kept
+        return kept if failed or kept.outcome.status != "failed" else None
 
     def keep(self, cell: Cell, done: Done) -> None:
-        """Keep a finished cell, atomically.
+        """Keep a cell that has ended, atomically; a failure never in place of a result.
 
         Raises:
             ResultsError: When it cannot be written.
         """
         key = _key(cell)
+        if done.outcome.status == "failed" and self.find(cell) is not None:
+            return
         record = {
             "cell": _description(cell),
             "key": asdict(key),
@@ -84,7 +88,7 @@ class Store:
             "seconds": done.seconds,
             "outcome": _record(done.outcome),
         }
-        results.write_json(self._folder / key.file, record)
+        sealed.write(self._folder / key.file, record)
 
     def why(self, cell: Cell) -> str:
         """Why a cell that `find` does not find is to be run."""
@@ -96,12 +100,12 @@ class Store:
             return f"failed before: {reason}" if reason else "kept result is damaged"
         if (self._folder / key.file).exists():
             return "kept result is damaged"
-        others = [self._read_file(file) for file in self._of_cell(key)]
+        others = [sealed.read(file) for file in self._of_cell(key)]
         same_problem = [
             other for other in others if other and other["key"]["problem"] == key.problem
         ]
         if same_problem:
-            before, now = same_problem[-1].get("versions", {}), versions()
+            before, now = same_problem[-1]["versions"], versions()
             changed = [f"{name} {before.get(name)} -> {now[name]}" for name in unlike(before, now)]
             return ", ".join(changed) or "the numerical core has changed"
         if any(others):
@@ -109,7 +113,9 @@ class Store:
         return "not run yet"
 
     def take(self, folder: Path) -> int:
-        """Copy the finished cells of another results folder; returns how many were new.
+        """Copy the cells of another results folder; returns how many were taken.
+
+        What has failed or is damaged is replaced by what is better.
 
         Raises:
             ResultsError: When there are none, or they cannot be written.
@@ -119,8 +125,9 @@ class Store:
             raise ResultsError(f"{folder}: holds no finished cells")
         new = 0
         for file in files:
-            if self._read_file(file) is not None and not (self._folder / file.name).exists():
-                results.write_atomically(self._folder / file.name, file.read_bytes())
+            theirs, ours = sealed.read(file), sealed.read(self._folder / file.name)
+            if theirs is not None and _worth(theirs) > _worth(ours):
+                sealed.write(self._folder / file.name, theirs)
                 new += 1
         return new
 
@@ -128,19 +135,16 @@ class Store:
         return sorted(self._folder.glob(f"{key.cell[:_DIGITS]}-*.json"))
 
     def _read(self, key: _Key) -> dict[str, Any] | None:
-        record = self._read_file(self._folder / key.file)
+        record = sealed.read(self._folder / key.file)
         # File names hold the first digits alone.
         return record if record is not None and record["key"] == asdict(key) else None
 
-    @staticmethod
-    def _read_file(file: Path) -> dict[str, Any] | None:
-        try:
-            record = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return None
-        if not isinstance(record, dict) or not isinstance(record.get("key"), dict):
-            return None
-        return record
+
+def _worth(record: Mapping[str, Any] | None) -> int:
+    """Nothing is worth less than a failure, and that less than a result."""
+    if record is None:
+        return 0
+    return 1 if record["outcome"]["status"] == "failed" else 2
 
 
 def _key(cell: Cell) -> _Key:
