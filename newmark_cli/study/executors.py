@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 
 import numpy as np
 
@@ -177,7 +178,9 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
     pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_prepare, context=context)
 
     def start(task: Task, timeout: float | None) -> Future[Done]:
-        # The pool's threads inherit what is blocked, and so do the processes they start.
+        # The pool's threads inherit what is blocked, and so do the processes they start;
+        # starting the tracker on the way would undo it.
+        resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return pool.schedule(perform, args=[task], timeout=timeout)
