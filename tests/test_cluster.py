@@ -167,6 +167,22 @@ def test_workers_that_come_late(cli, study, scheduler):
     assert output.startswith("spread: 24 ok")
 
 
+def test_interrupts_are_for_the_run(cli):
+    """Ctrl-C goes to all processes of a terminal, those of own workers included."""
+    write_swings(cli, "hang")
+    for delay in (0.5, 2):
+        run = subprocess.Popen(
+            [BIN / "newmark-study", "run", "swings.yaml", "--allow-code", "--executor", "dask",
+             "--jobs", "1", "-v"],
+            cwd=cli.folder, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        )  # fmt: skip
+        assert run.stderr.readline() == "1 cell on the workers of this machine\n"
+        time.sleep(delay)
+        os.killpg(run.pid, signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
+
+
 def test_a_worker_with_another_core_is_refused(cli, scheduler):
     """Its numbers would be kept as those of the code that runs here."""
     _, address, workers = scheduler

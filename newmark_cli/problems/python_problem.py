@@ -8,6 +8,7 @@ and the factory returns a `Definition`, or anything with its attributes.  Code r
 only with ``--allow-code``.
 """
 
+import ast
 import hashlib
 import importlib.util
 from collections.abc import Callable, Mapping
@@ -107,7 +108,29 @@ def load(path: Path, factory: str, arguments: Mapping[str, Any], name: str) -> P
         ) from None
     problem = from_definition(given, name, f"{path}: {factory}")
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
-    return replace(problem, code=hashlib.sha256(source + called.encode()).hexdigest())
+    digest = hashlib.sha256(source + called.encode())
+    for beside in _imported_from_beside(path, source):
+        digest.update(b"\0" + beside.read_bytes())
+    return replace(problem, code=digest.hexdigest())
+
+
+def _imported_from_beside(path: Path, source: bytes) -> list[Path]:
+    """Modules in a file's folder that it imports, and those that they import."""
+    found, left = dict.fromkeys([path]), [source]
+    while left:
+        for node in ast.walk(ast.parse(left.pop())):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names = [node.module]
+            for name in names:
+                root = path.parent / name.partition(".")[0]
+                for file in (root.with_suffix(".py"), *sorted(root.rglob("*.py"))):
+                    if file not in found and file.is_file():
+                        found[file] = None
+                        left.append(file.read_bytes())
+    return sorted(found.keys() - {path})
 
 
 def from_definition(given: Any, name: str, where: str = "problem") -> Problem:

@@ -1,7 +1,6 @@
 """Cells on the workers of a dask scheduler, or of one started for this run."""
 
 import logging
-import signal
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +13,14 @@ from newmark_cli.errors import ExecutorError, InputError, one_line
 from newmark_cli.problems.spec import portable
 from newmark_cli.study.cell import Done
 from newmark_cli.study.child import ChildError, call
-from newmark_cli.study.executors import Execution, Task, failed, perform, wants_process
+from newmark_cli.study.executors import (
+    Execution,
+    Task,
+    failed,
+    interrupts_held,
+    perform,
+    wants_process,
+)
 from newmark_cli.study.store import core, unlike, versions
 
 #: What workers of our own are started with, over dask's configuration.
@@ -62,8 +68,9 @@ def cluster(
             longer than it is configured to wait, or one has another numerical core.
     """
     try:
-        import dask
-        import distributed
+        with interrupts_held():  # what imports on the way may swallow them
+            import dask
+            import distributed
     except ImportError:
         raise InputError(
             "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
@@ -75,24 +82,22 @@ def cluster(
         where: Any = address
         if address is None:
             stack.enter_context(dask.config.set(_OWN))
-            # Half a cluster does not know how to end: Ctrl-C waits until it is there.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
-                where = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=jobs,
-                        threads_per_worker=1,
-                        host="127.0.0.1",
-                        dashboard_address=None,
-                        # The usual port may be taken, and is another's then.
-                        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-                        silence_logs=logging.CRITICAL,
+                # Half a cluster does not know how to end.
+                with interrupts_held():
+                    where = stack.enter_context(
+                        distributed.LocalCluster(
+                            n_workers=jobs,
+                            threads_per_worker=1,
+                            host="127.0.0.1",
+                            dashboard_address=None,
+                            # The usual port may be taken, and is another's then.
+                            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+                            silence_logs=logging.CRITICAL,
+                        )
                     )
-                )
             except (OSError, RuntimeError, TimeoutError) as error:
                 raise ExecutorError(f"no dask workers on this machine: {error}") from None
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
         try:
             client = stack.enter_context(distributed.Client(where))
         except ValueError as error:

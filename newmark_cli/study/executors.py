@@ -178,14 +178,8 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
     pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_prepare, context=context)
 
     def start(task: Task, timeout: float | None) -> Future[Done]:
-        # The pool's threads inherit what is blocked, and so do the processes they start;
-        # starting the tracker on the way would undo it.
-        resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with interrupts_held():
             return pool.schedule(perform, args=[task], timeout=timeout)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     try:
         yield start
@@ -195,6 +189,18 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
         raise
     finally:
         pool.join()
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Ctrl-C waits; threads and processes that start here leave it to this thread for good."""
+    # Started on the way, it would undo what follows.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _prepare() -> None:
