@@ -1,21 +1,17 @@
 """Shared fixtures: the command line as a user runs it, and small helpers."""
 
 import os
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from warm import Warm
 
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("project")
-
-#: The console script of the environment that runs the tests.
-SCRIPT = Path(sys.executable).with_name("newmark-study")
 
 
 @dataclass
@@ -23,17 +19,11 @@ class CommandLine:
     """Runs newmark-study in a folder of its own."""
 
     folder: Path
+    warm: Warm
 
     def __call__(self, *arguments, code=0):
         """Run it, assert the exit code, and return what it printed."""
-        done = subprocess.run(
-            [SCRIPT, *map(str, arguments)],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            timeout=200,
-        )
+        done = self.warm.run([*map(str, arguments)], self.folder)
         assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done
 
@@ -54,10 +44,18 @@ class CommandLine:
         return path
 
 
+@pytest.fixture(scope="session")
+def warm():
+    """What runs the command line."""
+    running = Warm()
+    yield running
+    running.close()
+
+
 @pytest.fixture
-def cli(tmp_path):
+def cli(tmp_path, warm):
     """The command line in an empty folder."""
-    return CommandLine(tmp_path)
+    return CommandLine(tmp_path, warm)
 
 
 QUICK = """\

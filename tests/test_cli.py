@@ -10,7 +10,8 @@ import sys
 import time
 
 import pytest
-from conftest import QUICK, SCRIPT, CommandLine
+from conftest import QUICK, CommandLine
+from warm import SCRIPT
 
 from newmark_cli import __version__
 from newmark_cli.cli import cli as command_line
@@ -25,18 +26,18 @@ COMMANDS = tuple(command_line.commands)
 
 
 @pytest.fixture(scope="module")
-def quick_results(tmp_path_factory):
+def quick_results(tmp_path_factory, warm):
     """Results of the small study."""
-    cli = CommandLine(tmp_path_factory.mktemp("quick"))
+    cli = CommandLine(tmp_path_factory.mktemp("quick"), warm)
     cli.write("quick.yaml", QUICK)
     cli("run", "quick.yaml")
     return cli.folder / "results"
 
 
 @pytest.fixture(scope="module")
-def pendulum_results(tmp_path_factory):
+def pendulum_results(tmp_path_factory, warm):
     """Results of `pendulum-u`, with Figure 1 drawn."""
-    cli = CommandLine(tmp_path_factory.mktemp("pendulum"))
+    cli = CommandLine(tmp_path_factory.mktemp("pendulum"), warm)
     cli("run", "pendulum-u")
     cli("plot", "1")
     return cli.folder / "results"
@@ -423,6 +424,18 @@ def test_interrupted_writes_leave_what_was_there(tmp_path, monkeypatch, broken):
         results.write_atomically(path, "new")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_commands_from_cold(cli, quick, quick_results):
+    """A process that imports all for itself prints and writes what a forked one does."""
+    done = subprocess.run(
+        [SCRIPT, "run", "quick.yaml"], cwd=cli.folder, capture_output=True, text=True, check=True
+    )
+    warm = cli("run", "quick.yaml", "--results", "warm")
+    assert done.stdout == warm.stdout.replace("warm", "results")
+    assert (done.stderr, warm.stderr) == ("", "")
+    written = (cli.folder / "results/quick.csv").read_bytes()
+    assert written == (quick_results / "quick.csv").read_bytes()
 
 
 def test_kill_leaves_the_previous_csv_whole(cli):

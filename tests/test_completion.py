@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import SCRIPT
+from warm import SCRIPT
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import VARIANTS

@@ -29,9 +29,9 @@ measure: [correction, history]
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory):
+def ran(tmp_path_factory, warm):
     """Results of a small study and of one with a time series."""
-    cli = CommandLine(tmp_path_factory.mktemp("ran"))
+    cli = CommandLine(tmp_path_factory.mktemp("ran"), warm)
     cli.write("quick.yaml", QUICK)
     cli.write("series.yaml", HISTORY)
     cli("run", "quick.yaml", "series.yaml")

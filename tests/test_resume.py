@@ -11,9 +11,10 @@ import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, SCRIPT, SWING, CommandLine, require_failed_alone, write_swings
+from conftest import QUICK, SWING, CommandLine, require_failed_alone, write_swings
 from hypothesis import given
 from hypothesis import strategies as st
+from warm import SCRIPT
 
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.study import config, results, sealed, store
@@ -133,9 +134,9 @@ def wait_for_cells(folder, count):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def whole(tmp_path_factory, warm):
     """The CSV of the long study from a run that nothing has interrupted, on one thread."""
-    cli = CommandLine(tmp_path_factory.mktemp("whole"))
+    cli = CommandLine(tmp_path_factory.mktemp("whole"), warm)
     cli.write("long.yaml", LONG)
     cli("run", "long.yaml", "--jobs", 1)
     return csv(cli.folder / "results", "long")
