@@ -169,9 +169,8 @@ def test_any_object_with_the_attributes_serves(tmp_path):
     np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
 
 
-def test_content_is_that_of_imports_too(tmp_path, monkeypatch):
+def test_content_is_that_of_imports_too(tmp_path):
     """Of modules beside the file and of what they import; of nothing else."""
-    monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "beside_a.py").write_text("def one():\n    import beside_b.part\n")
     (tmp_path / "beside_b").mkdir()
     (tmp_path / "beside_b/__init__.py").write_text("")

@@ -8,9 +8,7 @@ and the factory returns a `Definition`, or anything with its attributes.  Code r
 only with ``--allow-code``.
 """
 
-import ast
 import hashlib
-import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +19,7 @@ from numba import njit
 from numba.core.dispatcher import Dispatcher
 
 from newmark_cli.arrays import Array
+from newmark_cli.problems import user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
 #: Largest relative difference of a given tangent from its finite differences.
@@ -90,47 +89,25 @@ def load(path: Path, factory: str, arguments: Mapping[str, Any], name: str) -> P
     except OSError as error:
         raise ProblemError(f"{path}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
-        raise ProblemError(f"{path}: not a Python file")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise ProblemError(f"{path}{_line(error, path)}: {_describe(error)}") from None
-    if not callable(getattr(module, factory, None)):
-        raise ProblemError(f"{path}: has no function {factory!r}")
-    try:
-        given = getattr(module, factory)(**arguments)
-    except Exception as error:
-        raise ProblemError(
-            f"{path}{_line(error, path)}: {factory} failed: {_describe(error)}"
-        ) from None
+    with user_code.imports_from(path.parent):
+        try:
+            module = user_code.run(path, source, module_name)
+        except Exception as error:
+            raise ProblemError(f"{path}{_line(error, path)}: {_describe(error)}") from None
+        if not callable(getattr(module, factory, None)):
+            raise ProblemError(f"{path}: has no function {factory!r}")
+        try:
+            given = getattr(module, factory)(**arguments)
+        except Exception as error:
+            raise ProblemError(
+                f"{path}{_line(error, path)}: {factory} failed: {_describe(error)}"
+            ) from None
     problem = from_definition(given, name, f"{path}: {factory}")
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
     digest = hashlib.sha256(source + called.encode())
-    for beside in _imported_from_beside(path, source):
+    for beside in user_code.imported_from_beside(path, source):
         digest.update(b"\0" + beside.read_bytes())
     return replace(problem, code=digest.hexdigest())
-
-
-def _imported_from_beside(path: Path, source: bytes) -> list[Path]:
-    """Modules in a file's folder that it imports, and those that they import."""
-    found, left = dict.fromkeys([path]), [source]
-    while left:
-        for node in ast.walk(ast.parse(left.pop())):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                names = [node.module]
-            for name in names:
-                root = path.parent / name.partition(".")[0]
-                for file in (root.with_suffix(".py"), *sorted(root.rglob("*.py"))):
-                    if file not in found and file.is_file():
-                        found[file] = None
-                        left.append(file.read_bytes())
-    return sorted(found.keys() - {path})
 
 
 def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
@@ -460,7 +437,7 @@ def _describe(error: Exception) -> str:
 
 def _line(error: Exception, path: Path) -> str:
     """Line of the user's file that an error came from."""
-    if isinstance(error, SyntaxError) and error.lineno is not None:
+    if isinstance(error, SyntaxError) and error.filename == str(path):
         return f", line {error.lineno}"
     frame, line = error.__traceback__, None
     while frame is not None:

@@ -18,7 +18,8 @@ from typing import Any
 
 from newmark_cli.problems import registry
 from newmark_cli.problems.families import FAMILIES
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.problems.user_code import imported_from_beside
 
 
 @dataclass(frozen=True)
@@ -161,12 +162,14 @@ class PythonFactory:
         factory: Function in it.
         arguments: (name, value) pairs.
         spelled: File and function as the user named them.
+        code: Digest that the code behind the problem must have; empty for any.
     """
 
     path: Path
     factory: str
     arguments: tuple[tuple[str, Any], ...]
     spelled: str
+    code: str = ""
 
     @property
     def label(self) -> str:
@@ -181,7 +184,7 @@ class PythonFactory:
         return {"python": self.spelled, "args": dict(self.arguments)}
 
     def load(self) -> Problem:
-        """The problem; raises ProblemError when the code fails or what it returns is unfit."""
+        """The problem; raises ProblemError when the code fails, is another, or returns nonsense."""
         return _python(self)
 
     def traits(self) -> Traits:
@@ -193,7 +196,10 @@ class PythonFactory:
 def _python(spec: PythonFactory) -> Problem:
     from newmark_cli.problems import python_problem
 
-    return python_problem.load(spec.path, spec.factory, dict(spec.arguments), spec.label)
+    problem = python_problem.load(spec.path, spec.factory, dict(spec.arguments), spec.label)
+    if spec.code not in ("", problem.code):
+        raise ProblemError(f"{spec.spelled}: has changed since the run began")
+    return problem
 
 
 @dataclass(frozen=True)
@@ -202,11 +208,12 @@ class Carried:
 
     Attributes:
         spec: The problem; its path means nothing there.
-        content: Bytes of its file.
+        files: (path, content) pairs: its file, and the modules beside it that a
+            Python problem imports; paths are relative to the file's folder.
     """
 
     spec: MechanismFile | PythonFactory
-    content: bytes
+    files: tuple[tuple[str, bytes], ...]
 
     @property
     def label(self) -> str:
@@ -219,23 +226,35 @@ class Carried:
         return self.spec.given
 
     def load(self) -> Problem:
-        """The problem, from a copy of its file; see the problem's own."""
+        """The problem, from copies of its files; see the problem's own."""
         return _carried(self)
 
 
 @cache
 def _carried(carried: Carried) -> Problem:
     with tempfile.TemporaryDirectory(prefix="newmark-study-") as folder:
-        path = Path(folder) / carried.spec.path.name
-        path.write_bytes(carried.content)
-        return replace(carried.spec, path=path).load()
+        for name, content in carried.files:
+            path = Path(folder) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        return replace(carried.spec, path=Path(folder) / carried.spec.path.name).load()
 
 
 ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory | Carried
 
 
+def pinned(spec: ProblemSpec) -> ProblemSpec:
+    """The same problem for another process, which does not take it when its code has changed."""
+    return replace(spec, code=spec.load().code) if isinstance(spec, PythonFactory) else spec
+
+
 def portable(spec: ProblemSpec) -> ProblemSpec:
-    """The same problem without a file behind it."""
-    if isinstance(spec, MechanismFile | PythonFactory):
-        return Carried(spec, spec.path.read_bytes())
-    return spec
+    """The same problem for another machine, without files behind it."""
+    spec = pinned(spec)
+    if not isinstance(spec, MechanismFile | PythonFactory):
+        return spec
+    contents = {spec.path.name: spec.path.read_bytes()}
+    if isinstance(spec, PythonFactory):
+        for file in imported_from_beside(spec.path, contents[spec.path.name]):
+            contents[file.relative_to(spec.path.parent).as_posix()] = file.read_bytes()
+    return Carried(spec, tuple(contents.items()))

@@ -12,14 +12,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import resource_tracker
 
 import numpy as np
 
 from newmark_cli.errors import InputError
 from newmark_cli.problems.reference import Reference
-from newmark_cli.problems.spec import ProblemSpec
+from newmark_cli.problems.spec import ProblemSpec, pinned
 from newmark_cli.study.cell import Cell, Done, Outcome
 from newmark_cli.study.child import end_with_parent
 from newmark_cli.study.compute import compute
@@ -132,11 +132,17 @@ def local(
             raise _Stopped
         return perform(task, timeout, checked)
 
-    apart = {name: task for name, task in tasks.items() if wants_process(task.cell.problem)}
+    apart = {
+        name: replace(task, cell=replace(task.cell, problem=pinned(task.cell.problem)))
+        for name, task in tasks.items()
+        if wants_process(task.cell.problem)
+    }
     with ThreadPoolExecutor(max_workers=jobs) as threads, _processes(jobs, len(apart)) as start:
         try:
             futures: dict[Future[Done], int] = {
-                start(task, timeout) if name in apart else threads.submit(threaded, task): name
+                start(apart[name], timeout)
+                if name in apart
+                else threads.submit(threaded, task): name
                 for name, task in tasks.items()
             }
             yield _as_done(futures, tasks, apart, timeout, on_steps)

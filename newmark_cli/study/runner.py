@@ -12,7 +12,7 @@ from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.solvers import DENSE, DENSE_UP_TO
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.problems.spec import ProblemSpec
+from newmark_cli.problems.spec import ProblemSpec, pinned
 from newmark_cli.study import child, executors, provenance, results
 from newmark_cli.study.cell import Cell, Done, Outcome
 from newmark_cli.study.config import Study
@@ -265,7 +265,7 @@ def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
     where = f"{spec.label}: no reference at t = {t:g}"
     if executors.wants_process(spec):
         try:
-            found: Reference = child.call(solved, (spec, t), timeout)
+            found: Reference = child.call(solved, (pinned(spec), t), timeout)
         except child.ChildError as error:
             raise NoReference(f"{where}: {error}") from None
         return found
