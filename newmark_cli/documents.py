@@ -317,11 +317,8 @@ class _NodeReader:
         self._values = 0
 
     def value(self, node: _Node, path: KeyPath) -> Any:
-        self._values += 1
         self.lines.setdefault(path, node.line)
-        # Again, now that aliases stand for what they refer to.
-        if self._values > _MOST_VALUES:
-            raise self._error(node, _TOO_MANY)
+        self._count(node)
         if len(path) > _DEEPEST:
             raise self._error(node, _TOO_DEEP)
         if isinstance(node, _Mapping):
@@ -335,6 +332,7 @@ class _NodeReader:
         for key_node, value_node in node.pairs:
             if not isinstance(key_node, _Scalar):
                 raise self._error(key_node, "a key must be plain text")
+            self._count(key_node)
             key = key_node.text
             if key in mapping:
                 first = self.lines[(*path, key)]
@@ -344,6 +342,12 @@ class _NodeReader:
             self.lines[(*path, key)] = key_node.line
             mapping[key] = self.value(value_node, (*path, key))
         return mapping
+
+    def _count(self, node: _Node) -> None:
+        """As the composer did, now that aliases stand for what they refer to."""
+        self._values += 1
+        if self._values > _MOST_VALUES:
+            raise self._error(node, _TOO_MANY)
 
     def _error(self, node: _Node, message: str) -> DocumentError:
         return DocumentError(f"{self.name}, line {node.line}: {message}")

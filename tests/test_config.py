@@ -304,6 +304,13 @@ def test_alias_bombs_are_refused(tmp_path):
         load(tmp_path, "\n".join(lines))
 
 
+def test_references_count_as_what_they_refer_to():
+    """Keys and values, as if they were written out: 20,000 of them, each six, are too many."""
+    entries = "".join(f"  k{i}: *a\n" for i in range(20_000))
+    with pytest.raises(DocumentError, match="more than 100000 values"):
+        documents.parse(f"a: &a {{b: 1, c: 2}}\nd:\n{entries}", "f")
+
+
 def test_what_is_referred_to_is_read_once(monkeypatch):
     """However long it is and however often it stands: a million digits, 2000 times."""
     read, plain = [], documents._plain
