@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from pathlib import Path
 
 import pytest
 import yaml
@@ -294,6 +295,20 @@ def test_large_members_need_not_be_built(tmp_path, family):
     with pytest.raises(DocumentError, match="float32 needs dense-lu"):
         load(tmp_path, text + "precision: float32\n")
     assert time.process_time() - begin < 1
+
+
+def test_problems_of_one_name(tmp_path):
+    """The CSV could not tell them apart: refused before anything is computed."""
+    hoist = (Path(__file__).parents[1] / "docs/examples/hoist.yaml").read_text()
+    for folder in "ab":
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "hoist.yaml").write_text(hoist)
+    both = QUICK.replace("pendulum", "[a/hoist.yaml, b/hoist.yaml]")
+    with pytest.raises(DocumentError, match=r"line 2: problem: two problems would be 'hoist.yaml'"):
+        load(tmp_path, both)
+    cases = "cases:\n  - problem: a/hoist.yaml\n  - problem: b/hoist.yaml\n    h: [1e-3]\n"
+    with pytest.raises(DocumentError, match=r"line 8: cases\[2\]\.problem: two problems would be"):
+        load(tmp_path, QUICK.replace("problem: pendulum\n", "") + cases)
 
 
 def test_alias_bombs_are_refused(tmp_path):

@@ -755,6 +755,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     head = {key: data[key] for key in ("study", "description") if key in data}
     study = documents.validate(document, Study, {**head, "cases": cases})
     _refuse_repeated_cells(document, study)
+    _refuse_repeated_labels(document, study)
     return study
 
 
@@ -791,6 +792,18 @@ def _refuse_repeated_cells(document: Document, study: Study) -> None:
                     f"h = {h:g}, {measure}",
                 )
         known.append([frozenset(axis) for axis in axes])
+
+
+def _refuse_repeated_labels(document: Document, study: Study) -> None:
+    """Problems that the CSV could not tell apart."""
+    known: dict[str, ProblemSpec] = {}
+    for i, case in enumerate(study.cases):
+        for spec in case.problem:
+            if known.setdefault(spec.label, spec) != spec:
+                path = ("cases", i, "problem") if "cases" in document.data else ("problem",)
+                raise document.error(
+                    path, f"two problems would be {spec.label!r} in the CSV; rename a file"
+                )
 
 
 def shipped_folder() -> Path:
