@@ -788,6 +788,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         _complain("interrupted")
         code = 130
+    except RuntimeError as error:
+        if "no locator available" not in str(error):
+            raise
+        _complain("no folder for compiled code can be written; set NUMBA_CACHE_DIR to one")
+        code = 2
     sys.exit(code)
 
 

@@ -68,7 +68,7 @@ t_end: 1.0
 """
 
 
-#: A problem in plain Python that is well, does not end, ends its process, or fails.
+#: A problem in plain Python that is well, does not end, ends its process, leaves, or fails.
 SWING = """\
 import os
 import time
@@ -83,6 +83,10 @@ def swing(what="", after=0.5):
             time.sleep(3600)
         if what == "exit" and t > after:
             os._exit(3)
+        if what == "end" and t > after:
+            os._exit(0)
+        if what == "leave" and t > after:
+            raise SystemExit(0)
         if what == "raise" and t > after:
             raise RuntimeError(f"not after {after}")
         return np.array([0.0, -1.0])

@@ -169,28 +169,6 @@ def test_any_object_with_the_attributes_serves(tmp_path):
     np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
 
 
-def test_content_is_that_of_imports_too(tmp_path):
-    """Of modules beside the file and of what they import; of nothing else."""
-    (tmp_path / "beside_a.py").write_text("def one():\n    import beside_b.part\n")
-    (tmp_path / "beside_b").mkdir()
-    (tmp_path / "beside_b/__init__.py").write_text("")
-    (tmp_path / "beside_b/part.py").write_text("LENGTH = 1\n")
-    (tmp_path / "other.py").write_text("LENGTH = 1\n")
-    path = write(tmp_path, GOOD.replace("import numpy", "from beside_a import one\nimport numpy"))
-
-    def content():
-        return python_problem.load(path, "factory", {}, "mine").content
-
-    first = content()
-    (tmp_path / "other.py").write_text("LENGTH = 2\n")
-    assert content() == first
-    (tmp_path / "beside_b/part.py").write_text("LENGTH = 2\n")
-    second = content()
-    assert second != first
-    (tmp_path / "beside_a.py").write_text("one = 2\n")
-    assert content() not in (first, second)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -199,6 +199,16 @@ def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     assert dry.endswith("2 of 3 cells to run\n")
 
 
+def test_exits_fail_their_cells_alone(cli):
+    """With code 0, as if all were well: neither the run's end, nor waited for ever after."""
+    write_swings(cli, "end", "leave", "")
+    done = cli("run", "swings.yaml", "--allow-code", "-v", code=1)
+    assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
+    assert "(what=end) " in done.stderr
+    assert "failed: its process ended with code 0" in done.stderr
+    assert "failed: SystemExit: 0" in done.stderr
+
+
 def test_fail_fast_skips_the_rest(cli):
     """Skipped is neither failed nor not converged: no CSV, and the summary says so."""
     cli.write("long.yaml", LONG + "iteration_cap: 1\nmeasure: correction\n")
@@ -268,6 +278,7 @@ measure: [correction, error]
     [
         ("hang", "no reference at t = 1: took longer than 6 s"),
         ("exit", "no reference at t = 1: its process ended with code 3"),
+        ("leave", "no reference at t = 1: its process ended with code 0"),
         ("raise", "no reference at t = 1: RuntimeError: not after 0.5"),
     ],
 )

@@ -40,6 +40,14 @@ def length(spec):
 KINDS = {
     "module": {"sizes.py": "LENGTH = 2.0\n"},
     "module-of-modules": {"sizes.py": "from more import LENGTH\n", "more.py": "LENGTH = 2.0\n"},
+    "lazy-module": {
+        "sizes.py": "import importlib\nLENGTH = importlib.import_module('more').LENGTH\n",
+        "more.py": "LENGTH = 2.0\n",
+    },
+    "nested-folders": {
+        "sizes.py": "from parts.of.one import LENGTH\n",
+        "parts/of/one.py": "LENGTH = 2.0\n",
+    },
     "package": {"sizes/__init__.py": "from .one import LENGTH\n", "sizes/one.py": "LENGTH = 2.0\n"},
     "folder": {
         "sizes.py": "from parts.one import LENGTH\n",
@@ -72,33 +80,99 @@ def test_travelling(tmp_path, kind):
     assert carried.load().content == content
 
 
-def test_each_its_own(tmp_path):
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_its_own(tmp_path, kind):
     """Two problems whose modules have the same names."""
-    for name, size in (("a", 2.0), ("b", 3.0)):
-        assert length(factory(folder(tmp_path, name, {"sizes.py": f"LENGTH = {size}\n"}))) == size
+    for name, size in (("a", "2.0"), ("b", "3.0")):
+        files = {file: text.replace("2.0", size) for file, text in KINDS[kind].items()}
+        assert length(factory(folder(tmp_path, name, files))) == float(size)
 
 
-def test_file_times_do_not_matter(tmp_path):
+@pytest.mark.parametrize("kind", KINDS)
+def test_file_times_do_not_matter(tmp_path, monkeypatch, kind):
     """A text of the same length and time as one before it; Python's bytecode would be stale."""
-    made = folder(tmp_path, "here", KINDS["module"])
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
     found = []
     for size in ("2.0", "3.0"):
-        (made / "sizes.py").write_text(f"LENGTH = {size}\n")
+        files = {file: text.replace("2.0", size) for file, text in KINDS[kind].items()}
+        made = folder(tmp_path, "here", files)
         (made / "mine.py").write_text(MINE.replace("[LENGTH,", f"[LENGTH + 0 * {size},"))
-        for file in made.glob("*.py"):
+        for file in made.rglob("*.py"):
             os.utime(file, (1e9, 1e9))
         found.append(length(replace(factory(made), spelled=size)))
     assert found == [2.0, 3.0]
 
 
-def test_a_folder_hides_no_module(tmp_path):
-    """A folder beside the file that happens to have the name of a library."""
-    made = folder(tmp_path, "here", {"sizes.py": "import this_is_none as _\n"})
-    (made / "colorsys").mkdir()
-    sys.modules.pop("colorsys", None)
-    (made / "sizes.py").write_text(
-        "import colorsys\nLENGTH = 2 * colorsys.ONE_THIRD / colorsys.ONE_THIRD\n"
+#: What numba compiles and would keep on disk: in the problem's file, beside it, in both.
+COMPILED = """\
+import numba
+import numpy as np
+from newmark_cli.problems.python_problem import Definition
+from sizes import GRAVITY, drag
+
+
+@numba.njit(cache=True)
+def force(u, v, t):
+    return np.array([drag(t), -GRAVITY])
+
+
+@numba.njit(cache=True)
+def constraints(u, t):
+    return np.array([(u[0] * u[0] + u[1] * u[1] - 1) / 2])
+
+
+@numba.njit(cache=True)
+def gradient(u, t):
+    return u.copy().reshape(-1, 1)
+
+
+def swing():
+    return Definition(np.eye(2), np.array([1.0, 0.0]), np.zeros(2), force, constraints, gradient)
+"""
+
+
+def test_machine_code_is_not_kept(tmp_path, cli):
+    """Numba's own cache goes by file times and by no imports; each process compiles anew."""
+    sizes = "import numba\nGRAVITY = 1.0\n@numba.njit(cache=True)\ndef drag(t):\n    return 0 * t\n"
+    cli.write("mine.py", COMPILED)
+    cli.write("sizes.py", sizes)
+    cli.write(
+        "mine.yaml",
+        'study: mine\nproblem: {python: "mine.py:swing"}\nform: u-lambda\n'
+        "preconditioning: none\nh: 0.1\nt_end: 1.0\nmeasure: history\n",
     )
+    histories = []
+    for text in (sizes, sizes.replace("1.0", "9.0")):
+        cli.write("sizes.py", text)
+        for _ in range(2):
+            cli("run", "mine.yaml", "--allow-code", "--force")
+            histories.append((cli.folder / "results/history/mine.csv").read_text())
+    assert histories[0] == histories[1]
+    assert histories[2] == histories[3]
+    assert histories[0] != histories[2]
+    assert not list(cli.folder.rglob("__pycache__"))
+
+
+def test_python_and_what_is_installed_go_first(tmp_path):
+    """Others rely on them, and a process may have imported them already, or not."""
+    names = ("colorsys", "queue", "yaml", "newmark_cli")
+    files = {"sizes.py": f"import {', '.join(names)}\nLENGTH = 6 * colorsys.ONE_THIRD\n"}
+    files |= {f"{name}.py": "1 / 0\n" for name in names}
+    sys.modules.pop("colorsys", None)
+    assert length(factory(folder(tmp_path, "here", files))) == 2.0
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_mere_folders(tmp_path, monkeypatch, inside):
+    """Give way to a module on the path, and not to another mere folder there."""
+    made = folder(tmp_path, "here", {"sizes.py": "from odd import LENGTH\n"})
+    if inside:
+        (made / "odd").mkdir()
+        (tmp_path / "odd.py").write_text("LENGTH = 2.0\n")
+    else:
+        (tmp_path / "parts").mkdir()
+        made = folder(tmp_path, "here", KINDS["folder"])
+    monkeypatch.syspath_prepend(tmp_path)
     assert length(factory(made)) == 2.0
 
 
@@ -114,9 +188,12 @@ def test_string_annotations(tmp_path):
 @pytest.mark.parametrize(
     ("sizes", "words"),
     [
-        ({}, "line 5: ModuleNotFoundError: No module named 'sizes'"),
-        ({"sizes.py": "LENGTH =\n"}, "line 5: SyntaxError: invalid syntax (sizes.py, line 1)"),
-        ({"sizes.py": "LENGTH = 1 / 0\n"}, "line 5: ZeroDivisionError"),
+        ({}, "mine.py, line 5: ModuleNotFoundError: No module named 'sizes'"),
+        ({"sizes.py": "LENGTH =\n"}, "mine.py, line 5: sizes.py, line 1: SyntaxError"),
+        ({"sizes.py": "\n\nLENGTH = 1 / 0\n"}, "line 5: sizes.py, line 3: ZeroDivisionError"),
+        ({"sizes.py": "from a.b import c\n", "a/b.py": "1 / 0"}, "a/b.py, line 1: ZeroDivision"),
+        ({"sizes.py": "raise SystemExit(0)\n"}, "sizes.py, line 1: SystemExit: 0"),
+        ({"sizes.py": "raise GeneratorExit\n"}, "sizes.py, line 1: GeneratorExit"),
         ({"sizes.py": "LENGTH = 2.0\n", "mine.py": "\0"}, "null bytes"),
     ],
 )
@@ -135,9 +212,26 @@ def test_pinned(tmp_path):
     assert (sent.label, sent.given) == (factory(made).label, factory(made).given)
     assert length(sent) == 2.0
     (made / "sizes.py").write_text("LENGTH = 3.0\n")
-    for spec in (replace(sent, spelled="m"), portable(sent)):
-        with pytest.raises(ProblemError, match="has changed since the run began"):
-            spec.load()
+    with pytest.raises(ProblemError, match="other: has changed since the run began"):
+        replace(sent, spelled="mine.py:other").load()
+    assert length(portable(sent)) == 2.0
+
+
+def test_what_was_imported_counts(tmp_path):
+    """Under its name, for a file that is renamed may mean something else; and nothing else."""
+    text = "try:\n    from a import K\nexcept ImportError:\n    from b import K\nLENGTH = 2.0\n"
+    contents = {}
+    for case, files in {
+        "a": {"a.py": "K = 1\n"},
+        "again": {"a.py": "K = 1\n", "b.py": "K = 2\n"},
+        "b": {"b.py": "K = 1\n"},
+        "changed": {"a.py": "K = 2\n"},
+    }.items():
+        problem = factory(folder(tmp_path, case, {"sizes.py": text, **files})).load()
+        assert sorted(problem.sources) == [min(files), "mine.py", "sizes.py"]
+        contents[case] = problem.content
+    assert contents["a"] == contents["again"]
+    assert len({*contents.values()}) == 3
 
 
 def test_a_problem_that_changes_in_mid_run(cli):

@@ -2,6 +2,8 @@
 
 A command takes a second to start, most of it imports; the suite runs hundreds.  Every
 command still has a process of its own, from the script's first line to its exit code.
+What Python and libraries read from the environment as they start is that of the one
+process: the seed of hashes, Numba's folder of compiled code.
 """
 
 import gc

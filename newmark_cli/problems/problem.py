@@ -1,8 +1,8 @@
 """What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -85,6 +85,8 @@ class Problem:
         potential: ``(t, u, v, ints, reals)`` → what the kinetic energy lacks to the
             total one (J), up to a constant; None where no energy is conserved.
         code: Digest of the user's code behind the functions; empty without any.
+        sources: That code: path, relative to the folder of the problem's file, →
+            content, of the file and of the modules beside it that it imported.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Problem:
     single: bool = False
     potential: Callable[..., float] | None = None
     code: str = ""
+    sources: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -175,7 +178,8 @@ class Problem:
         """Hexadecimal digest of what the problem's numbers depend on.
 
         Tables, masses, patterns and start, and the code behind the functions if it is
-        the user's.  Neither its name nor what the user's code imports or reads.
+        the user's.  Neither its name, nor what the user's code imports from elsewhere
+        than beside its file, nor the data that it reads.
         """
         digest = hashlib.sha256(f"{self.code} {self.m} {self.t0!r}".encode())
         arrays = (self.u0, self.v0, self.ints, self.reals, self.mass_values, *self.pattern)

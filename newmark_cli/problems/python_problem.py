@@ -9,7 +9,9 @@ only with ``--allow-code``.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -70,44 +72,55 @@ _FUNCTIONS = ("force", "constraints", "gradient")
 _TANGENTS = ("stiffness", "damping")
 
 
-def load(path: Path, factory: str, arguments: Mapping[str, Any], name: str) -> Problem:
+def load(
+    path: Path, factory: str, arguments: Mapping[str, Any], name: str, spelled: str = ""
+) -> Problem:
     """Run a factory and take its problem.
 
     Args:
-        path: Python file.
+        path: Python file; modules of its folder can be imported, at its top or in the
+            factory.
         factory: Function in it.
         arguments: Keyword arguments of the factory.
         name: Name of the problem.
+        spelled: How errors name the file; the path if empty.
 
     Raises:
         ProblemError: When the file or the factory fails, or what it returns cannot
             be used: a wrong shape, a tangent that disagrees with differences, an
             inconsistent start.
     """
+    file = spelled or str(path)
     try:
         source = path.read_bytes()
     except OSError as error:
-        raise ProblemError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
-    with user_code.imports_from(path.parent):
-        try:
+    with user_code.imports_from(path.parent) as imported:
+        with _reported(path, file):
             module = user_code.run(path, source, module_name)
-        except Exception as error:
-            raise ProblemError(f"{path}{_line(error, path)}: {_describe(error)}") from None
         if not callable(getattr(module, factory, None)):
-            raise ProblemError(f"{path}: has no function {factory!r}")
-        try:
+            raise ProblemError(f"{file}: has no function {factory!r}")
+        with _reported(path, file, f"{factory} failed: "):
             given = getattr(module, factory)(**arguments)
-        except Exception as error:
-            raise ProblemError(
-                f"{path}{_line(error, path)}: {factory} failed: {_describe(error)}"
-            ) from None
-    problem = from_definition(given, name, f"{path}: {factory}")
+        sources = {path.name: source, **dict(sorted(imported.items()))}
+    with _reported(path, file):
+        problem = from_definition(given, name, f"{file}: {factory}")
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
-    digest = hashlib.sha256(source + called.encode())
-    for beside in user_code.imported_from_beside(path, source):
-        digest.update(b"\0" + beside.read_bytes())
-    return replace(problem, code=digest.hexdigest())
+    digest = hashlib.sha256(repr((called, sources)).encode())
+    return replace(problem, code=digest.hexdigest(), sources=sources)
+
+
+@contextmanager
+def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
+    """Errors of the user's code, an exit included, by the line that they come from."""
+    try:
+        yield
+    except (ProblemError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        where = _line(error, path)
+        raise ProblemError(f"{file}{where}: {what}{_describe(error)}") from None
 
 
 def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
@@ -406,7 +419,9 @@ def _called(
 ) -> Array:
     try:
         value = np.asarray(function(*arguments), float)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # an exit included
         raise ProblemError(f"{where}: {key} failed: {_describe(error)}") from None
     if shape is not None:
         _require_shape(value, shape, key, where)
@@ -431,17 +446,23 @@ def _require_shape(array: Array, shape: tuple[int, ...], key: str, where: str) -
         raise ProblemError(f"{where}: {key} has shape {array.shape}, expected {shape}")
 
 
-def _describe(error: Exception) -> str:
+def _describe(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:300]
 
 
-def _line(error: Exception, path: Path) -> str:
-    """Line of the user's file that an error came from."""
-    if isinstance(error, SyntaxError) and error.filename == str(path):
-        return f", line {error.lineno}"
-    frame, line = error.__traceback__, None
+def _line(error: BaseException, path: Path) -> str:
+    """Line of the user's file that an error came from, and that of a module beside it."""
+    places = []
+    frame = error.__traceback__
     while frame is not None:
-        if frame.tb_frame.f_code.co_filename == str(path):
-            line = frame.tb_lineno
+        places.append((frame.tb_frame.f_code.co_filename, frame.tb_lineno))
         frame = frame.tb_next
-    return "" if line is None else f", line {line}"
+    if isinstance(error, SyntaxError) and error.filename and error.lineno:
+        places.append((error.filename, error.lineno))
+    own = [i for i, (file, _) in enumerate(places) if file == str(path)]
+    if not own:
+        return ""
+    folder = str(path.parent.absolute()) + os.sep
+    beside = [(file, line) for file, line in places[own[-1] + 1 :] if file.startswith(folder)]
+    where = f", line {places[own[-1]][1]}"
+    return where + "".join(f": {file[len(folder) :]}, line {line}" for file, line in beside[-1:])

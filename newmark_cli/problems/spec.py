@@ -19,7 +19,6 @@ from typing import Any
 from newmark_cli.problems import registry
 from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.problem import Problem, ProblemError
-from newmark_cli.problems.user_code import imported_from_beside
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,9 @@ class PythonFactory:
 def _python(spec: PythonFactory) -> Problem:
     from newmark_cli.problems import python_problem
 
-    problem = python_problem.load(spec.path, spec.factory, dict(spec.arguments), spec.label)
+    file = spec.spelled.rpartition(":")[0]
+    arguments = dict(spec.arguments)
+    problem = python_problem.load(spec.path, spec.factory, arguments, spec.label, file)
     if spec.code not in ("", problem.code):
         raise ProblemError(f"{spec.spelled}: has changed since the run began")
     return problem
@@ -250,11 +251,9 @@ def pinned(spec: ProblemSpec) -> ProblemSpec:
 
 def portable(spec: ProblemSpec) -> ProblemSpec:
     """The same problem for another machine, without files behind it."""
-    spec = pinned(spec)
-    if not isinstance(spec, MechanismFile | PythonFactory):
-        return spec
-    contents = {spec.path.name: spec.path.read_bytes()}
     if isinstance(spec, PythonFactory):
-        for file in imported_from_beside(spec.path, contents[spec.path.name]):
-            contents[file.relative_to(spec.path.parent).as_posix()] = file.read_bytes()
-    return Carried(spec, tuple(contents.items()))
+        problem = spec.load()
+        return Carried(replace(spec, code=problem.code), tuple(problem.sources.items()))
+    if isinstance(spec, MechanismFile):
+        return Carried(spec, ((spec.path.name, spec.path.read_bytes()),))
+    return spec

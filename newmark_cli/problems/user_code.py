@@ -1,14 +1,15 @@
 """Python files of the user's, with the modules beside them that they import.
 
-What runs is what the files say now.  Python's own import would take bytecode, which
-goes by file times, and would hand the modules of one problem to another whose own
-have the same names.
+What runs is what the files say now.  Python's own import would take bytecode, and
+numba machine code, which both go by file times; and Python would hand the modules of
+one problem to another whose own have the same names.
 """
 
-import ast
+import importlib
+import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.machinery import (
     SOURCE_SUFFIXES,
@@ -22,6 +23,14 @@ from types import CodeType, ModuleType
 
 #: One file's imports at a time: another's modules may have the same names.
 _importing = threading.RLock()
+#: Folders of installed packages.
+_INSTALLED = frozenset(("site-packages", "dist-packages"))
+#: What keeps machine code: module, class, and its attribute for the function.
+_CACHES = (
+    ("numba.core.dispatcher", "Dispatcher", "py_func"),
+    ("numba.core.ccallback", "CFunc", "_pyfunc"),
+    ("numba.np.ufunc.ufuncbuilder", "UFuncDispatcher", "py_func"),
+)
 
 
 def run(path: Path, source: bytes, name: str) -> ModuleType:
@@ -42,9 +51,14 @@ def run(path: Path, source: bytes, name: str) -> ModuleType:
 class _AsWritten(SourceFileLoader):
     """Takes the source alone, and leaves no bytecode in the user's folder."""
 
+    def __init__(self, name: str, path: str, note: Callable[[str, bytes], None]) -> None:
+        super().__init__(name, path)
+        self._note = note
+
     def get_code(self, fullname: str) -> CodeType:
-        path = self.get_filename(fullname)
-        code: CodeType = self.source_to_code(self.get_data(path), path)
+        source = self.get_data(self.path)
+        self._note(self.path, source)
+        code: CodeType = self.source_to_code(source, self.path)
         return code
 
 
@@ -53,65 +67,94 @@ class _Beside:
 
     Attributes:
         found: Names of those that were asked for.
+        sources: Path, relative to the folder, → what was run, of each.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = str(folder)
         self.found: set[str] = set()
+        self.sources: dict[str, bytes] = {}
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         parent = name.rpartition(".")[0]
-        if parent and parent not in self.found:
+        foreign = parent not in self.found if parent else _is_another(name)
+        if foreign:
             return None
         for folder in path or [self._folder]:
-            spec = FileFinder(folder, (_AsWritten, SOURCE_SUFFIXES)).find_spec(name)
+            finder = FileFinder(folder, (self._loader, SOURCE_SUFFIXES))  # type: ignore[arg-type]
+            spec = finder.find_spec(name)
             if spec is None:
                 continue
             # A mere folder gives way to a module of the same name, wherever that is.
-            if spec.loader is None and PathFinder.find_spec(name, path) is not None:
+            if spec.loader is None and _is_module(PathFinder.find_spec(name, path)):
                 continue
             self.found.add(name)
             return spec
         return None
 
+    def _loader(self, name: str, path: str) -> _AsWritten:
+        return _AsWritten(name, path, self._note)
+
+    def _note(self, path: str, source: bytes) -> None:
+        self.sources[Path(os.path.relpath(path, self._folder)).as_posix()] = source
+
+
+def _is_another(name: str) -> bool:
+    """Python's own modules and installed ones go first: others rely on them."""
+    if name in sys.stdlib_module_names or name == __name__.partition(".")[0]:
+        return True
+    installed = [path for path in sys.path if _INSTALLED.intersection(Path(path).parts)]
+    return _is_module(PathFinder.find_spec(name, installed))
+
+
+def _is_module(spec: ModuleSpec | None) -> bool:
+    return spec is not None and spec.loader is not None
+
 
 @contextmanager
-def imports_from(folder: Path) -> Iterator[None]:
-    """Modules of a folder can be imported, before those of the path, in this context.
+def imports_from(folder: Path) -> Iterator[Mapping[str, bytes]]:
+    """Modules of a folder can be imported in this context.
 
     Who has imported one keeps it; after the context the name is free again.
+
+    Yields:
+        Path, relative to the folder, → source of each that was imported until then.
     """
-    with _importing:
-        beside = _Beside(folder.resolve())
+    folder = folder.absolute()
+    beside = _Beside(folder)
+    with _importing, _no_cache(folder):
         sys.meta_path.insert(0, beside)
         try:
-            yield
+            yield beside.sources
         finally:
             sys.meta_path.remove(beside)
             for name in beside.found:
                 sys.modules.pop(name, None)
 
 
-def imported_from_beside(path: Path, source: bytes) -> Sequence[Path]:
-    """Files in a file's folder whose modules it imports, and those that they import."""
-    found, left = dict.fromkeys([path]), [source]
-    while left:
-        try:
-            tree = ast.parse(left.pop())
-        except (SyntaxError, ValueError):  # none that is imported, or loading had failed
-            continue
-        for node in ast.walk(tree):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                names = [node.module]
-            for name in names:
-                root = path.parent / name.partition(".")[0]
-                for file in (root.with_suffix(".py"), *sorted(root.rglob("*.py"))):
-                    if file not in found and file.is_file():
-                        found[file] = None
-                        left.append(file.read_bytes())
-    return sorted(found.keys() - {path})
+@contextmanager
+def _no_cache(folder: Path) -> Iterator[None]:
+    """No machine code of a folder's functions is kept.
+
+    Numba's ``cache=True`` would bring back code of a module that has changed since.
+    """
+    kept = []
+    for module, name, attribute in _CACHES:
+        owner = getattr(importlib.import_module(module), name)
+
+        def enable_elsewhere(
+            dispatcher: object, enable: object = owner.enable_caching, attribute: str = attribute
+        ) -> None:
+            file = Path(getattr(dispatcher, attribute).__code__.co_filename)
+            if not file.absolute().is_relative_to(folder):
+                enable(dispatcher)  # type: ignore[operator]
+
+        kept.append((owner, owner.enable_caching))
+        owner.enable_caching = enable_elsewhere
+    try:
+        yield
+    finally:
+        for owner, enable in kept:
+            owner.enable_caching = enable

@@ -42,7 +42,7 @@ def call(function: Callable[..., Any], arguments: tuple[Any, ...], timeout: floa
         )
     except subprocess.TimeoutExpired:
         raise ChildError(f"took longer than {timeout:g} s") from None
-    if child.returncode != 0:
+    if child.returncode != 0 or not child.stdout:
         raise ChildError(f"its process ended with code {child.returncode}")
     found = pickle.loads(child.stdout)
     if isinstance(found, InputError):

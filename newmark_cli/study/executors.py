@@ -5,7 +5,6 @@ keeps nor writes anything.  What goes wrong in a cell is a status of the cell; w
 goes wrong with the executor ends the run.
 """
 
-import multiprocessing
 import signal
 import threading
 import time
@@ -14,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
 
 import numpy as np
 
@@ -37,6 +37,9 @@ class Task:
     cell: Cell
     reference: Reference | None = None
 
+
+#: No exit code of a process.
+_ENDED_WELL = 256
 
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
@@ -75,14 +78,14 @@ def perform(
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
             outcome = compute(task.cell, task.reference, checked)
-    except (_Stopped, InputError):
+    except (_Stopped, InputError, KeyboardInterrupt):
         raise
     except _Overtime:
         assert timeout is not None
         outcome = overtime(timeout)
     except np.linalg.LinAlgError as error:
         outcome = Outcome([], 0, np.nan, "singular", str(error))
-    except Exception as error:
+    except BaseException as error:  # an exit of the user's code included
         outcome = Outcome([], 0, np.nan, "failed", f"{type(error).__name__}: {error}")
     return Done(outcome, time.perf_counter() - start)
 
@@ -168,10 +171,29 @@ def _as_done(
             assert timeout is not None
             done = Done(overtime(timeout), timeout)
         except ProcessExpired as error:
-            done = Done(failed(f"its process ended with code {error.exitcode}"), 0.0)
+            code = 0 if error.exitcode == _ENDED_WELL else error.exitcode
+            done = Done(failed(f"its process ended with code {code}"), 0.0)
         if name in apart:
             on_steps(tasks[name].cell.weight)
         yield name, done
+
+
+class _Worker(SpawnProcess):
+    """A process of the pool, which has died if it ends by itself.
+
+    pebble takes code 0 for a good end, and waits for the cell ever after.
+    """
+
+    @property
+    def exitcode(self) -> int | None:
+        code = super().exitcode
+        return _ENDED_WELL if code == 0 else code
+
+
+class _Context(SpawnContext):
+    """Forked, processes would inherit the locks of threads that do not run in them."""
+
+    Process = _Worker
 
 
 @contextmanager
@@ -179,9 +201,7 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
     """A pool of processes, started with the first task."""
     from pebble import ProcessPool
 
-    # Forked, they would inherit the locks of threads that do not run in them.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_prepare, context=context)
+    pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_prepare, context=_Context())
 
     def start(task: Task, timeout: float | None) -> Future[Done]:
         with interrupts_held():
