@@ -28,6 +28,8 @@ t_end: 12.0
 """
 CELLS = 240
 JOBS = 2
+#: Cells that a run keeps before it is killed, at most; half as many on average.
+MOST_KEPT = 3
 
 
 def run(folder):
@@ -62,12 +64,14 @@ def started(folder):
     return subprocess.Popen([sys.executable, __file__, "--run", str(folder)])
 
 
-def wait_for_a_cell(folder, process):
-    """Until the run has started computing, or has ended: most of its time is imports."""
+def wait_for_cells(folder, process, count):
+    """Until the run has started computing, and has kept so many cells, or has ended."""
     log = folder / "log"
     before = log.stat().st_size if log.exists() else 0
-    while process.poll() is None and (not log.exists() or log.stat().st_size == before):
+    new = ""
+    while process.poll() is None and not (new and new.count("kept ") >= count):
         time.sleep(0.005)
+        new = log.read_text()[before:] if log.exists() else ""
 
 
 def counted(log):
@@ -101,8 +105,8 @@ def main():
         print(f"{CELLS} cells, uninterrupted: {time.perf_counter() - begin:.1f} s", flush=True)
         for done in range(kills):
             process = started(broken)
-            wait_for_a_cell(broken, process)
-            time.sleep(random.uniform(0, 0.35))
+            wait_for_cells(broken, process, random.randrange(MOST_KEPT + 1))
+            time.sleep(random.uniform(0, 0.1))
             if process.poll() is not None:
                 print(f"the study was complete after {done} kills: too short for {kills}")
                 return 1
@@ -112,6 +116,7 @@ def main():
                 log.write("killed\n")
         kept = len(list((broken / "results/cells").glob("*.json")))
         print(f"killed {kills} times, {kept} cells kept until then", flush=True)
+        assert kept >= min(kills, CELLS) // 2, "hardly anything was resumed"
         assert started(broken).wait() == 0
         csv = "results/killed.csv"
         same = (whole / csv).read_bytes() == (broken / csv).read_bytes()
