@@ -148,7 +148,8 @@ def _no_cache(folder: Path) -> Iterator[None]:
             dispatcher: object, enable: object = owner.enable_caching, attribute: str = attribute
         ) -> None:
             file = Path(getattr(dispatcher, attribute).__code__.co_filename)
-            if not file.absolute().is_relative_to(folder):
+            theirs = file.absolute().is_relative_to(folder)
+            if not theirs or _INSTALLED.intersection(file.parts):
                 enable(dispatcher)  # type: ignore[operator]
 
         kept.append((owner, owner.enable_caching))
