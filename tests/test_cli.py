@@ -92,7 +92,7 @@ def test_two_runs_give_the_same_bytes(cli):
     """Whatever --jobs is and in whatever order sets are; progress is quiet in a pipe."""
     cli.write("s.yaml", QUICK.replace("u-lambda", "[u-lambda, v-a-lambda]"))
     texts = set()
-    for seed, jobs in (("1", "1"), ("2", "4"), ("3", "4")):
+    for seed, jobs in (("1", "1"), ("2", "4")):
         done = subprocess.run(
             [SCRIPT, "run", "s.yaml", "--jobs", jobs, "--force"],
             cwd=cli.folder, capture_output=True, check=True,

@@ -142,14 +142,12 @@ def test_machine_code_is_not_kept(tmp_path, cli):
         "preconditioning: none\nh: 0.1\nt_end: 1.0\nmeasure: history\n",
     )
     histories = []
-    for text in (sizes, sizes.replace("1.0", "9.0")):
+    for text in (sizes, sizes, sizes.replace("1.0", "9.0")):
         cli.write("sizes.py", text)
-        for _ in range(2):
-            cli("run", "mine.yaml", "--allow-code", "--force")
-            histories.append((cli.folder / "results/history/mine.csv").read_text())
+        cli("run", "mine.yaml", "--allow-code", "--force")
+        histories.append((cli.folder / "results/history/mine.csv").read_text())
     assert histories[0] == histories[1]
-    assert histories[2] == histories[3]
-    assert histories[0] != histories[2]
+    assert histories[1] != histories[2]
     assert not list(cli.folder.rglob("__pycache__"))
 
 

@@ -103,12 +103,12 @@ def load(
             raise ProblemError(f"{file}: has no function {factory!r}")
         with _reported(path, file, f"{factory} failed: "):
             given = getattr(module, factory)(**arguments)
-        sources = {path.name: source, **dict(sorted(imported.items()))}
+        beside = dict(sorted(imported.items()))
     with _reported(path, file):
         problem = from_definition(given, name, f"{file}: {factory}")
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
-    digest = hashlib.sha256(repr((called, sources)).encode())
-    return replace(problem, code=digest.hexdigest(), sources=sources)
+    digest = hashlib.sha256(repr((called, source, beside)).encode())
+    return replace(problem, code=digest.hexdigest(), sources={path.name: source, **beside})
 
 
 @contextmanager
