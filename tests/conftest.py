@@ -1,12 +1,15 @@
 """Shared fixtures: the command line as a user runs it, and small helpers."""
 
 import os
+import signal
+import subprocess
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from warm import Warm
+from warm import SCRIPT, Warm
 
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
@@ -26,6 +29,13 @@ class CommandLine:
         done = self.warm.run([*map(str, arguments)], self.folder)
         assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done
+
+    def start(self, *arguments, **options):
+        """Start it in a process that imports all for itself, and do not wait for it."""
+        return subprocess.Popen(
+            [SCRIPT, *map(str, arguments)], cwd=self.folder, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options,
+        )  # fmt: skip
 
     def refused(self, *arguments):
         """Run it, assert that it refuses in one line with exit code 2; return the line."""
@@ -127,6 +137,34 @@ def require_failed_alone(told, where):
     assert "failed: its process ended with code 3" in ends
     assert "(what=hang) " in hangs
     assert "failed: took longer than 8 s" in hangs
+
+
+def wait_until(holds):
+    """At most a minute."""
+    for _ in range(2400):
+        if holds():
+            return
+        time.sleep(0.025)
+    raise AssertionError("not within a minute")
+
+
+def wait_for_cells(folder, count):
+    """Until so many cells are kept."""
+    wait_until(lambda: len(list(folder.glob("cells/*.json"))) >= count)
+
+
+def require_interrupts_taken(cli, delays, where, *options):
+    """Ctrl-C for all processes of a run of a cell that hangs, so long (s) after its first line."""
+    write_swings(cli, "hang")
+    for delay in delays:
+        run = cli.start(
+            "run", "swings.yaml", "--allow-code", "-v", *options, start_new_session=True
+        )
+        assert run.stderr.readline() == where
+        time.sleep(delay)
+        os.killpg(run.pid, signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
 
 
 @pytest.fixture

@@ -466,11 +466,11 @@ def test_kill_leaves_the_previous_csv_whole(cli):
     cli("run", "s.yaml")
     before = (cli.folder / "results/quick.csv").read_bytes()
     cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
-    process = subprocess.Popen([SCRIPT, "run", "s.yaml"], cwd=cli.folder, stdout=subprocess.DEVNULL)
+    process = cli.start("run", "s.yaml")
     time.sleep(3)
     assert process.poll() is None, "the run ended before it could be killed"
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process.kill()
+    process.communicate()
     assert (cli.folder / "results/quick.csv").read_bytes() == before
     assert cli("check", code=1).stderr == ""
 
@@ -478,9 +478,7 @@ def test_kill_leaves_the_previous_csv_whole(cli):
 def test_interrupt(cli):
     """Ctrl-C ends in one line and code 130."""
     cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
-    process = subprocess.Popen(
-        [SCRIPT, "run", "s.yaml"], cwd=cli.folder, stderr=subprocess.PIPE, text=True
-    )
+    process = cli.start("run", "s.yaml")
     time.sleep(3)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=30)

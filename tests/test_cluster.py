@@ -8,11 +8,15 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from conftest import require_failed_alone, write_swings
+from conftest import (
+    require_failed_alone,
+    require_interrupts_taken,
+    wait_for_cells,
+    write_swings,
+)
 
 import newmark_cli
 
@@ -93,21 +97,11 @@ def study(cli):
     return (cli.folder / "threads/spread.csv").read_bytes()
 
 
-def wait_for_cells(folder, count):
-    """Until so many cells are kept."""
-    for _ in range(1200):
-        if len(list(folder.glob("cells/*.json"))) >= count:
-            return
-        time.sleep(0.05)
-    raise AssertionError("nothing is kept")
-
-
 def running(cli, address, *options):
     """A run on the scheduler, started and not waited for."""
-    return subprocess.Popen(
-        [BIN / "newmark-study", "run", "spread.yaml", "--results", "dask", "--executor", "dask",
-         "--scheduler", address, *options],
-        cwd=cli.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    return cli.start(
+        "run", "spread.yaml", "--results", "dask", "--executor", "dask", "--scheduler", address,
+        *options,
     )  # fmt: skip
 
 
@@ -169,18 +163,8 @@ def test_workers_that_come_late(cli, study, scheduler):
 
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal, those of own workers included."""
-    write_swings(cli, "hang")
-    for delay in (0.5, 2):
-        run = subprocess.Popen(
-            [BIN / "newmark-study", "run", "swings.yaml", "--allow-code", "--executor", "dask",
-             "--jobs", "1", "-v"],
-            cwd=cli.folder, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        )  # fmt: skip
-        assert run.stderr.readline() == "1 cell on the workers of this machine\n"
-        time.sleep(delay)
-        os.killpg(run.pid, signal.SIGINT)
-        _, errors = run.communicate(timeout=60)
-        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
+    where = "1 cell on the workers of this machine\n"
+    require_interrupts_taken(cli, (0.5, 2), where, "--executor", "dask", "--jobs", 1)
 
 
 def test_a_worker_with_another_core_is_refused(cli, scheduler):

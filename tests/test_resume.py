@@ -11,7 +11,16 @@ import time
 
 import numpy as np
 import pytest
-from conftest import QUICK, SWING, CommandLine, require_failed_alone, write_swings
+from conftest import (
+    QUICK,
+    SWING,
+    CommandLine,
+    require_failed_alone,
+    require_interrupts_taken,
+    wait_for_cells,
+    wait_until,
+    write_swings,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from warm import SCRIPT
@@ -111,28 +120,6 @@ def test_dry_runs_say_why(cli):
     assert csv(cli.folder / "results") == before
 
 
-def start(cli, *arguments, **options):
-    """A run that is not waited for."""
-    return subprocess.Popen(
-        [SCRIPT, "run", *map(str, arguments)], cwd=cli.folder, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options,
-    )  # fmt: skip
-
-
-def wait_until(holds):
-    """At most a minute."""
-    for _ in range(2400):
-        if holds():
-            return
-        time.sleep(0.025)
-    raise AssertionError("not within a minute")
-
-
-def wait_for_cells(folder, count):
-    """Until so many cells are kept."""
-    wait_until(lambda: len(list(folder.glob("cells/*.json"))) >= count)
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, warm):
     """The CSV of the long study from a run that nothing has interrupted, on one thread."""
@@ -146,7 +133,7 @@ def whole(tmp_path_factory, warm):
 def test_an_interrupted_run_goes_on(cli, whole, ending):
     """Ctrl-C exits with 130 and one line; however it ended, the CSV is the same at last."""
     cli.write("long.yaml", LONG)
-    run = start(cli, "long.yaml")
+    run = cli.start("run", "long.yaml")
     wait_for_cells(cli.folder / "results", 1)
     run.send_signal(ending)
     _, errors = run.communicate(timeout=60)
@@ -162,7 +149,7 @@ def test_an_interrupted_run_goes_on(cli, whole, ending):
 def test_one_run_at_a_time(cli):
     """The second run of a folder is refused in one line that names the first."""
     cli.write("long.yaml", LONG)
-    run = start(cli, "long.yaml")
+    run = cli.start("run", "long.yaml")
     wait_for_cells(cli.folder / "results", 1)
     line = cli.refused("run", "pendulum-u")
     assert f"results: in use by 'run long', process {run.pid} on " in line
@@ -253,7 +240,7 @@ def test_merge_leaves_a_folder_that_is_in_use(cli, quick):
     """Refused before anything is copied."""
     cli("run", "quick.yaml", "--results", "source")
     cli.write("long.yaml", LONG)
-    run = start(cli, "long.yaml")
+    run = cli.start("run", "long.yaml")
     wait_for_cells(cli.folder / "results", 1)
     assert "in use" in cli.refused("merge", "quick.yaml", "--from", "source")
     run.kill()
@@ -299,7 +286,7 @@ def test_workers_end_with_their_run(cli):
     """Processes of a run that is killed do not compute on for nobody."""
     cli.write("mine.py", SWING)
     write_swings(cli, "hang")
-    run = start(cli, "swings.yaml", "--allow-code", start_new_session=True)
+    run = cli.start("run", "swings.yaml", "--allow-code", start_new_session=True)
 
     def members():
         """Processes of the run's session."""
@@ -317,14 +304,7 @@ def test_workers_end_with_their_run(cli):
 
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal; one line, at every moment."""
-    write_swings(cli, "hang")
-    for delay in (0, 1):
-        run = start(cli, "swings.yaml", "--allow-code", "-v", start_new_session=True)
-        assert run.stderr.readline() == "1 cell on 1 process\n"
-        time.sleep(delay)
-        os.killpg(run.pid, signal.SIGINT)
-        _, errors = run.communicate(timeout=60)
-        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
+    require_interrupts_taken(cli, (0, 1), "1 cell on 1 process\n")
 
 
 def test_dry_runs_of_shards(cli, quick):
@@ -386,7 +366,7 @@ def test_a_terminal_shows_progress(cli, quick):
 def test_a_folder_that_vanishes(cli):
     """Taken away in mid-run: one line, and the folder is not made again without its lock."""
     cli.write("long.yaml", LONG)
-    run = start(cli, "long.yaml")
+    run = cli.start("run", "long.yaml")
     wait_for_cells(cli.folder / "results", 2)
     (cli.folder / "results").rename(cli.folder / "taken")
     _, errors = run.communicate(timeout=120)

@@ -18,6 +18,16 @@ MINE = (
 )
 
 
+STUDY = """\
+study: mine
+problem: {python: "mine.py:swing"}
+form: u-lambda
+preconditioning: none
+h: 0.1
+t_end: 1.0
+"""
+
+
 def folder(parent, name, sizes):
     """A folder with the problem, and what it imports: file → text."""
     made = parent / name
@@ -131,16 +141,12 @@ def swing():
 """
 
 
-def test_machine_code_is_not_kept(tmp_path, cli):
+def test_machine_code_is_not_kept(cli):
     """Numba's own cache goes by file times and by no imports; each process compiles anew."""
     sizes = "import numba\nGRAVITY = 1.0\n@numba.njit(cache=True)\ndef drag(t):\n    return 0 * t\n"
     cli.write("mine.py", COMPILED)
     cli.write("sizes.py", sizes)
-    cli.write(
-        "mine.yaml",
-        'study: mine\nproblem: {python: "mine.py:swing"}\nform: u-lambda\n'
-        "preconditioning: none\nh: 0.1\nt_end: 1.0\nmeasure: history\n",
-    )
+    cli.write("mine.yaml", STUDY + "measure: history\n")
     histories = []
     for text in (sizes, sizes, sizes.replace("1.0", "9.0")):
         cli.write("sizes.py", text)
@@ -160,16 +166,19 @@ def test_python_and_what_is_installed_go_first(tmp_path):
     assert length(factory(folder(tmp_path, "here", files))) == 2.0
 
 
-@pytest.mark.parametrize("inside", [True, False])
-def test_mere_folders(tmp_path, monkeypatch, inside):
-    """Give way to a module on the path, and not to another mere folder there."""
+def test_a_mere_folder_gives_way(tmp_path, monkeypatch):
+    """To a module on the path."""
     made = folder(tmp_path, "here", {"sizes.py": "from odd import LENGTH\n"})
-    if inside:
-        (made / "odd").mkdir()
-        (tmp_path / "odd.py").write_text("LENGTH = 2.0\n")
-    else:
-        (tmp_path / "parts").mkdir()
-        made = folder(tmp_path, "here", KINDS["folder"])
+    (made / "odd").mkdir()
+    (tmp_path / "odd.py").write_text("LENGTH = 2.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert length(factory(made)) == 2.0
+
+
+def test_a_mere_folder_hides_no_other(tmp_path, monkeypatch):
+    """One on the path, empty, of the name of one beside the file."""
+    made = folder(tmp_path, "here", KINDS["folder"])
+    (tmp_path / "parts").mkdir()
     monkeypatch.syspath_prepend(tmp_path)
     assert length(factory(made)) == 2.0
 
@@ -237,11 +246,7 @@ def test_a_problem_that_changes_in_mid_run(cli):
     cli.write("sizes.py", "LENGTH = 2.0\n")
     grows = 'with open(__file__, "a") as file:\n    file.write("#")\n'
     cli.write("mine.py", grows + MINE)
-    cli.write(
-        "mine.yaml",
-        'study: mine\nproblem: {python: "mine.py:swing"}\nform: u-lambda\n'
-        "preconditioning: none\nh: 0.1\nt_end: 1.0\n",
-    )
+    cli.write("mine.yaml", STUDY)
     said = cli.refused("run", "mine.yaml", "--allow-code")
     assert said.endswith("mine.py:swing: has changed since the run began")
     cli.write("mine.py", MINE)

@@ -190,6 +190,10 @@ class PythonFactory:
         """Of the problem; raises what `load` does."""
         return _traits(self.load())
 
+    def pinned(self) -> "PythonFactory":
+        """The same, to be loaded from the code that it has now."""
+        return replace(self, code=self.load().code)
+
 
 @cache
 def _python(spec: PythonFactory) -> Problem:
@@ -246,14 +250,13 @@ ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory | Carried
 
 def pinned(spec: ProblemSpec) -> ProblemSpec:
     """The same problem for another process, which does not take it when its code has changed."""
-    return replace(spec, code=spec.load().code) if isinstance(spec, PythonFactory) else spec
+    return spec.pinned() if isinstance(spec, PythonFactory) else spec
 
 
 def portable(spec: ProblemSpec) -> ProblemSpec:
     """The same problem for another machine, without files behind it."""
     if isinstance(spec, PythonFactory):
-        problem = spec.load()
-        return Carried(replace(spec, code=problem.code), tuple(problem.sources.items()))
+        return Carried(spec.pinned(), tuple(spec.load().sources.items()))
     if isinstance(spec, MechanismFile):
         return Carried(spec, ((spec.path.name, spec.path.read_bytes()),))
     return spec

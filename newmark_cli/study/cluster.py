@@ -6,7 +6,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from newmark_cli.errors import ExecutorError, InputError, one_line
@@ -112,7 +112,7 @@ def cluster(
 
         def submit(name: int, attempt: str, priority: int) -> Any:
             task = tasks[name]
-            carried = replace(task, cell=replace(task.cell, problem=portable(task.cell.problem)))
+            carried = task.of(portable(task.cell.problem))
             key = f"newmark-{run}-{attempt}-{name}"
             return client.submit(
                 _perform, carried, timeout, here, key=key, priority=priority, pure=False

@@ -37,6 +37,10 @@ class Task:
     cell: Cell
     reference: Reference | None = None
 
+    def of(self, problem: ProblemSpec) -> "Task":
+        """The same task, with its problem in the shape that travels."""
+        return replace(self, cell=replace(self.cell, problem=problem))
+
 
 #: No exit code of a process.
 _ENDED_WELL = 256
@@ -136,17 +140,17 @@ def local(
         return perform(task, timeout, checked)
 
     apart = {
-        name: replace(task, cell=replace(task.cell, problem=pinned(task.cell.problem)))
+        name: task.of(pinned(task.cell.problem))
         for name, task in tasks.items()
         if wants_process(task.cell.problem)
     }
     with ThreadPoolExecutor(max_workers=jobs) as threads, _processes(jobs, len(apart)) as start:
         try:
-            futures: dict[Future[Done], int] = {
-                start(apart[name], timeout)
-                if name in apart
-                else threads.submit(threaded, task): name
+            futures = {start(task, timeout): name for name, task in apart.items()}
+            futures |= {
+                threads.submit(threaded, task): name
                 for name, task in tasks.items()
+                if name not in apart
             }
             yield _as_done(futures, tasks, apart, timeout, on_steps)
         finally:

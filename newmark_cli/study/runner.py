@@ -166,7 +166,6 @@ def run_studies(
     """
     watcher = watcher or Watcher()
     shard = "{}/{}".format(*options.shard) if options.shard else ""
-    _require_distinct(studies)
     with _held(studies, folder, "run", shard):
         store = Store(folder)
         planned = plan(studies, folder, options.force, options.shard)
@@ -232,7 +231,6 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
     Raises:
         InputError: As for `run_studies`, and when a source holds no cells.
     """
-    _require_distinct(studies)
     with _held(studies, folder, "merge"):
         store = Store(folder)
         taken = tuple(store.take(source) for source in sources)
@@ -252,6 +250,7 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
 @contextlib.contextmanager
 def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") -> Iterator[None]:
     """Hold a results folder, in which everything can be written."""
+    _require_distinct(studies)
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
