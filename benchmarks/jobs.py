@@ -11,8 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from newmark_cli.running.runner import Options, run_studies
 from newmark_cli.study import config
-from newmark_cli.study.runner import Options, run_studies
 
 LEAST = 1.6
 

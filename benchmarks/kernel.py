@@ -21,13 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, Scheme
-from newmark_cli.problems.registry import problem
 
 H = 1e-6
 CAP = 50

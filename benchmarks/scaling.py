@@ -25,14 +25,14 @@ LARGEST_EXPONENT = 1.1
 
 def measure(links, steps, rounds):
     """March one chain; returns what the table shows."""
+    from newmark_cli.mechanisms.spec import Sized
     from newmark_cli.newmark import scipy_march
     from newmark_cli.newmark.forms import FORMS
     from newmark_cli.newmark.initial import initial_state
     from newmark_cli.newmark.integrator import Newmark
+    from newmark_cli.newmark.linear.sparse import SparseSystem
     from newmark_cli.newmark.scaling import named_scaling
     from newmark_cli.newmark.scheme import Scheme
-    from newmark_cli.newmark.sparse import SparseSystem
-    from newmark_cli.problems.spec import Sized
 
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), H)

@@ -4,12 +4,10 @@ Numbers follow YAML 1.2 and common sense: ``1e-4`` is a number, whatever YAML
 1.1 says.  Only plain scalars become numbers; what is quoted stays text.
 """
 
-import difflib
 import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -26,6 +24,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from newmark_cli.errors import InputError, one_line
+from newmark_cli.spelling import nearest
 
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -39,10 +38,6 @@ _DEEPEST = 30
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TOO_MANY = f"more than {_MOST_VALUES} values"
 _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
-
-#: Names that an error compares with what was given, and that it lists.
-_MOST_COMPARED = 2_000
-_MOST_LISTED = 40
 
 #: Custom errors whose text already says what was given.
 _SELF_EXPLAINING = frozenset({"unknown_key", "unknown_name", "own"})
@@ -111,20 +106,6 @@ class StrictModel(BaseModel):
         elif not isinstance(data, cls):
             raise PydanticCustomError("mapping", "must be a mapping of keys to values")
         return data
-
-
-def nearest(given: object, allowed: Iterable[str]) -> str:
-    """Text that offers the nearest allowed name and lists all of them, if they are not many."""
-    allowed = [_short_name(name) for name in islice(allowed, _MOST_COMPARED)]
-    word = _short_name(given) if isinstance(given, str) else ""
-    close = difflib.get_close_matches(word, allowed, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else ";"
-    listed = [*allowed[:_MOST_LISTED], *(["…"] if len(allowed) > _MOST_LISTED else [])]
-    return f"{hint} allowed: {', '.join(listed) or 'none'}"
-
-
-def _short_name(name: str) -> str:
-    return name if len(name) <= 60 else name[:59] + "…"
 
 
 def unknown_name(kind: str, given: object, allowed: Iterable[str]) -> PydanticCustomError:

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from newmark_cli.newmark import kernel_march, tables
+from newmark_cli.newmark import kernel_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import DIRECT, Scheme
-from newmark_cli.newmark.tables import State
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
@@ -36,7 +36,7 @@ def march(engine, subject, scheme, state, first, steps, **options):
     norms = np.zeros((steps, len(scheme.form.unknowns)))
     iterations = np.zeros(steps, np.int64)
     ending = engine.march(subject, scheme, state, first, norms, iterations, **options)
-    assert ending == (tables.COMPLETED, steps)
+    assert ending == (march_data.COMPLETED, steps)
     return norms, iterations
 
 

@@ -1,6 +1,6 @@
 """A mechanism with every element, for tests that go through all of them."""
 
-from newmark_cli.problems import planar
+from newmark_cli.mechanisms import planar
 
 #: Two bodies on points A, B and C, and points on them.
 TWO_BODIES = """\

@@ -7,13 +7,13 @@ from mpmath import mp
 from scipy.special import ellipj
 from scipy.stats import linregress
 
-from newmark_cli.newmark import kernel_march, tables
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.newmark import kernel_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.registry import problem
 
 
 def final_state(name, h, t_end, integrator=None):
@@ -26,7 +26,7 @@ def final_state(name, h, t_end, integrator=None):
     ending = kernel_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
     )
-    assert ending == (tables.COMPLETED, steps)
+    assert ending == (march_data.COMPLETED, steps)
     return state
 
 

@@ -25,10 +25,10 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from marching import start
 
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
-from newmark_cli.problems.registry import PROBLEMS, problem
 
 INF = np.inf
 EVERY_FORM = pytest.mark.parametrize("form", FORMS)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from newmark_cli.newmark import linear, sensitivity
+from newmark_cli.newmark import perturbation
+from newmark_cli.newmark.linear import systems
 from newmark_cli.study import config
 from newmark_cli.study.cell import Cell
 from newmark_cli.study.compute import compute
@@ -21,7 +22,7 @@ def test_sampled_states(monkeypatch, samples, steps):
         def condition(self):
             return 1.0
 
-    monkeypatch.setattr(linear, "system", lambda *arguments: Recorder())
+    monkeypatch.setattr(systems, "system", lambda *arguments: Recorder())
     (first, *_) = config.find("pendulum-u").cells()
     told = []
     chosen = Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
@@ -43,7 +44,7 @@ def test_initial_state_is_measured_without_steps(monkeypatch):
         times.append(time)
         return {}
 
-    monkeypatch.setattr(sensitivity, "sensitivities", record)
+    monkeypatch.setattr(perturbation, "sensitivities", record)
     (first, *_) = config.find("sensitivity").cells()
     assert compute(first).measurements == []
     assert times == [0.0]

@@ -21,8 +21,8 @@ from newmark_cli.report.claims import (
 from newmark_cli.report.curves import KEY, Curve
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.slopes import study_slopes
-from newmark_cli.report.table import read_study
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
+from newmark_cli.study.reading import read_study
 
 CLAIMS = [
     pytest.param(figure, i, id=f"figure-{figure.name}: {claim.text}")

@@ -16,10 +16,10 @@ from warm import SCRIPT
 from newmark_cli import __version__
 from newmark_cli.cli import cli as command_line
 from newmark_cli.cli import main
+from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import config, results
 

@@ -16,6 +16,8 @@ from marching import EPS, INTEGRATORS, STEP, copy, march, states
 from mpmath import mp, mpf
 
 from newmark_cli.documents import DocumentError
+from newmark_cli.mechanisms import elements
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import kernel, kernel_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
@@ -24,9 +26,8 @@ from newmark_cli.newmark.measures import corrections
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
-from newmark_cli.problems import elements, python_problem
+from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import ProblemError
-from newmark_cli.problems.registry import PROBLEMS, problem
 from newmark_cli.report.fits import power_law
 from newmark_cli.study import config
 

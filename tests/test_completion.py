@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from warm import SCRIPT
 
+from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import config
 

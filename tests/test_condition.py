@@ -6,13 +6,14 @@ import pytest
 from marching import start
 from mpmath import mp
 
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.jacobian import condition_number, scaled_jacobian
+from newmark_cli.newmark.jacobian import scaled_jacobian
+from newmark_cli.newmark.linear.dense import condition_number
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Terms
-from newmark_cli.problems.registry import problem
 
 H = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 

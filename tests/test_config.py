@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from newmark_cli import documents
 from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
-from newmark_cli.problems.families import FAMILIES
-from newmark_cli.problems.spec import Sized
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.study import config
 
 

@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, states
 
-from newmark_cli.newmark import kernel, kernel_march, scipy_march, tables
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.newmark import kernel, kernel_march, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.tables import State
-from newmark_cli.problems.registry import PROBLEMS, problem
 
 
 def named(name):
@@ -152,7 +152,7 @@ def test_singular_jacobian_ends_the_march(engine):
     scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
     state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
     ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
-    assert ending == (tables.SINGULAR, 0)
+    assert ending == (march_data.SINGULAR, 0)
 
 
 @pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
@@ -166,7 +166,7 @@ def test_infinite_numbers_end_the_march(engine):
         ending, done = engine.march(
             subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64)
         )
-    assert ending == tables.DIVERGED
+    assert ending == march_data.DIVERGED
     assert done == 0
 
 

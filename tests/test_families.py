@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from marching import march, start
 
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import kernel_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.registry import problem
-from newmark_cli.problems.spec import Shipped, Sized
 
 
 def member(family, size):

@@ -9,14 +9,15 @@ import pytest
 import synthetic
 
 import newmark_cli
-from newmark_cli.problems.registry import problem
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.report import draw, draw_mechanism, plot, style
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, StudyFigure
 from newmark_cli.report.fits import Fit, format_fit, power_law
 from newmark_cli.report.slopes import STATISTIC, collect, study_slopes
-from newmark_cli.report.table import read_study
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
-from newmark_cli.study import config, results, runner
+from newmark_cli.running import runner
+from newmark_cli.study import config, results
+from newmark_cli.study.reading import read_study
 
 ORDER_FIGURES = [f for f in FIGURES.values() if isinstance(f, OrderFigure)]
 

@@ -4,11 +4,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-SCRIPT = Path(__file__).parents[1] / "benchmarks/fuzz.py"
+SCRIPT = Path(__file__).parents[1] / "tests/verification/fuzz.py"
 
 
 def test_validate_stays_calm():
-    """Some hundred inputs of `benchmarks/fuzz.py`: one line, code 0 or 2, at once, no code run."""
+    """Some hundred inputs of the fuzzer: one line, code 0 or 2, at once, no code run."""
     done = subprocess.run(
         [sys.executable, SCRIPT, "250", "--seed", "20"], capture_output=True, text=True
     )

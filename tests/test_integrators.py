@@ -14,6 +14,7 @@ from marching import INTEGRATORS, copy, march
 from mpmath import mp, mpf
 from scipy.integrate import solve_ivp
 
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
@@ -33,12 +34,11 @@ from newmark_cli.newmark.integrator import (
     parse,
 )
 from newmark_cli.newmark.integrator import INTEGRATORS as METHODS
-from newmark_cli.newmark.jacobian import condition_number
+from newmark_cli.newmark.linear.dense import condition_number
 from newmark_cli.newmark.measures import corrections
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.registry import problem
 from newmark_cli.report.fits import power_law
 
 EVERY = pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)

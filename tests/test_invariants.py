@@ -8,18 +8,19 @@ from mechanisms import TWO_BODIES
 from mpmath import ellipfun, mp, mpf
 from scipy.stats import linregress
 
-from newmark_cli.newmark import kernel_march, measures, tables
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.newmark import kernel_march, march_data, measures
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.tables import State
-from newmark_cli.problems import planar, python_problem
-from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems import python_problem
 from newmark_cli.problems.reference import Reference
-from newmark_cli.problems.registry import PROBLEMS, problem
 
 CONSERVATIVE = {"pendulum", "double-pendulum", "slider-crank"}
 
@@ -214,7 +215,7 @@ def test_trapezoidal_rule_misses_energy_and_rate_at_second_order(name, t_end, h,
                 subject, scheme, state, first,
                 np.zeros((steps // 2, 2)), np.zeros(steps // 2, np.int64),
             )  # fmt: skip
-            assert ending == (tables.COMPLETED, steps // 2)
+            assert ending == (march_data.COMPLETED, steps // 2)
             samples.append(invariants(subject, (first + steps // 2) * step, state))
         found.append(relative(samples))
     for quantity in ("velocity", "energy"):

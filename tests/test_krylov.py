@@ -7,17 +7,19 @@ from damped import damped
 from marching import assert_same_step, copy, in_motion, march, scheme_of, start
 
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import linear, scipy_march, solvers, tables
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spec import Shipped, Sized
+from newmark_cli.newmark import march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
-from newmark_cli.newmark.krylov import KrylovSystem, is_symmetric
+from newmark_cli.newmark.jacobian import scaled_jacobian
+from newmark_cli.newmark.linear import choice, systems
+from newmark_cli.newmark.linear.choice import Krylov, Stagnation
+from newmark_cli.newmark.linear.dense import BalancedJacobian
+from newmark_cli.newmark.linear.krylov import KrylovSystem, is_symmetric
+from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.measures import krylov
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
-from newmark_cli.newmark.solvers import Krylov, Stagnation
-from newmark_cli.newmark.sparse import SparseSystem
-from newmark_cli.problems.registry import PROBLEMS
-from newmark_cli.problems.spec import Shipped, Sized
 
 SUBJECTS = {name: Shipped(name).load() for name in PROBLEMS} | {
     "chain": Sized("chain", (("links", 12),)).load(),
@@ -66,11 +68,11 @@ def test_solutions(name, form, h):
 @pytest.mark.parametrize(
     ("solver", "form", "variant"),
     [
-        *((solvers.GMRES, "u-lambda", variant) for variant in PAPER_VARIANTS),
-        *((solvers.GMRES, "a-lambda", variant) for variant in PAPER_VARIANTS),
-        (solvers.MINRES, "u-lambda", "none"),
-        (solvers.MINRES, "u-lambda", "optimal"),
-        (solvers.MINRES, "a-lambda", "left"),
+        *((choice.GMRES, "u-lambda", variant) for variant in PAPER_VARIANTS),
+        *((choice.GMRES, "a-lambda", variant) for variant in PAPER_VARIANTS),
+        (choice.MINRES, "u-lambda", "none"),
+        (choice.MINRES, "u-lambda", "optimal"),
+        (choice.MINRES, "a-lambda", "left"),
     ],
 )
 def test_recorded_residual(solver, form, variant):
@@ -82,7 +84,7 @@ def test_recorded_residual(solver, form, variant):
     if variant in ("none", "right"):
         rows[: subject.n] = h**2 / 4
     rhs /= rows
-    system = linear.system(solver, subject, scheme, Krylov(tolerance=1e-6))
+    system = systems.system(solver, subject, scheme, Krylov(tolerance=1e-6))
     found = system.solve(values, rhs)
     matrix = scaled_jacobian(scheme, subject.dense(values), subject.M)
     exact = np.linalg.norm(rows * (rhs - matrix @ found)) / np.linalg.norm(rows * rhs)
@@ -120,7 +122,7 @@ def test_where_symmetric(name, form, h):
         assert is_symmetric(subject, scheme) == expected
         if not expected:
             with pytest.raises(InputError) as refusal:
-                linear.system(solvers.MINRES, subject, scheme)
+                systems.system(choice.MINRES, subject, scheme)
             assert str(refusal.value) == (
                 f"linear_solver minres: the Jacobian of {subject.name}, {form}, "
                 f"preconditioning {variant} is not symmetric; take gmres"
@@ -138,25 +140,25 @@ def test_minres_finds_what_gmres_does(name, form, variant, h):
     state = in_motion(subject)
     values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
     minres, gmres = (
-        linear.system(solver, subject, scheme, Krylov(tolerance=1e-10)).solve(values, rhs)
-        for solver in (solvers.MINRES, solvers.GMRES)
+        systems.system(solver, subject, scheme, Krylov(tolerance=1e-10)).solve(values, rhs)
+        for solver in (choice.MINRES, choice.GMRES)
     )
     condition = BalancedJacobian(subject, scheme, 0.0, state).condition()
     assert np.linalg.norm(minres - gmres) <= 2e-10 * condition * np.linalg.norm(gmres)
 
 
-@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
+@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
 def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
     """And without scaling the tolerance is out of reach, whatever the solver makes of it."""
     state, counts = in_motion(LONG), []
     for h in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
         scheme = scheme_of("u-lambda", "optimal", h)
         values, rhs = values_of(LONG, state), right_hand_side(scheme, LONG)
-        system = linear.system(solver, LONG, scheme)
+        system = systems.system(solver, LONG, scheme)
         system.solve(values, rhs)
         counts += system.iterations
         rhs[: LONG.n] *= 4 / h**2
-        plain = linear.system(solver, LONG, scheme_of("u-lambda", "none", h))
+        plain = systems.system(solver, LONG, scheme_of("u-lambda", "none", h))
         if h <= 1e-4:
             with pytest.raises(Stagnation):
                 plain.solve(values, rhs)
@@ -175,26 +177,26 @@ def test_rows_of_different_size_do_not_hide_a_residual():
     assert np.linalg.norm(residual[LONG.n :]) > 0.1 * np.linalg.norm(rhs[LONG.n :])
 
 
-@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
+@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
 def test_stagnation(solver):
     """At the limit it is raised, as one of numpy's errors, and the solve is recorded."""
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
     values = values_of(subject, in_motion(subject))
     rhs = right_hand_side(scheme, subject)
-    system = linear.system(solver, subject, scheme, Krylov(limit=9))
+    system = systems.system(solver, subject, scheme, Krylov(limit=9))
     with pytest.raises(np.linalg.LinAlgError, match="after 9 iterations, tolerance 1e-08"):
         system.solve(values, rhs)
     assert system.iterations == [9]
     assert 1e-8 < system.residuals[0] < 1
 
 
-@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
+@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
 def test_special_right_hand_sides(solver):
     """Zero, far below the root of the smallest number, and none at all."""
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
     values = values_of(subject, in_motion(subject))
     rhs = right_hand_side(scheme, subject)
-    system = linear.system(solver, subject, scheme)
+    system = systems.system(solver, subject, scheme)
     np.testing.assert_array_equal(system.solve(values, 0 * rhs), 0)
     assert (system.iterations, system.residuals) == ([0], [0.0])
     tiny, usual = system.solve(values, 2.0**-800 * rhs), system.solve(values, rhs)
@@ -205,17 +207,17 @@ def test_special_right_hand_sides(solver):
     assert len(system.iterations) == len(system.residuals) == 3
 
 
-@pytest.mark.parametrize("solver", [solvers.GMRES, solvers.MINRES])
+@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
 def test_singular_matrices_end_the_march(solver):
     """G vanishes at the pendulum's pivot, and the length of the rod is out of reach."""
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "optimal", 0.1)
-    system = linear.system(solver, subject, scheme)
+    system = systems.system(solver, subject, scheme)
     at_pivot = start(subject)
     for array in at_pivot:
         array[:] = 0
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
     ending = scipy_march.march(subject, scheme, at_pivot, 0, norms, iterations, system)
-    assert ending == (tables.STAGNATED, 0)
+    assert ending == (march_data.STAGNATED, 0)
     assert system.residuals[0] > 0.1
 
 
@@ -226,7 +228,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
     first, second = start(subject, integrator, h), start(subject, integrator, h)
     ours, taken = march(scipy_march, subject, scheme, first, 0, 40,
-                        system=linear.system(solvers.GMRES, subject, scheme))  # fmt: skip
+                        system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
     theirs, _ = march(scipy_march, subject, scheme, second, 0, 40,
                       system=SparseSystem(subject, scheme))  # fmt: skip
     assert taken.min() > 0
@@ -234,7 +236,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     assert rms == pytest.approx(1, rel=0.5)
     again = copy(first)
     march(scipy_march, subject, scheme, first, 40, 1,
-          system=linear.system(solvers.GMRES, subject, scheme))  # fmt: skip
+          system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
     march(scipy_march, subject, scheme, again, 40, 1, system=SparseSystem(subject, scheme))
     assert_same_step(subject, scheme, first, again)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from newmark_cli.problems.families import FAMILIES
-from newmark_cli.problems.registry import PROBLEMS
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.report import draw_mechanism
 from newmark_cli.study import config
 

@@ -12,16 +12,16 @@ from marching import march
 from numba import njit
 
 from newmark_cli.documents import DocumentError
-from newmark_cli.newmark import kernel, kernel_march, tables
+from newmark_cli.mechanisms import elements
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.newmark import kernel, kernel_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.march_data import ProblemTables
 from newmark_cli.newmark.measures import corrections
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
-from newmark_cli.newmark.tables import ProblemTables
-from newmark_cli.problems import elements
-from newmark_cli.problems.registry import problem
 from newmark_cli.study import config
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
@@ -200,10 +200,13 @@ def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
         state = initial_state(subject, scheme)
         norms, iterations = np.zeros((steps, len(form.unknowns))), np.zeros(steps, np.int64)
         endings[variant] = kernel_march.march(subject, scheme, state, 0, norms, iterations)[0]
-    unscaled = tables.SINGULAR if "K" in form.rows else tables.COMPLETED
+    unscaled = march_data.SINGULAR if "K" in form.rows else march_data.COMPLETED
     assert endings == {
-        "none": unscaled, "left": tables.COMPLETED, "right": unscaled, "optimal": tables.COMPLETED,
-    }  # fmt: skip
+        "none": unscaled,
+        "left": march_data.COMPLETED,
+        "right": unscaled,
+        "optimal": march_data.COMPLETED,
+    }
 
 
 # Refusals

@@ -11,15 +11,15 @@ from mpmath import mp
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
+from newmark_cli.mechanisms import elements, planar
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import kernel_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems import elements, planar
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.registry import PROBLEMS, problem
 
 REFERENCED = [name for name in PROBLEMS if name in oracles.REFERENCES]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from newmark_cli.newmark import kernel_march, scipy_march, tables
+from newmark_cli.newmark import kernel_march, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
@@ -35,7 +35,10 @@ def march(engine, subject, h, t_end, form="u-lambda"):
     steps = round(t_end / h)
     norms = np.zeros((steps, len(form.unknowns)))
     iterations = np.zeros(steps, np.int64)
-    assert engine.march(subject, scheme, state, 0, norms, iterations) == (tables.COMPLETED, steps)
+    assert engine.march(subject, scheme, state, 0, norms, iterations) == (
+        march_data.COMPLETED,
+        steps,
+    )
     assert np.all(iterations > 0)
     return state
 
@@ -161,7 +164,7 @@ def write(tmp_path, text):
 
 def test_any_object_with_the_attributes_serves(tmp_path):
     """No base class is asked for; the pendulum of the package takes the same steps."""
-    from newmark_cli.problems.registry import problem
+    from newmark_cli.mechanisms.registry import problem
 
     mine = python_problem.load(write(tmp_path, GOOD), "factory", {"scale": 2}, "mine")
     assert not mine.compiled

@@ -13,22 +13,23 @@ from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 from scipy.stats import linregress
 
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import kernel_march, tables
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.known import KNOWN
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.spec import MechanismFile, PythonFactory, Shipped, Sized
+from newmark_cli.newmark import kernel_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems import index_1, planar, python_problem, reference
-from newmark_cli.problems.families import FAMILIES
+from newmark_cli.problems import index_1, python_problem, reference
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.known import KNOWN
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.reference import NoReference, relative_error, solution
-from newmark_cli.problems.registry import PROBLEMS, problem
-from newmark_cli.problems.spec import MechanismFile, PythonFactory, Shipped, Sized
-from newmark_cli.study import references
-from newmark_cli.study.references import References
+from newmark_cli.running import references
+from newmark_cli.running.references import References
 
 CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
 PARTS = ("u", "v", "multipliers")
@@ -216,7 +217,7 @@ def march(subject, h, t_end):
     ending = kernel_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
     )
-    assert ending == (tables.COMPLETED, steps)
+    assert ending == (march_data.COMPLETED, steps)
     return state.fields[:2]
 
 

@@ -26,7 +26,8 @@ from hypothesis import strategies as st
 from warm import SCRIPT
 
 from newmark_cli.newmark.statistics import Measurement, Statistics
-from newmark_cli.study import config, results, sealed, store
+from newmark_cli.running import sealed, store
+from newmark_cli.study import config, results
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
 LONG = """\

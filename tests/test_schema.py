@@ -18,19 +18,19 @@ from test_problems import MISTAKES as MECHANISM_MISTAKES
 
 from newmark_cli import documents
 from newmark_cli.documents import DocumentError
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
-from newmark_cli.problems import planar
-from newmark_cli.problems.families import FAMILIES
-from newmark_cli.problems.registry import PROBLEMS
 from newmark_cli.study import config, schema
 
 ROOT = Path(__file__).parents[1]
-MECHANISMS = ROOT / "newmark_cli/problems/mechanisms"
+MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"
 COMMITTED = {
     ROOT / "configs/schema/config.json": ("schema", "config"),
     MECHANISMS / "schema/mechanism.json": ("schema", "mechanism"),
-    ROOT / "newmark_cli/names.json": ("list", "--json"),
+    ROOT / "newmark_cli/cli/names.json": ("list", "--json"),
 }
 FILES = sorted(
     file
@@ -397,7 +397,7 @@ def test_rules_between_keys(folder):
 
 def test_damaged_files(folder):
     """Nothing that is valid looks wrong in an editor; what only looks right is in BEYOND."""
-    spec = importlib.util.spec_from_file_location("fuzz", ROOT / "benchmarks/fuzz.py")
+    spec = importlib.util.spec_from_file_location("fuzz", ROOT / "tests/verification/fuzz.py")
     fuzz = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fuzz)
     for _, data in fuzz.inputs(range(120), seed=11):

@@ -9,9 +9,9 @@ import pytest
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report import check
 from newmark_cli.report.slopes import COLUMNS, study_slopes, write
-from newmark_cli.report.table import read_study
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
 from newmark_cli.study import results
+from newmark_cli.study.reading import read_study
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 

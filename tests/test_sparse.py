@@ -7,16 +7,17 @@ from damped import damped
 from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
 from newmark_cli import documents
-from newmark_cli.newmark import kernel_march, scipy_march, sensitivity, tables
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spec import Shipped, Sized
+from newmark_cli.newmark import kernel_march, march_data, perturbation, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.jacobian import BalancedJacobian, scaled_jacobian
+from newmark_cli.newmark.jacobian import scaled_jacobian
+from newmark_cli.newmark.linear.dense import BalancedJacobian
+from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.newmark.sparse import SparseSystem
 from newmark_cli.problems import index_1
-from newmark_cli.problems.registry import PROBLEMS
-from newmark_cli.problems.spec import Shipped, Sized
 from newmark_cli.study import config, results
 from newmark_cli.study.compute import compute
 
@@ -111,8 +112,8 @@ def test_same_sensitivities(form):
     """Columns of J̄⁻¹ through the sparse factors."""
     subject = SUBJECTS[CHAIN.label]
     scheme, state = scheme_of(form, "none", 1e-5), in_motion(subject)
-    expected = sensitivity.sensitivities(subject, scheme, 0.0, state)
-    found = sensitivity.sensitivities(subject, scheme, 0.0, state, SparseSystem(subject, scheme))
+    expected = perturbation.sensitivities(subject, scheme, 0.0, state)
+    found = perturbation.sensitivities(subject, scheme, 0.0, state, SparseSystem(subject, scheme))
     rounding = 1e-12 * max(expected.values())
     assert found == pytest.approx(expected, rel=1e-9, abs=rounding)
 
@@ -133,14 +134,14 @@ def test_singular_and_infinite_matrices_end_the_march():
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "none", 0.1)
     system = SparseSystem(subject, scheme)
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    still = tables.State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
+    still = march_data.State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
     ending = scipy_march.march(subject, scheme, still, 0, norms, iterations, system)
-    assert ending == (tables.SINGULAR, 0)
+    assert ending == (march_data.SINGULAR, 0)
     state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):
         ending = scipy_march.march(subject, scheme, state, 0, norms, iterations, system)
-    assert ending == (tables.DIVERGED, 0)
+    assert ending == (march_data.DIVERGED, 0)
 
 
 def test_studies_name_the_solver(tmp_path):

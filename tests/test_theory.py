@@ -11,14 +11,14 @@ from conftest import QUICK
 from marching import start
 from mpmath import mp
 
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.orders import derive_scaling, form_orders
+from newmark_cli.newmark.perturbation import perturbation, sensitivities
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.sensitivity import perturbation, sensitivities
-from newmark_cli.problems.registry import problem
-from newmark_cli.report import tables
+from newmark_cli.report import paper_tables
 from newmark_cli.report.slopes import collect
 from newmark_cli.report.verdicts import MISS, PASS
 
@@ -209,7 +209,7 @@ def test_sensitivity_study(cli):
 @pytest.fixture(scope="module")
 def entries(committed_folder):
     """Entries of both tables from the committed results."""
-    return tables.build(collect(committed_folder, [tables.STUDY]))
+    return paper_tables.build(collect(committed_folder, [paper_tables.STUDY]))
 
 
 def test_table_1(entries):
@@ -287,11 +287,13 @@ def test_tables_mark_a_mismatch(cli, committed_folder):
 
 def test_wrong_table_entry_is_a_mismatch(monkeypatch, committed_folder):
     """An exponent of Table 2 that theory does not derive is not hidden by measurements."""
-    table = {name: {s: dict(f) for s, f in sides.items()} for name, sides in tables.TABLE_2.items()}
+    table = {
+        name: {s: dict(f) for s, f in sides.items()} for name, sides in paper_tables.TABLE_2.items()
+    }
     table["u-lambda"]["left"]["D"] = "beta*h"
-    monkeypatch.setattr(tables, "TABLE_2", table)
-    found = tables.build(collect(committed_folder, [tables.STUDY]))
-    wrong = {(e.form, e.entry, e.verdict) for e in tables.missed(found)}
+    monkeypatch.setattr(paper_tables, "TABLE_2", table)
+    found = paper_tables.build(collect(committed_folder, [paper_tables.STUDY]))
+    wrong = {(e.form, e.entry, e.verdict) for e in paper_tables.missed(found)}
     assert wrong == {("u-lambda", "D_L D", MISS)}
 
 

@@ -8,13 +8,13 @@ from conftest import QUICK
 from marching import INTEGRATORS, march
 
 from newmark_cli.documents import DocumentError
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, Scheme, Tolerance
-from newmark_cli.problems.registry import problem
 from newmark_cli.study import config
 
 ENGINES = pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from conftest import SWING
 
+from newmark_cli.mechanisms.spec import PythonFactory, pinned, portable
 from newmark_cli.problems.problem import ProblemError
-from newmark_cli.problems.spec import PythonFactory, pinned, portable
 
 #: A problem whose pendulum's length is imported.
 MINE = (

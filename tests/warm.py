@@ -20,7 +20,7 @@ from pathlib import Path
 SCRIPT = Path(sys.executable).with_name("newmark-study")
 
 #: What many commands import, with what these import in turn.
-MODULES = ("newmark.kernel_march", "study.compute", "study.runner", "report.check", "report.plot")
+MODULES = ("newmark.kernel_march", "study.compute", "running.runner", "report.check", "report.plot")
 
 #: Seconds after which a command is ended.
 LIMIT = 200
@@ -53,7 +53,7 @@ def serve():
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     for module in MODULES:
         importlib.import_module(f"newmark_cli.{module}")
-    from newmark_cli.problems.registry import problem
+    from newmark_cli.mechanisms.registry import problem
 
     problem("pendulum")  # has Numba load its registries
     gc.freeze()  # a collection in a fork would copy every page

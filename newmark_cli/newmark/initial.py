@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.tables import State
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 

@@ -19,8 +19,8 @@ from typing import Protocol
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
+from newmark_cli.spelling import nearest
 
 FIELDS = ("u", "v", "a")
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.tables import State
+from newmark_cli.newmark.march_data import State
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 

@@ -1,8 +1,8 @@
 """The compiled Newton march: every form, scaling and integrator in one loop.
 
 Everything that tells one form, scaling or integrator from another reaches the
-kernel as numbers (`tables.StepTables`), every problem as a compiled function and
-its tables (`tables.ProblemTables`).  All compiled code of the core stands
+kernel as numbers (`march_data.StepTables`), every problem as a compiled function and
+its tables (`march_data.ProblemTables`).  All compiled code of the core stands
 in this file, because numba's disk cache does not notice a change in another.
 """
 
@@ -11,11 +11,7 @@ import threading
 import numpy as np
 from numba import from_dtype, njit, typeof, types
 
-from newmark_cli.newmark.tables import (
-    COMPLETED,
-    DIVERGED,
-    SINGULAR,
-)
+from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, SINGULAR
 
 
 def evaluate_type(dtype):

@@ -2,8 +2,8 @@
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel
+from newmark_cli.newmark.march_data import ProblemTables, State
 from newmark_cli.newmark.scheme import Scheme, Tolerance
-from newmark_cli.newmark.tables import ProblemTables, State
 from newmark_cli.problems.problem import Problem
 
 

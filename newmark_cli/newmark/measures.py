@@ -11,9 +11,9 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.invariants import Misfit
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement, statistics
-from newmark_cli.newmark.tables import State
 from newmark_cli.problems.reference import Reference, relative_error
 
 
@@ -71,7 +71,7 @@ def krylov(iterations: Sequence[int], residuals: Sequence[float]) -> list[Measur
     """Measurements of a Krylov solver over all solves.
 
     Args:
-        iterations, residuals: Of each; see `newmark_cli.newmark.krylov.KrylovSystem`.
+        iterations, residuals: Of each; see `newmark_cli.newmark.linear.krylov.KrylovSystem`.
     """
     return [
         Measurement("jacobian", measure, "primary", statistics(np.array(values, float)))
@@ -80,7 +80,7 @@ def krylov(iterations: Sequence[int], residuals: Sequence[float]) -> list[Measur
 
 
 def sensitivities(samples: Sequence[Mapping[tuple[str, str], float]]) -> list[Measurement]:
-    """Measurements of `newmark_cli.newmark.sensitivity` at the sampled states."""
+    """Measurements of `newmark_cli.newmark.perturbation` at the sampled states."""
     return [
         Measurement(
             unknown,

@@ -9,11 +9,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial, MonomialError
+from newmark_cli.spelling import nearest
 
 ONE = Monomial()
 

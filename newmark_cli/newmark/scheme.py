@@ -11,8 +11,8 @@ import numpy as np
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import Elimination, Form, eliminate
 from newmark_cli.newmark.integrator import FIELDS, Integrator, Relations
+from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
-from newmark_cli.newmark.tables import StepTables
 
 DIRECT, COMPENSATED = "direct", "compensated"
 #: How residuals are evaluated.  Direct: in the unknowns themselves, as the paper

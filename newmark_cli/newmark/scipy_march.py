@@ -8,11 +8,11 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import DenseSystem
-from newmark_cli.newmark.linear import LinearSystem
+from newmark_cli.newmark.linear.choice import Stagnation
+from newmark_cli.newmark.linear.dense import DenseSystem
+from newmark_cli.newmark.linear.systems import LinearSystem
+from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, SINGULAR, STAGNATED, State
 from newmark_cli.newmark.scheme import Scheme, Tolerance
-from newmark_cli.newmark.solvers import Stagnation
-from newmark_cli.newmark.tables import COMPLETED, DIVERGED, SINGULAR, STAGNATED, State
 from newmark_cli.problems.problem import Problem
 
 

@@ -12,7 +12,7 @@ from newmark_cli.report import check, records
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import STATISTIC, Slope, drawn, study_slopes
-from newmark_cli.report.table import SERIES, read_study, study_files
+from newmark_cli.study.reading import SERIES, read_study, study_files
 
 #: Measures of what is determined by more than rounding: they agree to a relative tolerance.
 DETERMINED = ("condition", "sensitivity", "krylov_iterations")

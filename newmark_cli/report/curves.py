@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.solvers import DENSE
+from newmark_cli.newmark.linear.choice import DENSE
 
 TRAPEZOIDAL = Newmark().label
 

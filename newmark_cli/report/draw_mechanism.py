@@ -15,7 +15,7 @@ from matplotlib.patches import Arc, Polygon
 from PIL import Image
 
 from newmark_cli.arrays import Array
-from newmark_cli.problems.planar import Mechanism
+from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.problems.problem import Problem
 from newmark_cli.report.style import STYLE, WIDTH
 from newmark_cli.study.results import write_atomically

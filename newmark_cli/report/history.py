@@ -8,7 +8,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.report.curves import Curve
-from newmark_cli.report.table import number, read_csv
+from newmark_cli.study.reading import number, read_csv
 from newmark_cli.study.results import HISTORY_COLUMNS, ResultsError, history_path
 
 #: Columns that tell the time series of a study apart, beside the step size.

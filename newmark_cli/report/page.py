@@ -11,7 +11,7 @@ import numpy as np
 
 import newmark_cli
 from newmark_cli.errors import InputError
-from newmark_cli.report import check, plot, records, slopes, tables
+from newmark_cli.report import check, paper_tables, plot, records, slopes
 from newmark_cli.report.figures import FIGURES, Figure, HistoryFigure, MechanismFigure
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.slopes import Slope
@@ -110,7 +110,7 @@ def html(folder: Path) -> str:
         claims=check.claim_rows(judged),
         pictures=pictures(folder, found),
         tables=_tables(found),
-        note=tables.NOTE,
+        note=paper_tables.NOTE,
         timings=records.timing_rows(provenance),
         runs=runs,
     )
@@ -191,10 +191,10 @@ def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
 def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
     """Tables 1 and 2; none where the results are not enough for them."""
     try:
-        entries = tables.build(found)
+        entries = paper_tables.build(found)
     except ResultsError:
         return []
-    return [tables.factors(), *tables.grids(entries)]
+    return [paper_tables.factors(), *paper_tables.grids(entries)]
 
 
 def _run(study: str, record: Mapping[str, Any]) -> Run:

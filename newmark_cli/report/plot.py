@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
 from newmark_cli.report.figures import (
     FIGURES,
@@ -15,6 +14,7 @@ from newmark_cli.report.figures import (
 )
 from newmark_cli.report.history import History, read_histories
 from newmark_cli.report.slopes import Slope
+from newmark_cli.spelling import nearest
 from newmark_cli.study.results import ResultsError, history_path
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def drawing(figure: Figure, slopes: Sequence[Slope], folder: Path) -> "Drawing":
     Raises:
         ResultsError: When results are missing or cannot be used.
     """
-    from newmark_cli.problems.registry import problem
+    from newmark_cli.mechanisms.registry import problem
     from newmark_cli.report import draw, draw_mechanism
 
     if isinstance(figure, MechanismFigure):

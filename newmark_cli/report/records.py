@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from newmark_cli.report.table import NOT_STUDIES, study_files
 from newmark_cli.study.provenance import checksum
+from newmark_cli.study.reading import NOT_STUDIES, study_files
 from newmark_cli.study.results import ResultsError
 
 #: What a record does not say.

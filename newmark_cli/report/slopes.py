@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 
 from newmark_cli.arrays import Array
-from newmark_cli.documents import nearest
 from newmark_cli.errors import InputError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
@@ -25,9 +24,10 @@ from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.report.curves import KEY, key_of
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
 from newmark_cli.report.fits import Fit, power_law
-from newmark_cli.report.table import SERIES, accepted_statuses, read_study, study_files
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
+from newmark_cli.spelling import nearest
 from newmark_cli.study import results
+from newmark_cli.study.reading import SERIES, accepted_statuses, read_study, study_files
 from newmark_cli.study.results import ResultsError
 
 #: Columns of ``slopes.csv``; a new one is appended.

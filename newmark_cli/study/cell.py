@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from newmark_cli.arrays import Array
+from newmark_cli.mechanisms.spec import ProblemSpec
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.linear.choice import AUTO, Krylov, choose
 from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.newmark.scheme import DIRECT, Tolerance
-from newmark_cli.newmark.solvers import AUTO, Krylov, choose
 from newmark_cli.newmark.statistics import Measurement
-from newmark_cli.problems.spec import ProblemSpec
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed")

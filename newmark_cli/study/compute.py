@@ -5,24 +5,25 @@ from collections.abc import Callable
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark import linear, measures, sensitivity, solvers, tables
+from newmark_cli.newmark import march_data, measures, perturbation
 from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.invariants import Misfit, invariants
-from newmark_cli.newmark.krylov import KrylovSystem
+from newmark_cli.newmark.linear import choice, systems
+from newmark_cli.newmark.linear.krylov import KrylovSystem
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
-from newmark_cli.newmark.tables import State
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.cell import Cell, Outcome
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
-_STRETCH = {solvers.DENSE: 5_000, solvers.SPARSE: 20, solvers.GMRES: 1, solvers.MINRES: 1}
+_STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
 _ENDINGS = {
-    tables.SINGULAR: "singular",
-    tables.DIVERGED: "diverged",
-    tables.STAGNATED: "stagnated",
+    march_data.SINGULAR: "singular",
+    march_data.DIVERGED: "diverged",
+    march_data.STAGNATED: "stagnated",
 }
 
 
@@ -52,7 +53,7 @@ def compute(
     )
     subject = cell.problem.load()
     solver = cell.solver
-    system = linear.system(solver, subject, scheme, cell.krylov)
+    system = systems.system(solver, subject, scheme, cell.krylov)
     march = march_with(solver, subject, system)
     state = initial_state(subject, scheme)
     norms = np.zeros((cell.steps, len(form.unknowns)))
@@ -71,7 +72,7 @@ def compute(
         if "invariant" in cell.measure:
             misfits.append(invariants(subject, time, here))
         if "sensitivity" in cell.measure:
-            sensitivities.append(sensitivity.sensitivities(subject, scheme, time, here, system))
+            sensitivities.append(perturbation.sensitivities(subject, scheme, time, here, system))
 
     sampled = set(measures.sample_steps(cell.steps, cell.samples).tolist())
     recorded: set[int] = set()
@@ -80,7 +81,7 @@ def compute(
         recorded = sampled | {step - 1 for step in sampled if step > 1}
     longest = _STRETCH[solver]
     stops = sorted(sampled.union(recorded, range(longest, cell.steps, longest)))
-    ending, done = tables.COMPLETED, 0
+    ending, done = march_data.COMPLETED, 0
     if cell.steps == 0:
         sample()
         on_steps(1)
@@ -89,7 +90,7 @@ def compute(
         ending, taken = march(subject, scheme, state, done, norms[stretch], iterations[stretch])
         done += taken
         on_steps(taken)
-        if ending != tables.COMPLETED:
+        if ending != march_data.COMPLETED:
             break
         if stop in recorded:
             history.append((stop, state.multipliers.astype(float)))

@@ -40,6 +40,10 @@ from newmark_cli.documents import (
 )
 from newmark_cli.errors import InputError
 from newmark_cli.json_schema import JsonSchema, Shown, also, given
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, PythonFactory, Shipped, Sized
 from newmark_cli.newmark.forms import FORMS, ROWS
 from newmark_cli.newmark.integrator import (
     FIELDS,
@@ -48,7 +52,17 @@ from newmark_cli.newmark.integrator import (
     IntegratorError,
     parameters,
 )
-from newmark_cli.newmark.krylov import is_symmetric
+from newmark_cli.newmark.linear.choice import (
+    AUTO,
+    DENSE,
+    GMRES,
+    LINEAR_SOLVERS,
+    MINRES,
+    SPARSE,
+    Krylov,
+    choose,
+)
+from newmark_cli.newmark.linear.krylov import is_symmetric
 from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
@@ -59,27 +73,8 @@ from newmark_cli.newmark.scheme import (
     Scheme,
     Tolerance,
 )
-from newmark_cli.newmark.solvers import (
-    AUTO,
-    DENSE,
-    GMRES,
-    LINEAR_SOLVERS,
-    MINRES,
-    SPARSE,
-    Krylov,
-    choose,
-)
-from newmark_cli.problems import planar
-from newmark_cli.problems.families import FAMILIES
 from newmark_cli.problems.problem import Problem
-from newmark_cli.problems.registry import PROBLEMS
-from newmark_cli.problems.spec import (
-    MechanismFile,
-    ProblemSpec,
-    PythonFactory,
-    Shipped,
-    Sized,
-)
+from newmark_cli.spelling import nearest
 from newmark_cli.study.cell import STATUSES, Cell
 
 MEASURES = (
@@ -736,7 +731,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     allowed = (*_STUDY_KEYS, *Case.model_fields)
     for key in data:
         if key not in allowed:
-            raise document.error((key,), f"unknown key{documents.nearest(key, allowed)}")
+            raise document.error((key,), f"unknown key{nearest(key, allowed)}")
     shared = {key: value for key, value in data.items() if key not in _STUDY_KEYS}
     given = data.get("cases", [{}])
     if not isinstance(given, list) or not given:
@@ -834,9 +829,7 @@ def find(config: str, allow_code: bool = False) -> Study:
         return load(path, config, allow_code)
     if config in shipped():
         return load_shipped(config)
-    raise DocumentError(
-        f"{config}: no such file and no shipped config{documents.nearest(config, shipped())}"
-    )
+    raise DocumentError(f"{config}: no such file and no shipped config{nearest(config, shipped())}")
 
 
 def problem_named(text: str) -> ProblemSpec:

@@ -6,11 +6,12 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import linear, solvers, tables
+from newmark_cli.newmark import march_data
 from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
@@ -35,8 +36,8 @@ def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence
     """
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
-    solver = solvers.choose(solvers.AUTO, problem, form)
-    march = march_with(solver, problem, linear.system(solver, problem, scheme))
+    solver = choice.choose(choice.AUTO, problem, form)
+    march = march_with(solver, problem, systems.system(solver, problem, scheme))
     state = initial_state(problem, scheme)
     found, done = [state.fields[0].copy()], 0
     for stop in np.unique(np.round(np.linspace(0, t_end / h, frames)).astype(int))[1:]:
@@ -44,7 +45,7 @@ def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence
         iterations = np.zeros(len(norms), np.int64)
         ending, _ = march(problem, scheme, state, done, norms, iterations)
         done = int(stop)
-        if ending != tables.COMPLETED or np.any(iterations < 0):
+        if ending != march_data.COMPLETED or np.any(iterations < 0):
             raise InputError(f"the march fails before t = {done * h:g}; try a smaller --h")
         found.append(state.fields[0].copy())
     return found

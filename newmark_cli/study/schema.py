@@ -11,9 +11,9 @@ from types import MappingProxyType
 from typing import Any
 
 from newmark_cli.json_schema import Generator, JsonSchema, given, with_definitions
+from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.solvers import AUTO, DENSE, GMRES, MINRES
-from newmark_cli.problems.planar import Mechanism
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES
 from newmark_cli.study.config import ALONG_STEPS, MEASURES, MOST_CASES, Case, Study
 
 _WIDTH = 100

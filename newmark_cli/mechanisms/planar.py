@@ -18,8 +18,9 @@ from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath, Number, StrictModel, Truth, misfit
 from newmark_cli.json_schema import JsonSchema, also, given
-from newmark_cli.problems import elements, start
+from newmark_cli.mechanisms import elements, start
 from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.spelling import nearest
 
 #: Products and squares of a few numbers of this size, and of their inverses, are numbers.
 _LARGEST = 1e30
@@ -390,16 +391,12 @@ class _Builder:
     def _named(self, kind: str, name: str, path: KeyPath) -> Body:
         bodies: dict[str, Body] = getattr(self.mechanism, kind)
         if name not in bodies:
-            raise self.document.error(
-                path, f"unknown body {name!r}{documents.nearest(name, bodies)}"
-            )
+            raise self.document.error(path, f"unknown body {name!r}{nearest(name, bodies)}")
         return bodies[name]
 
     def _site(self, name: str, path: KeyPath) -> Site:
         if name not in self.sites:
-            raise self.document.error(
-                path, f"unknown point {name!r}{documents.nearest(name, self.sites)}"
-            )
+            raise self.document.error(path, f"unknown point {name!r}{nearest(name, self.sites)}")
         return self.sites[name]
 
     def _difference(self, start: str, end: str, path: KeyPath) -> dict[str, complex]:

@@ -20,10 +20,10 @@ import scipy.sparse.linalg
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.linear.choice import Krylov, Stagnation
+from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.solvers import Krylov, Stagnation
-from newmark_cli.newmark.sparse import SparseBalancedJacobian, SparseSystem
-from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem, Values
 
 #: Asymmetry of a pair of blocks, relative to the larger of them, that is rounding.
@@ -32,7 +32,7 @@ _EPS = float(np.finfo(float).eps)
 
 
 class KrylovSystem:
-    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.LinearSystem`.
+    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`.
 
     GMRES (Saad & Schultz 1986) with its whole basis, which takes memory for
     ``limit`` vectors, or MINRES (Paige & Saunders 1975), which takes a few and needs a

@@ -9,17 +9,18 @@ from itertools import chain
 from pathlib import Path
 
 from newmark_cli.errors import InputError
+from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.solvers import DENSE, DENSE_UP_TO
+from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.problems.spec import ProblemSpec, pinned
-from newmark_cli.study import child, executors, provenance, results
+from newmark_cli.running import child, executors
+from newmark_cli.running.executors import Execution, Task
+from newmark_cli.running.lock import locked
+from newmark_cli.running.references import References, solved
+from newmark_cli.running.store import Store
+from newmark_cli.study import provenance, results
 from newmark_cli.study.cell import Cell, Done, Outcome
 from newmark_cli.study.config import Study
-from newmark_cli.study.executors import Execution, Task
-from newmark_cli.study.lock import locked
-from newmark_cli.study.references import References, solved
-from newmark_cli.study.store import Store
 
 
 @dataclass(frozen=True)
@@ -290,7 +291,7 @@ def _execution(
         return
     cells = _counted(len(tasks), "cell", "cells")
     if options.executor == "dask":
-        from newmark_cli.study.cluster import cluster
+        from newmark_cli.running.cluster import cluster
 
         watcher.told(f"{cells} on the workers of {options.scheduler or 'this machine'}")
         with cluster(

@@ -5,7 +5,7 @@ form halved, every sign in the three assemblers turned, and the coefficients of
 integrators and the updates of compensated evaluation changed. Each runs in a copy
 of the project, with the tests that should notice it.
 
-    python benchmarks/mutations.py
+    python tests/verification/mutations.py
 """
 
 import argparse
@@ -22,7 +22,7 @@ from typing import NamedTuple
 from newmark_cli.newmark.forms import FORMS, eliminate
 from newmark_cli.newmark.integrator import FIELDS, Newmark
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CORE = Path("newmark_cli/newmark")
 
 

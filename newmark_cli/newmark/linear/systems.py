@@ -3,12 +3,12 @@
 from typing import Protocol
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.jacobian import DenseSystem
-from newmark_cli.newmark.krylov import KrylovSystem
+from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, Krylov
+from newmark_cli.newmark.linear.dense import DenseSystem
+from newmark_cli.newmark.linear.krylov import KrylovSystem
+from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.solvers import GMRES, MINRES, SPARSE, Krylov
-from newmark_cli.newmark.sparse import SparseSystem
-from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem, Values
 
 

@@ -3,10 +3,10 @@
 from functools import cache
 from pathlib import Path
 
-from newmark_cli.documents import nearest
 from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.spelling import nearest
 
-_FOLDER = Path(__file__).parent / "mechanisms"
+_FOLDER = Path(__file__).parent / "shipped"
 
 #: Names of the shipped problems.
 PROBLEMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
@@ -21,6 +21,6 @@ def problem(name: str) -> Problem:
     """
     if name not in PROBLEMS:
         raise ProblemError(f"unknown problem {name!r}{nearest(name, PROBLEMS)}")
-    from newmark_cli.problems import planar  # numba and numpy only when they are needed
+    from newmark_cli.mechanisms import planar
 
     return planar.load(_FOLDER / f"{name}.yaml", name)

@@ -16,8 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from newmark_cli.problems import registry
-from newmark_cli.problems.families import FAMILIES
+from newmark_cli.mechanisms import registry
+from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.problems.problem import Problem, ProblemError
 
 
@@ -147,7 +147,7 @@ class MechanismFile:
 
 @cache
 def _mechanism(spec: MechanismFile) -> Problem:
-    from newmark_cli.problems import planar
+    from newmark_cli.mechanisms import planar
 
     return planar.load(spec.path, spec.label, spec.spelled)
 

@@ -20,7 +20,8 @@ import numpy as np
 
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
-from newmark_cli.study import results, sealed
+from newmark_cli.running import sealed
+from newmark_cli.study import results
 from newmark_cli.study.cell import STATUSES, Cell, Done, Outcome
 from newmark_cli.study.results import ResultsError
 
@@ -170,13 +171,16 @@ def _description(cell: Cell) -> dict[str, Any]:
 def core() -> str:
     """Digest of the code that the numbers come from, its libraries and processor type.
 
-    Everything below `newmark_cli.newmark` and `newmark_cli.problems`, and the march
-    of a cell.
+    Everything below `newmark_cli.newmark`, `newmark_cli.problems` and
+    `newmark_cli.mechanisms`, and the march of a cell.
     """
     package = Path(newmark_cli.__file__).parent
     files = [
-        *sorted((package / "newmark").glob("*.py")),
-        *sorted((package / "problems").glob("*.py")),
+        *(
+            file
+            for room in ("newmark", "problems", "mechanisms")
+            for file in sorted((package / room).rglob("*.py"))
+        ),
         package / "study" / "cell.py",
         package / "study" / "compute.py",
     ]

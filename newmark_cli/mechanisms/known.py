@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ellipj
 
 from newmark_cli.arrays import Array
-from newmark_cli.problems import registry
+from newmark_cli.mechanisms import registry
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.reference import Reference
 

@@ -13,8 +13,8 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.tables import State
 from newmark_cli.problems.problem import Problem, Values
 
 
@@ -147,7 +147,7 @@ class _Merged:
 
 
 class SparseSystem:
-    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.LinearSystem`.
+    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`.
 
     An entry of J is a sum of weights times sources: values of X, Y, M, G at their
     places, 1, and the coefficients of V and K.  Which weight, which source and

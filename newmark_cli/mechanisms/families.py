@@ -52,7 +52,7 @@ class Family:
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
-        from newmark_cli.problems import planar  # numba and numpy only when they are needed
+        from newmark_cli.mechanisms import planar
 
         return planar.build(name, planar.Mechanism.model_validate(self.mechanism(**sizes)))
 

@@ -1,6 +1,6 @@
 """A study killed at random moments and resumed each time, against one that is not.
 
-    python benchmarks/interruptions.py [KILLS]
+    python tests/verification/interruptions.py [KILLS]
 
 Prints how many cells ran more than once.  Exits with 1 when the CSVs differ, or when a
 cell ran again that was not in flight when a run was killed.
@@ -35,7 +35,7 @@ MOST_KEPT = 3
 def run(folder):
     """One run, in this process; notes each cell that starts and each that is kept."""
     from newmark_cli.cli import main
-    from newmark_cli.study import executors, store
+    from newmark_cli.running import executors, store
 
     log = os.open(folder / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 

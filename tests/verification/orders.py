@@ -4,7 +4,7 @@ Every block of J, J⁻¹ and of the scaled matrices, the residual's perturbation
 the corrections and the condition numbers, for all forms and variants, at
 h = 1e-20 and 1e-22 in 240 digits.
 
-    python benchmarks/orders.py --systems 2000 --seed 0
+    python tests/verification/orders.py --systems 2000 --seed 0
 """
 
 import argparse
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from high_precision import Array, Factors, Measured, System, measure_all, mpf
 

@@ -4,7 +4,7 @@ Every input is one of the project's own files, changed one to four times, by tur
 tree of YAML nodes or as bytes.  `validate` must print one line and end with code 0
 or 2 within a second of processor time, raise nothing, and load no Python file.
 
-    python benchmarks/fuzz.py 100000 --seed 1 --processes 2
+    python tests/verification/fuzz.py 100000 --seed 1 --processes 2
 """
 
 import argparse
@@ -32,10 +32,10 @@ import yaml
 from newmark_cli.cli import main as newmark_study
 from newmark_cli.problems import python_problem
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FILES = (
     *sorted((ROOT / "configs").glob("*.yaml")),
-    *sorted((ROOT / "newmark_cli/problems/mechanisms").glob("*.yaml")),
+    *sorted((ROOT / "newmark_cli/mechanisms/shipped").glob("*.yaml")),
     *sorted((ROOT / "docs/examples").glob("*.yaml")),
 )
 #: What no shipped file has: scalings of one's own, families, code, references.

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.arrays import Array
+from newmark_cli.mechanisms.known import KNOWN
+from newmark_cli.mechanisms.spec import ProblemSpec, Shipped
 from newmark_cli.problems import reference
-from newmark_cli.problems.known import KNOWN
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
-from newmark_cli.problems.spec import ProblemSpec, Shipped
-from newmark_cli.study import results, sealed
+from newmark_cli.running import sealed
+from newmark_cli.study import results
 
 #: Computes the solution of a problem at a time.
 Solve = Callable[[ProblemSpec, float], Reference]

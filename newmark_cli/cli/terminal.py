@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import click
 
+from newmark_cli.running.runner import Planned, Watcher, weight
 from newmark_cli.study.cell import Cell, Done
-from newmark_cli.study.runner import Planned, Watcher, weight
 
 
 class _Bar(Watcher):

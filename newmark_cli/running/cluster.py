@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from newmark_cli.errors import ExecutorError, InputError, one_line
-from newmark_cli.problems.spec import portable
-from newmark_cli.study.cell import Done
-from newmark_cli.study.child import ChildError, call
-from newmark_cli.study.executors import (
+from newmark_cli.mechanisms.spec import portable
+from newmark_cli.running.child import ChildError, call
+from newmark_cli.running.executors import (
     Execution,
     Task,
     failed,
@@ -21,7 +20,8 @@ from newmark_cli.study.executors import (
     perform,
     wants_process,
 )
-from newmark_cli.study.store import core, unlike, versions
+from newmark_cli.running.store import core, unlike, versions
+from newmark_cli.study.cell import Done
 
 #: What workers of our own are started with, over dask's configuration.
 _OWN = {
@@ -123,7 +123,7 @@ def cluster(
 
 @dataclass(frozen=True)
 class _Core:
-    """What the numbers come from; see `newmark_cli.study.store`."""
+    """What the numbers come from; see `newmark_cli.running.store`."""
 
     digest: str
     versions: Mapping[str, str]

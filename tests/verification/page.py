@@ -1,6 +1,6 @@
 """Open the page of `newmark-study report` in headless Chromium and look for faults.
 
-    python benchmarks/page.py report.html [--shots FOLDER]
+    python tests/verification/page.py report.html [--shots FOLDER]
 
 Needs Chromium (or Chrome) on the path, or named by CHROMIUM.  Checks, at widths of 400
 and 1400 px, light and dark: no message on the console, no request but for the page, nothing

@@ -18,10 +18,10 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 import numpy as np
 
 from newmark_cli.errors import InputError
+from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.problems.reference import Reference
-from newmark_cli.problems.spec import ProblemSpec, pinned
+from newmark_cli.running.child import end_with_parent
 from newmark_cli.study.cell import Cell, Done, Outcome
-from newmark_cli.study.child import end_with_parent
 from newmark_cli.study.compute import compute
 
 

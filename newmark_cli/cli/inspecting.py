@@ -1,0 +1,249 @@
+"""Commands that look at problems, configs and theory; nothing is run."""
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import (
+    allow_code_option,
+    as_json_text,
+    complain,
+    complete_config,
+    results_folder,
+)
+from newmark_cli.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from newmark_cli.newmark.scaling import Preconditioning
+
+
+@click.command()
+@click.option(
+    "--form",
+    "form",
+    metavar="FORM",
+    shell_complete=complete("forms"),
+    help="One form; all seven when omitted.",
+)
+@click.option(
+    "--preconditioning",
+    "variant",
+    metavar="VARIANT",
+    shell_complete=complete("preconditioning"),
+    help="One variant; the paper's four when omitted.",
+)
+@click.option(
+    "--evaluation",
+    type=click.Choice(["direct", "compensated"]),
+    default=None,
+    help="How residuals are evaluated; direct when omitted.",
+)
+@click.option(
+    "--config",
+    "file",
+    metavar="CONFIG",
+    shell_complete=complete_config,
+    help="Forms and scalings of a config.",
+)
+@click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@allow_code_option
+def orders(
+    form: str | None,
+    variant: str | None,
+    evaluation: str | None,
+    file: str | None,
+    derive: bool,
+    as_json: bool,
+    allow_code: bool,
+) -> int:
+    """Predict orders in h: blocks of J and its inverse, corrections, condition number.
+
+    Laid out as in Sections 3 and 4 of the paper.  With --derive, finds the least
+    powers of h that make every block O(1), and compares them with Table 2.
+
+    \b
+    Example:
+      newmark-study orders --form u-lambda --preconditioning optimal
+    """
+    from newmark_cli.report import theory
+
+    chosen = _forms_and_scalings(form, variant, evaluation, file, allow_code)
+    if derive:
+        found = [theory.derive(name) for name in dict.fromkeys(name for name, *_ in chosen)]
+        texts = [theory.derived_as_text(entry) for entry in found]
+    else:
+        found = [theory.predict(*one) for one in chosen]
+        texts = [theory.as_text(entry) + "\n" for entry in found]
+    click.echo(as_json_text(found) if as_json else "\n".join(texts))
+    return 0
+
+
+@click.command()
+@click.argument(
+    "files", nargs=-1, required=True, metavar="FILE...", shell_complete=complete(files=True)
+)
+@allow_code_option
+def validate(files: tuple[str, ...], allow_code: bool) -> int:
+    """Check configs and mechanism files without running them.
+
+    Prints a line for each file; exits with 2 when one is not valid.
+
+    \b
+    Example:
+      newmark-study validate my-study.yaml my-mechanism.yaml
+    """
+    from newmark_cli.study import config
+
+    code = 0
+    for name in files:
+        try:
+            click.echo(one_line(config.describe(Path(name), name, allow_code)))
+        except InputError as error:
+            complain(str(error))
+            code = 2
+    return code
+
+
+@click.command()
+@click.argument("problem", metavar="PROBLEM", shell_complete=complete("problems", files=True))
+@results_folder
+@click.option("--at", "time", type=float, default=0.0, metavar="T", help="Time of the drawing (s).")
+@click.option("--h", "step", type=float, metavar="H", help="Step size (s); T/2000 when omitted.")
+@click.option(
+    "--animate",
+    "animated",
+    type=click.Path(path_type=Path),
+    metavar="FILE.gif",
+    help="Write the motion from 0 to T as a looping GIF.",
+)
+@click.option("--frames", type=click.IntRange(2, 1000), default=60, show_default=True)
+def draw(
+    problem: str, folder: Path, time: float, step: float | None, animated: Path | None, frames: int
+) -> int:
+    """Draw a mechanism: a shipped problem, a mechanism file, or a family's member.
+
+    Writes DIR/figures/<problem>.png and .svg.
+
+    \b
+    Example:
+      newmark-study draw andrews --at 0.01
+    """
+    from newmark_cli.study import config
+
+    if not (math.isfinite(time) and time >= 0):
+        raise InputError(f"--at: must be zero or positive, given {time:g}")
+    if step is not None and not (math.isfinite(step) and 0 < step <= time):
+        raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
+    if animated is not None and time == 0:
+        raise InputError("--animate: needs --at T, the end of the motion")
+    spec = config.problem_named(problem)
+    subject = spec.load()
+    from newmark_cli.report import draw_mechanism, style
+    from newmark_cli.study import motion
+
+    count = frames if animated else 2
+    places = motion.positions(subject, time, step or time / 2000, count) if time else [subject.u0]
+    title = (subject.drawing.title or spec.label) + (f", t = {time:g} s" if time else "")
+    if animated is not None:
+        click.echo(draw_mechanism.animation(title, subject, places, animated))
+        return 0
+    stem = folder / "figures" / re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-")
+    for file in style.save(draw_mechanism.mechanism_figure(title, subject, places[-1]), stem):
+        click.echo(file)
+    return 0
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(["config", "mechanism"]), default="config")
+def schema(kind: str) -> int:
+    """Print the JSON Schema of study configs, or of mechanism files, for editors.
+
+    \b
+    Example:
+      newmark-study schema > newmark-study.json
+    """
+    from newmark_cli.study import schema as schemas
+
+    click.echo(schemas.text(kind))
+    return 0
+
+
+@click.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def list_(as_json: bool) -> int:
+    """List problems, forms, integrators, variants, configs and figures.
+
+    \b
+    Example:
+      newmark-study list
+    """
+    from newmark_cli.mechanisms.families import FAMILIES
+    from newmark_cli.mechanisms.registry import PROBLEMS
+    from newmark_cli.newmark.forms import FORMS
+    from newmark_cli.newmark.integrator import INTEGRATORS, parameters
+    from newmark_cli.newmark.scaling import VARIANTS
+    from newmark_cli.report.figures import FIGURES
+    from newmark_cli.study import config
+
+    sections: dict[str, Sequence[tuple[str, str]]] = {
+        "problems": [(name, "") for name in PROBLEMS],
+        "families of problems": [
+            (name, f"{family.title}; size: {', '.join(family.parameters)}")
+            for name, family in FAMILIES.items()
+        ],
+        "forms": [
+            (f.name, f"unknowns {', '.join(f.unknowns)}; rows {', '.join(f.rows)}")
+            for f in FORMS.values()
+        ],
+        "integrators": [
+            (name, f"parameters: {', '.join(parameters(name))}" if parameters(name) else "")
+            for name in INTEGRATORS
+        ],
+        "preconditioning": [
+            (name, " and ".join(sides) or "no scaling") for name, sides in VARIANTS.items()
+        ],
+        "configs": [(name, config.load_shipped(name).description) for name in config.shipped()],
+        "figures": [(figure.name, figure.title) for figure in FIGURES.values()],
+    }
+    if as_json:
+        click.echo(as_json_text({title: dict(entries) for title, entries in sections.items()}))
+        return 0
+    for title, entries in sections.items():
+        click.echo(f"{title}:")
+        for name, text in entries:
+            click.echo(f"  {name:<16} {text}".rstrip())
+    return 0
+
+
+def _forms_and_scalings(
+    form: str | None,
+    variant: str | None,
+    evaluation: str | None,
+    file: str | None,
+    allow_code: bool,
+) -> "list[tuple[str, Preconditioning, str]]":
+    """Form, scaling and evaluation that the options of `orders` choose, in their order."""
+    from newmark_cli.newmark.forms import FORMS
+    from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
+    from newmark_cli.spelling import nearest
+
+    if file is not None:
+        if any(option is not None for option in (form, variant, evaluation)):
+            raise click.UsageError("--config already names form, preconditioning and evaluation")
+        from newmark_cli.study import config
+
+        cells = config.find(file, allow_code).cells()
+        return list(
+            dict.fromkeys((cell.form, cell.preconditioning, cell.evaluation) for cell in cells)
+        )
+    if form is not None and form not in FORMS:
+        raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
+    scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
+    names = [form] if form else FORMS
+    return [(name, scaling, evaluation or "direct") for name in names for scaling in scalings]

@@ -1,0 +1,131 @@
+"""Options and words that several commands share; nothing heavy is imported."""
+
+import functools
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from newmark_cli.cli.completion import complete
+from newmark_cli.errors import one_line
+
+complete_config = complete("configs", files=True)
+
+
+def _folder(context: click.Context, option: click.Parameter, given: Path) -> Path:
+    if given == Path():
+        raise click.BadParameter("must name a folder other than the current one")
+    return given
+
+
+results_folder = click.option(
+    "--results",
+    "folder",
+    type=click.Path(path_type=Path),
+    default=Path("results"),
+    show_default=True,
+    callback=_folder,
+    metavar="DIR",
+    help="Results folder.",
+)
+
+
+allow_code_option = click.option(
+    "--allow-code", is_flag=True, help="Let configs name problems in Python, which runs them."
+)
+
+
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(1, 1024),
+    default=None,
+    metavar="N",
+    help="Threads, or processes for plain Python; as many as processors when omitted.",
+)
+
+
+def running_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Options of the commands that run studies, gathered into one argument ``how``."""
+
+    @functools.wraps(command)
+    def gathered(
+        jobs: int | None, force: bool, fail_fast: bool, timeout: float | None, executor: str,
+        scheduler: str | None, quiet: bool, verbose: bool, **rest: Any,
+    ) -> int:  # fmt: skip
+        if scheduler is not None and executor != "dask":
+            raise click.UsageError("--scheduler needs --executor dask")
+        if timeout is not None and math.isnan(timeout):
+            raise click.UsageError("--timeout: must be a number of seconds, given nan")
+        how = How(
+            jobs or os.cpu_count() or 1, force, fail_fast, timeout, executor, scheduler, quiet,
+            verbose,
+        )  # fmt: skip
+        return command(how=how, **rest)
+
+    for option in reversed(
+        (
+            jobs_option,
+            click.option("--force", is_flag=True, help="Compute cells again that are kept."),
+            click.option(
+                "--fail-fast/--keep-going",
+                help="End the run with the first cell that does not end well; default: go on.",
+            ),
+            click.option(
+                "--timeout",
+                type=click.FloatRange(0, 1e9, min_open=True),
+                metavar="SECONDS",
+                help="Longest time of a cell; it then counts as failed.",
+            ),
+            click.option(
+                "--executor",
+                type=click.Choice(["local", "dask"]),
+                default="local",
+                show_default=True,
+                help="Who runs the cells: this machine, or the workers of a dask scheduler.",
+            ),
+            click.option(
+                "--scheduler", metavar="ADDRESS", help="Of dask; workers of its own without one."
+            ),
+            click.option("-q", "--quiet", is_flag=True, help="Say nothing but what is wrong."),
+            click.option("-v", "--verbose", is_flag=True, help="A line for every cell."),
+        )
+    ):
+        gathered = option(gathered)
+    return gathered
+
+
+@dataclass(frozen=True)
+class How:
+    """Options of `running_options`."""
+
+    jobs: int
+    force: bool
+    fail_fast: bool
+    timeout: float | None
+    executor: str
+    scheduler: str | None
+    quiet: bool
+    verbose: bool
+
+
+def as_json_text(value: object) -> str:
+    """JSON for programs; NaN and infinity are null."""
+    import json
+
+    def plain(part: object) -> object:
+        if isinstance(part, dict):
+            return {key: plain(item) for key, item in part.items()}
+        if isinstance(part, list):
+            return [plain(item) for item in part]
+        return None if isinstance(part, float) and not math.isfinite(part) else part
+
+    return json.dumps(plain(value), indent=2, ensure_ascii=False)
+
+
+def complain(message: str) -> None:
+    """Print one line of error."""
+    click.echo(f"newmark-study: {one_line(message)}", err=True)

@@ -1,0 +1,244 @@
+"""Commands that read results: figures, verdicts, tables, provenance."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import as_json_text, complain, results_folder
+from newmark_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from newmark_cli.report.paper_tables import Entry
+    from newmark_cli.report.slopes import Slope
+
+
+@click.command()
+@click.argument("figures", nargs=-1, metavar="[FIGURE...]", shell_complete=complete("figures"))
+@results_folder
+def plot(figures: tuple[str, ...], folder: Path) -> int:
+    """Draw figures, by default all that the CSVs in DIR are enough for.
+
+    Writes DIR/figures/figure-<n>.png and .svg, and DIR/slopes.csv.
+
+    \b
+    Example:
+      newmark-study plot 2 8
+    """
+    from newmark_cli.report import plot as plotting
+    from newmark_cli.report import slopes
+
+    wanted = plotting.names(figures)
+    # Read everything before anything is written.
+    found = slopes.collect(folder) if plotting.needs_results(wanted) else []
+    lacking = [] if figures else plotting.without_data(wanted, found, folder)
+    for file in plotting.plot(folder, [name for name in wanted if name not in lacking], found):
+        click.echo(file)
+    if found:
+        slopes.write(folder, found)
+    if lacking:
+        complain(plotting.how_to_get(lacking))
+    return 0
+
+
+@click.command()
+@results_folder
+@click.option("--all", "show_all", is_flag=True, help="Show every slope, not figures and misses.")
+@click.option("--json", "as_json", is_flag=True, help="Print every slope as JSON.")
+@click.option("--markdown", is_flag=True, help="Print the table as Markdown.")
+def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
+    """Check every fitted slope in DIR against its predicted order, and the claims.
+
+    Writes DIR/slopes.csv.  Exits with 1 when a slope misses its prediction by
+    more than its tolerance, or cannot be fitted, or when a claim of a figure
+    fails whose study is in DIR.
+
+    \b
+    Example:
+      newmark-study check --json
+    """
+    from newmark_cli.report import check as checking
+    from newmark_cli.report import slopes
+
+    found = slopes.collect(folder)
+    slopes.write(folder, found)
+    if as_json:
+        judged = checking.judge(found)
+        click.echo(as_json_text([s.row() for s in found] + [entry.row() for entry in judged]))
+    else:
+        show_claims(found, show_all, markdown)
+    return verdict(found)
+
+
+@click.command()
+@results_folder
+def tables(folder: Path) -> int:
+    """Tables 1 and 2 of the paper, every entry predicted beside measured.
+
+    Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
+    and .tex.  Exits with 1 when an entry is not as predicted.
+
+    \b
+    Example:
+      newmark-study tables
+    """
+    from newmark_cli.report import paper_tables as tabling
+    from newmark_cli.report import slopes
+
+    entries = tabling.build(slopes.collect(folder, [tabling.STUDY]))
+    show_tables(folder, entries)
+    return 1 if tabling.missed(entries) else 0
+
+
+@click.command()
+@click.argument("studies", nargs=-1, metavar="[STUDY...]", shell_complete=complete("configs"))
+@results_folder
+@click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
+@click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
+def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
+    """Say where results come from: code, versions, machine, wall times, checksums.
+
+    Reads DIR/<study>.json, by default of every study in DIR.
+
+    \b
+    Example:
+      newmark-study info pendulum-u --cells
+    """
+    from newmark_cli.report import check as checking
+    from newmark_cli.report import records
+    from newmark_cli.study import reading
+
+    files = [folder / f"{name}.csv" for name in studies] or reading.study_files(folder)
+    found = [records.read(file) for file in files]
+    for record in found:
+        click.echo(records.as_text(record))
+        if with_config:
+            click.echo("\n" + records.config_text(record).rstrip())
+        if with_cells:
+            click.echo("\n" + checking.text_table(records.cell_rows(record)))
+        click.echo()
+    return 0
+
+
+@click.command()
+@results_folder
+def verify(folder: Path) -> int:
+    """Compare the CSVs in DIR with the checksums that were recorded beside them.
+
+    Prints a line for each file; exits with 1 when one differs, or is missing, or
+    has no record.
+
+    \b
+    Example:
+      newmark-study verify --results out
+    """
+    from newmark_cli.report import records
+
+    found = records.verify(folder)
+    for entry in found:
+        click.echo(f"{entry.path}: {entry.finding}")
+    return 0 if all(entry.ok for entry in found) else 1
+
+
+@click.command()
+@click.argument("first", type=click.Path(path_type=Path), metavar="A")
+@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.option(
+    "--rtol",
+    type=click.FloatRange(0, 1, max_open=True),
+    default=1e-6,
+    show_default=True,
+    help="Relative tolerance of values that rounding does not rule.",
+)
+@click.option("--all", "everything", is_flag=True, help="Show every difference, not the first.")
+def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
+    """Compare two results folders: cells, values, slopes, verdicts, environments.
+
+    Values that rounding rules (corrections, errors, residuals) agree within a
+    factor, since they differ from one machine to another.  Exits with 1 when a
+    slope or a claim has another verdict in B than in A.
+
+    \b
+    Example:
+      newmark-study compare results other-machine/results
+    """
+    if math.isnan(rtol):
+        raise InputError("--rtol: must be a number from 0 to 1, given nan")
+    from newmark_cli.report import compare as comparing
+
+    found = comparing.compare(first, second, rtol)
+    click.echo(comparing.as_text(found, None if everything else 10))
+    return 1 if found.verdicts else 0
+
+
+@click.command()
+@results_folder
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="The page; DIR/report.html when omitted.",
+)
+def report(folder: Path, output: Path | None) -> int:
+    """Write the results in DIR as one page: claims, figures, tables, provenance.
+
+    The HTML needs no other file and no network.  Needs the extra `report`.
+
+    \b
+    Example:
+      newmark-study report --output newmark.html
+    """
+    from newmark_cli.report import page
+
+    click.echo(page.write(folder, output or folder / "report.html"))
+    return 0
+
+
+def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bool = False) -> None:
+    """Print slopes beside predictions, the claims, and how many hold."""
+    from newmark_cli.report import check as checking
+
+    judged = checking.judge(slopes)
+    tables = [
+        checking.slope_rows(checking.chosen(slopes, show_all)),
+        checking.claim_rows(judged),
+    ]
+    for table in tables:
+        if len(table) > 1:
+            click.echo((checking.markdown_table if markdown else checking.text_table)(table))
+            click.echo()
+    if not markdown:
+        click.echo(checking.summary(slopes, judged))
+
+
+def verdict(found: "Sequence[Slope]") -> int:
+    """1 when a slope, a claim or an entry of the tables is not as predicted."""
+    from newmark_cli.report import check as checking
+    from newmark_cli.report import paper_tables
+
+    if not checking.all_hold(found, checking.judge(found)):
+        return 1
+    if not any(slope.study == paper_tables.STUDY for slope in found):
+        return 0
+    missed = paper_tables.missed(paper_tables.build(found))
+    for entry in missed:
+        click.echo(
+            f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}: not as predicted"
+        )
+    return 1 if missed else 0
+
+
+def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
+    """Print Tables 1 and 2, and write them."""
+    from newmark_cli.report import check as checking
+    from newmark_cli.report import paper_tables as tabling
+
+    for title, grid in tabling.grids(entries):
+        click.echo(f"{title}\n\n{checking.text_table(grid)}\n")
+    click.echo(f"{tabling.worst(entries)}\n")
+    for file in tabling.write(folder, entries):
+        click.echo(file)
+    click.echo()

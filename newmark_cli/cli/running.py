@@ -1,0 +1,183 @@
+"""Commands that run studies."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from newmark_cli.cli.options import (
+    How,
+    allow_code_option,
+    complain,
+    complete_config,
+    results_folder,
+    running_options,
+)
+from newmark_cli.cli.results import show_claims, show_tables, verdict
+
+if TYPE_CHECKING:
+    from newmark_cli.running.runner import StudyRun
+    from newmark_cli.study.config import Study
+
+
+def _shard(
+    context: click.Context, option: click.Parameter, given: str | None
+) -> tuple[int, int] | None:
+    if given is None:
+        return None
+    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", given)
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise click.BadParameter(f"must be I/N with 1 <= I <= N, given {given!r}")
+    return int(match[1]), int(match[2])
+
+
+@click.command()
+@click.argument(
+    "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=complete_config
+)
+@results_folder
+@running_options
+@click.option("--dry-run", is_flag=True, help="List every cell as done, or to run and why.")
+@click.option(
+    "--shard", callback=_shard, metavar="I/N", help="Every N-th cell alone; then `merge`."
+)
+@allow_code_option
+def run(
+    configs: tuple[str, ...],
+    folder: Path,
+    how: How,
+    dry_run: bool,
+    shard: tuple[int, int] | None,
+    allow_code: bool,
+) -> int:
+    """Run studies: YAML files, or names of shipped configs.
+
+    Writes DIR/<study>.csv and, beside it, the resolved config, versions and
+    wall times as .json.  Finished cells are kept in DIR/cells: a run that was
+    interrupted goes on where it was.  Exits with 1 when a cell did not end well.
+
+    \b
+    Example:
+      newmark-study run pendulum-u my-study.yaml --results out
+    """
+    from newmark_cli.study import config
+
+    studies = [config.find(name, allow_code) for name in configs]
+    if dry_run:
+        return _dry_run(studies, folder, how.force, shard)
+    return _run(studies, folder, how, shard)
+
+
+@click.command()
+@click.argument(
+    "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=complete_config
+)
+@click.option(
+    "--from",
+    "sources",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    multiple=True,
+    required=True,
+    metavar="DIR",
+    help="Results folder of a shard; once for each.",
+)
+@results_folder
+@allow_code_option
+def merge(
+    configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, allow_code: bool
+) -> int:
+    """Put the cells of shards together and write the studies.
+
+    Computes nothing: exits with 1 when cells are missing, and says how many.
+
+    \b
+    Example:
+      newmark-study merge andrews-u --from node1/results --from node2/results
+    """
+    from newmark_cli.running import runner
+    from newmark_cli.study import config
+
+    studies = [config.find(name, allow_code) for name in configs]
+    merged = runner.merge(studies, folder, sources)
+    for source, count in zip(sources, merged.taken, strict=True):
+        click.echo(f"{source}: {count} cells")
+    for study, count in zip(studies, merged.missing, strict=True):
+        if count:
+            complain(f"{study.study}: {count} of {len(study.cells())} cells are missing")
+    if any(merged.missing):
+        return 1
+    return _tell(merged.runs, folder)
+
+
+@click.command()
+@results_folder
+@running_options
+@click.option("--all", "everything", is_flag=True, help="The studies past the paper too.")
+def reproduce(folder: Path, how: How, everything: bool) -> int:
+    """Run the paper's studies, draw its nine figures, check every slope.
+
+    With --all also the studies past the paper, their figures and claims.  Exits
+    with 1 when a slope is not as predicted or a claim fails.
+
+    \b
+    Example:
+      newmark-study reproduce --results out
+    """
+    from newmark_cli.study import config
+
+    studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
+    code = _run([config.load_shipped(name) for name in studies], folder, how, None)
+
+    from newmark_cli.report import paper_tables as tabling
+    from newmark_cli.report import plot as plotting
+    from newmark_cli.report import slopes
+
+    found = slopes.collect(folder, studies)
+    files = plotting.plot(folder, plotting.of_studies(studies), found)
+    click.echo(f"{len(files)} files in {folder / 'figures'}")
+    slopes.write(folder, found)
+    click.echo()
+    show_tables(folder, tabling.build(found))
+    show_claims(found)
+    return code or verdict(found)
+
+
+def _run(studies: "Sequence[Study]", folder: Path, how: How, shard: tuple[int, int] | None) -> int:
+    from newmark_cli.cli import terminal
+    from newmark_cli.running import runner
+
+    options = runner.Options(
+        how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard
+    )
+    with terminal.watching(how.quiet, how.verbose) as watcher:
+        runs = runner.run_studies(studies, folder, options, watcher)
+    return _tell(runs, folder, how.quiet)
+
+
+def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
+    """How studies went, a line each; 1 when a cell did not end well."""
+    for done in runs:
+        counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
+        spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
+        kept = f" ({done.kept} kept)" if done.kept else ""
+        where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
+        if not quiet:
+            click.echo(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
+    return 0 if all(done.ok for done in runs) else 1
+
+
+def _dry_run(
+    studies: "Sequence[Study]", folder: Path, force: bool, shard: tuple[int, int] | None
+) -> int:
+    from newmark_cli.cli import terminal
+    from newmark_cli.running import runner
+
+    planned = runner.plan(studies, folder, force, shard)
+    for one in planned:
+        state = f"done, {one.done.outcome.status}" if one.done else f"to run: {one.why}"
+        click.echo(f"{studies[one.study].study}: {terminal.described(one.cell)}: {state}")
+    left = sum(one.done is None for one in planned)
+    click.echo(f"{left} of {len(planned)} cells to run")
+    return 0

@@ -1,0 +1,1 @@
+"""Mechanisms as data: models, elements, families, the shipped files."""

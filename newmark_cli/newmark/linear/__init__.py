@@ -1,0 +1,1 @@
+"""Linear solvers: which there are, and what each does with a scheme's matrix."""

@@ -1,0 +1,1 @@
+"""Running studies: planning, executors, kept cells, locks, merging."""
