@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel_march
+from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, Scheme
 
@@ -67,7 +67,7 @@ def kernel(steps, evaluation=DIRECT):
     how = scheme(evaluation)
     state = initial_state(SUBJECT, how)
     norms, iterations = np.zeros((steps, 2)), np.zeros(steps, np.int64)
-    kernel_march.march(SUBJECT, how, state, 0, norms, iterations)
+    compiled_march.march(SUBJECT, how, state, 0, norms, iterations)
     return int(np.abs(iterations).sum()), state.fields[0]
 
 

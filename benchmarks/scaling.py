@@ -28,9 +28,9 @@ def measure(links, steps, rounds):
     from newmark_cli.mechanisms.spec import Sized
     from newmark_cli.newmark import scipy_march
     from newmark_cli.newmark.forms import FORMS
-    from newmark_cli.newmark.initial import initial_state
     from newmark_cli.newmark.integrator import Newmark
     from newmark_cli.newmark.linear.sparse import SparseSystem
+    from newmark_cli.newmark.march import initial_state
     from newmark_cli.newmark.scaling import named_scaling
     from newmark_cli.newmark.scheme import Scheme
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from newmark_cli.newmark import kernel_march, march_data
+from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import DIRECT, Scheme
@@ -55,7 +55,7 @@ def states(subject, integrator, h, count=6, apart=25, evaluation=DIRECT):
     state = initial_state(subject, scheme)
     for k in range(count):
         yield k * apart, copy(state)
-        march(kernel_march, subject, scheme, state, k * apart, apart)
+        march(compiled_march, subject, scheme, state, k * apart, apart)
 
 
 def assert_same_step(subject, scheme, first, second):

@@ -8,10 +8,10 @@ from scipy.special import ellipj
 from scipy.stats import linregress
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel_march, march_data
+from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 
@@ -23,7 +23,7 @@ def final_state(name, h, t_end, integrator=None):
     subject = problem(name)
     state = initial_state(subject, scheme)
     steps = round(t_end / h)
-    ending = kernel_march.march(
+    ending = compiled_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
     )
     assert ending == (march_data.COMPLETED, steps)
@@ -71,10 +71,10 @@ def test_small_steps_feed_an_odd_even_mode(andrews_errors):
     scheme = Scheme(integrator, form, named_scaling("optimal", form), 1e-6)
     state = initial_state(subject, scheme)
     norms, iterations = np.zeros((29_900, 2)), np.zeros(29_900, np.int64)
-    kernel_march.march(subject, scheme, state, 0, norms, iterations)
+    compiled_march.march(subject, scheme, state, 0, norms, iterations)
     drifts = []
     for step in range(20):
-        kernel_march.march(subject, scheme, state, 29_900 + step, norms[:1], iterations[:1])
+        compiled_march.march(subject, scheme, state, 29_900 + step, norms[:1], iterations[:1])
         u, v = state.fields[:2]
         drifts.append(subject.evaluate(0, u, v, state.multipliers).G.T @ v)
     drifts = np.array(drifts)

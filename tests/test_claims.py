@@ -18,7 +18,7 @@ from newmark_cli.report.claims import (
     StatusClaim,
     evaluate,
 )
-from newmark_cli.report.curves import KEY, Curve
+from newmark_cli.report.curves import Curve
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.slopes import study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
@@ -42,7 +42,7 @@ def judged(folder, figure, table=None):
 
 def where(curve):
     """Columns of the CSV that pick a curve's rows."""
-    return {column: getattr(curve, column) for column in KEY}
+    return {name: given for name, given in curve.key.named().items() if name != "start"}
 
 
 def scaled(factor):

@@ -14,15 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import EPS, INTEGRATORS, STEP, copy, march, states
 from mpmath import mp, mpf
+from newmark_cli.newmark.measures import corrections
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import kernel, kernel_march, scipy_march
+from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.newmark.measures import corrections
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
@@ -33,7 +33,7 @@ from newmark_cli.study import config
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 ENGINES = pytest.mark.parametrize(
-    "engine", [kernel_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
+    "engine", [compiled_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
 )
 
 
@@ -236,7 +236,7 @@ def test_engines_agree_per_step(name, form, integrator, subjects):
                 integrator, form, named_scaling(variant, form), h, evaluation=COMPENSATED
             )
             ours, reference = copy(state), copy(state)
-            march(kernel_march, subject, scheme, ours, first, 1)
+            march(compiled_march, subject, scheme, ours, first, 1)
             march(scipy_march, subject, scheme, reference, first, 1)
             assert_same_increments(subject, scheme, ours, reference)
 
@@ -299,7 +299,7 @@ def in_motion(name, h, t):
         GeneralizedAlpha(0.9), form, named_scaling("optimal", form), h, evaluation=COMPENSATED
     )
     state = initial_state(subject, scheme)
-    march(kernel_march, subject, scheme, state, 0, round(t / h))
+    march(compiled_march, subject, scheme, state, 0, round(t / h))
     return replace(subject, u0=state.fields[0].copy(), v0=state.fields[1].copy())
 
 
@@ -320,7 +320,7 @@ def test_measured_orders(form, name, begin, h, duration, evaluation):
             )
             state = initial_state(subject, scheme)
             steps = round(duration / step)
-            norms, iterations = march(kernel_march, subject, scheme, state, 0, steps)
+            norms, iterations = march(compiled_march, subject, scheme, state, 0, steps)
             assert np.all(iterations > 0)
             for found in corrections(scheme, norms, iterations):
                 if found.measure == "physical_correction":

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, states
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import kernel, kernel_march, march_data, scipy_march
+from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
@@ -31,7 +31,7 @@ def test_engines_agree_per_step(name, form, variant, integrator):
     scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), STEP[name])
     for first, state in states(subject, integrator, scheme.h):
         ours, reference = copy(state), copy(state)
-        found, _ = march(kernel_march, subject, scheme, ours, first, 1)
+        found, _ = march(compiled_march, subject, scheme, ours, first, 1)
         expected, _ = march(scipy_march, subject, scheme, reference, first, 1)
         assert_same_step(subject, scheme, ours, reference)
         # What is recorded is rounding, or nothing.
@@ -57,7 +57,7 @@ def test_engines_converge_alike(name, form, variant):
     counts = []
     for first in range(10):
         reference = copy(state)
-        _, ours = march(kernel_march, subject, scheme, state, first, 1)
+        _, ours = march(compiled_march, subject, scheme, state, first, 1)
         _, theirs = march(scipy_march, subject, scheme, reference, first, 1)
         counts.append((int(ours[0]), int(theirs[0])))
         state = reference
@@ -72,7 +72,7 @@ def test_newton_is_quadratic_with_damping(form, name):
     """With the right Y a step of a linear force on a quadric takes few corrections."""
     subject = damped()
     scheme = Scheme(Newmark(), FORMS[form], named_scaling(name, FORMS[form]), 0.1)
-    for engine in (kernel_march, scipy_march):
+    for engine in (compiled_march, scipy_march):
         state = initial_state(subject, scheme)
         _, iterations = march(engine, subject, scheme, state, 0, 20)
         assert 0 < np.median(iterations) <= 8
@@ -88,7 +88,7 @@ def test_engines_record_the_same_statistics(form, variant):
     subject, integrator = problem("andrews"), Newmark()
     scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), 1e-5)
     rms = []
-    for engine in (kernel_march, scipy_march):
+    for engine in (compiled_march, scipy_march):
         state = initial_state(subject, scheme)
         norms, iterations = march(engine, subject, scheme, state, 0, 150)
         assert np.all(iterations > 0)
@@ -106,7 +106,7 @@ def test_all_forms_take_the_same_step(name, variant):
         for form in FORMS.values():
             scheme = Scheme(integrator, form, named_scaling(variant, form), STEP[name])
             results[form.name] = copy(state)
-            march(kernel_march, subject, scheme, results[form.name], first, 1)
+            march(compiled_march, subject, scheme, results[form.name], first, 1)
         for form in FORMS:
             assert_same_step(subject, scheme, results["u-lambda"], results[form])
 
@@ -117,15 +117,15 @@ def test_stretches_join(name):
     subject, integrator, form = problem(name), Newmark(), FORMS["u-v-lambda"]
     scheme = Scheme(integrator, form, named_scaling("left", form), STEP[name])
     whole, pieces = initial_state(subject, scheme), initial_state(subject, scheme)
-    norms, _ = march(kernel_march, subject, scheme, whole, 0, 30)
-    first, _ = march(kernel_march, subject, scheme, pieces, 0, 13)
-    second, _ = march(kernel_march, subject, scheme, pieces, 13, 17)
+    norms, _ = march(compiled_march, subject, scheme, whole, 0, 30)
+    first, _ = march(compiled_march, subject, scheme, pieces, 0, 13)
+    second, _ = march(compiled_march, subject, scheme, pieces, 13, 17)
     np.testing.assert_array_equal(np.concatenate([first, second]), norms)
     for one, other in zip(whole, pieces, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+@pytest.mark.parametrize("engine", [compiled_march, scipy_march], ids=["kernel", "scipy"])
 def test_cap_marks_steps_not_converged(engine):
     """Two corrections are not enough at h = 0.1; the count is negative."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
@@ -135,7 +135,7 @@ def test_cap_marks_steps_not_converged(engine):
     assert list(iterations) == [-2] * 5
 
 
-@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+@pytest.mark.parametrize("engine", [compiled_march, scipy_march], ids=["kernel", "scipy"])
 def test_terminal_phase_needs_two_small_corrections(engine):
     """The first correction of the pendulum at h = 1e-4 is h²/2, no rounding; never recorded."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
@@ -145,7 +145,7 @@ def test_terminal_phase_needs_two_small_corrections(engine):
     assert norms[:, 0].max() < 1e-15
 
 
-@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+@pytest.mark.parametrize("engine", [compiled_march, scipy_march], ids=["kernel", "scipy"])
 def test_singular_jacobian_ends_the_march(engine):
     """Without displacements G vanishes: a status, not a traceback."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
@@ -155,7 +155,7 @@ def test_singular_jacobian_ends_the_march(engine):
     assert ending == (march_data.SINGULAR, 0)
 
 
-@pytest.mark.parametrize("engine", [kernel_march, scipy_march], ids=["kernel", "scipy"])
+@pytest.mark.parametrize("engine", [compiled_march, scipy_march], ids=["kernel", "scipy"])
 def test_infinite_numbers_end_the_march(engine):
     """A correction that is not finite ends the march with a status."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]

@@ -9,10 +9,10 @@ from marching import march, start
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import kernel_march
+from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
@@ -55,7 +55,7 @@ def test_energy_is_kept_at_order_2(family, size):
         for k in range(round(0.25 / h)):
             u, v = state.fields[:2]
             energies.append(v @ subject.M @ v / 2 - u @ load)
-            march(kernel_march, subject, scheme, state, k, 1)
+            march(compiled_march, subject, scheme, state, k, 1)
         return np.ptp(energies)
 
     coarse, fine = drift(1e-2), drift(5e-3)

@@ -13,10 +13,11 @@ from newmark_cli.mechanisms.registry import problem
 from newmark_cli.report import draw, draw_mechanism, plot, style
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, StudyFigure
 from newmark_cli.report.fits import Fit, format_fit, power_law
-from newmark_cli.report.slopes import STATISTIC, collect, study_slopes
+from newmark_cli.report.slopes import collect, study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
 from newmark_cli.running import runner
 from newmark_cli.study import config, results
+from newmark_cli.study.measures import RECORDS
 from newmark_cli.study.reading import read_study
 
 ORDER_FIGURES = [f for f in FIGURES.values() if isinstance(f, OrderFigure)]
@@ -52,7 +53,7 @@ def test_order_figures_draw_the_csv(folder, figure):
             & (frame["measure"] == figure.measure)
             & (frame["preconditioning"] == slope.preconditioning)
         ].sort_values("h")
-        drawn = rows[STATISTIC[figure.measure]].to_numpy()
+        drawn = rows[RECORDS[figure.measure].statistic].to_numpy()
         np.testing.assert_array_equal(line.get_xdata(), rows["h"][drawn > 0])
         np.testing.assert_array_equal(line.get_ydata(), drawn[drawn > 0])
         fit = power_law(rows["h"].to_numpy(), drawn)
@@ -88,7 +89,7 @@ def test_study_figures_draw_the_csv(tmp_path, figure):
     for curve, look in zip(figure.curves, style.LOOKS, strict=False):
         ok = [r for r in synthetic.rows_of(curve) if r["status"] != "stagnated"]
         ok = sorted(ok, key=lambda row: row["h"])
-        statistic = STATISTIC[curve.measure]
+        statistic = RECORDS[curve.measure].statistic
         share = [row["steps"] if statistic == "met" else 1 for row in ok]
         expected = [row[statistic] / whole for row, whole in zip(ok, share, strict=True)]
         np.testing.assert_array_equal(lines[curve.label].get_xdata(), [row["h"] for row in ok])

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import INTEGRATORS, copy, march
 from mpmath import mp, mpf
+from newmark_cli.newmark.measures import corrections
 from scipy.integrate import solve_ivp
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel_march, scipy_march
+from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import (
     BDF1,
     BDF2,
@@ -35,7 +35,7 @@ from newmark_cli.newmark.integrator import (
 )
 from newmark_cli.newmark.integrator import INTEGRATORS as METHODS
 from newmark_cli.newmark.linear.dense import condition_number
-from newmark_cli.newmark.measures import corrections
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
@@ -223,7 +223,7 @@ def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
     u, v, a, rate, multipliers = textbook_motion(integrator)
     subject = replace(damped(), quadratic=True)
     scheme = Scheme(integrator, form, named_scaling("optimal", form), H, evaluation=evaluation)
-    for engine in (kernel_march, scipy_march):
+    for engine in (compiled_march, scipy_march):
         state = initial_state(subject, scheme)
         march(engine, subject, scheme, state, 0, STEPS)
         expected = [*zip(state.fields, (u, v, a, rate), strict=True)]
@@ -251,7 +251,7 @@ def test_undamped_members_are_the_trapezoidal_rule(integrator, form):
     for one in (integrator, Newmark()):
         scheme = Scheme(one, form, named_scaling("optimal", form), 1e-2)
         states.append(initial_state(subject, scheme))
-        march(kernel_march, subject, scheme, states[-1], 0, 50)
+        march(compiled_march, subject, scheme, states[-1], 0, 50)
     found, expected = states
     for k, tolerance in enumerate((1e-12, 1e-10, 1e-8)):
         np.testing.assert_allclose(found.fields[k], expected.fields[k], rtol=0, atol=tolerance)
@@ -330,13 +330,13 @@ def test_alternating_errors_die_out_where_damped(integrator):
     subject, form, h = problem("pendulum"), FORMS["u-lambda"], 1e-2
     scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
     state = initial_state(subject, scheme)
-    march(kernel_march, subject, scheme, state, 0, 50)
+    march(compiled_march, subject, scheme, state, 0, 50)
     disturbed = copy(state)
     disturbed.past[1] += 1e-4 * state.past[0]
     differences = []
     for step in range(200):
         for one in (state, disturbed):
-            march(kernel_march, subject, scheme, one, 50 + step, 1)
+            march(compiled_march, subject, scheme, one, 50 + step, 1)
         differences.append(disturbed.multipliers[0] - state.multipliers[0])
     difference = np.array(differences)
     alternating = np.abs(difference[1:-1] - (difference[:-2] + difference[2:]) / 2)
@@ -386,7 +386,7 @@ def test_order_of_accuracy(integrator, name):
     for step in h:
         scheme = Scheme(integrator, form, named_scaling("optimal", form), step)
         state = initial_state(subject, scheme)
-        march(kernel_march, subject, scheme, state, 0, round(1 / step))
+        march(compiled_march, subject, scheme, state, 0, round(1 / step))
         found = (*state.fields[:2], state.multipliers)
         errors.append([np.abs(x - y).max() for x, y in zip(found, exact_motion(name), strict=True)])
     slopes = [power_law(np.array(h), column).slope for column in np.array(errors).T]
@@ -411,7 +411,7 @@ def test_corrections_have_the_predicted_orders(integrator, form, variant):
     for step in h:
         scheme = Scheme(integrator, form, scaling, step)
         state = initial_state(subject, scheme)
-        norms, iterations = march(kernel_march, subject, scheme, state, 0, int(3.0 / step))
+        norms, iterations = march(compiled_march, subject, scheme, state, 0, int(3.0 / step))
         assert np.all(iterations > 0)
         for found in corrections(scheme, norms, iterations):
             values.setdefault((found.measure, found.quantity), []).append(found.statistics.rms)

@@ -11,11 +11,11 @@ from scipy.stats import linregress
 from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import kernel_march, march_data, measures
+from newmark_cli.newmark import compiled_march, march_data, measures
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
@@ -211,7 +211,7 @@ def test_trapezoidal_rule_misses_energy_and_rate_at_second_order(name, t_end, h,
         state, samples = initial_state(subject, scheme), []
         steps = round(t_end / step)
         for first in range(0, steps, steps // 2):
-            ending = kernel_march.march(
+            ending = compiled_march.march(
                 subject, scheme, state, first,
                 np.zeros((steps // 2, 2)), np.zeros(steps // 2, np.int64),
             )  # fmt: skip

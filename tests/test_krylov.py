@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse.linalg
 from damped import damped
 from marching import assert_same_step, copy, in_motion, march, scheme_of, start
+from newmark_cli.newmark.measures import krylov
 
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -18,7 +19,6 @@ from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.krylov import KrylovSystem, is_symmetric
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.measures import krylov
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
 
 SUBJECTS = {name: Shipped(name).load() for name in PROBLEMS} | {

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from newmark_cli.newmark.measures import corrections, sample_steps
 from scipy.stats import linregress
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS, Newmark
-from newmark_cli.newmark.measures import corrections, sample_steps
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import statistics

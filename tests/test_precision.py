@@ -9,17 +9,17 @@ from conftest import QUICK
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import march
+from newmark_cli.newmark.measures import corrections
 from numba import njit
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel, kernel_march, march_data
+from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import ProblemTables
-from newmark_cli.newmark.measures import corrections
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 from newmark_cli.study import config
@@ -130,7 +130,7 @@ def test_march_computes_in_its_precision(form, evaluation, stop, precision):
     )
     ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
     assert {array.dtype for array in ours} == {np.dtype(precision)}
-    norms, iterations = march(kernel_march, subject, scheme, ours, 0, steps)
+    norms, iterations = march(compiled_march, subject, scheme, ours, 0, steps)
     expected = np.zeros_like(norms), np.zeros_like(iterations)
     interpreted_march(subject, scheme, reference, *expected)
     np.testing.assert_array_equal(norms, expected[0])
@@ -146,7 +146,9 @@ def floors(subject, integrator, form, variant, h, t_end, precision):
     """rms of every correction, (measure, quantity) → value."""
     scheme = Scheme(integrator, form, named_scaling(variant, form), h, precision=precision)
     state = initial_state(subject, scheme)
-    norms, iterations = march(kernel_march, subject, scheme, state, 0, int(t_end / h * (1 + 1e-9)))
+    norms, iterations = march(
+        compiled_march, subject, scheme, state, 0, int(t_end / h * (1 + 1e-9))
+    )
     assert np.all(iterations > 0)
     return {
         (m.measure, m.quantity): m.statistics.rms for m in corrections(scheme, norms, iterations)
@@ -199,7 +201,7 @@ def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
         scheme = Scheme(DAMPED, form, named_scaling(variant, form), h, precision="float32")
         state = initial_state(subject, scheme)
         norms, iterations = np.zeros((steps, len(form.unknowns))), np.zeros(steps, np.int64)
-        endings[variant] = kernel_march.march(subject, scheme, state, 0, norms, iterations)[0]
+        endings[variant] = compiled_march.march(subject, scheme, state, 0, norms, iterations)[0]
     unscaled = march_data.SINGULAR if "K" in form.rows else march_data.COMPLETED
     assert endings == {
         "none": unscaled,

@@ -13,10 +13,10 @@ from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import elements, planar
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import kernel_march, scipy_march
+from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
@@ -379,7 +379,7 @@ def test_driven_crank_follows_its_law(tmp_path):
     subject, h, steps = planar.load(path, "crank"), 1e-3, 500
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
-    for engine in (kernel_march, scipy_march):
+    for engine in (compiled_march, scipy_march):
         state = initial_state(subject, scheme)
         # M a = f + Gλ at the start: a = −ω² r on the circle.
         np.testing.assert_allclose(state.fields[2], [-32, 0], atol=1e-12)

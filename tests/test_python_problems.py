@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from newmark_cli.newmark import kernel_march, march_data, scipy_march
+from newmark_cli.newmark import compiled_march, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import python_problem
@@ -57,7 +57,7 @@ def test_car_axis_converges_to_the_published_reference(car_axis):
     h = np.array([1e-3, 5e-4, 2.5e-4])
     errors = []
     for step in h:
-        state = march(kernel_march, car_axis[True], step, 3.0)
+        state = march(compiled_march, car_axis[True], step, 3.0)
         errors.append(
             [np.abs(state.fields[0] - REFERENCE).max(),
              np.abs(state.fields[1] - REFERENCE_RATES).max()]
@@ -71,7 +71,7 @@ def test_car_axis_converges_to_the_published_reference(car_axis):
 def test_plain_and_compiled_functions_march_alike(car_axis, form):
     """The SciPy march with plain Python, the kernel with compiled functions: one motion."""
     plain = march(scipy_march, car_axis[False], 1e-2, 0.3, form)
-    compiled = march(kernel_march, car_axis[True], 1e-2, 0.3, form)
+    compiled = march(compiled_march, car_axis[True], 1e-2, 0.3, form)
     for field, size in zip(range(3), (1, 1e3, 1e6), strict=True):
         np.testing.assert_allclose(
             plain.fields[field], compiled.fields[field], rtol=0, atol=1e-14 * size

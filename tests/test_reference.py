@@ -18,10 +18,10 @@ from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.mechanisms.spec import MechanismFile, PythonFactory, Shipped, Sized
-from newmark_cli.newmark import kernel_march, march_data
+from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import index_1, python_problem, reference
@@ -214,7 +214,7 @@ def march(subject, h, t_end):
     scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
     state = initial_state(subject, scheme)
     steps = round(t_end / h)
-    ending = kernel_march.march(
+    ending = compiled_march.march(
         subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
     )
     assert ending == (march_data.COMPLETED, steps)

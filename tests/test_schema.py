@@ -23,7 +23,7 @@ from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
-from newmark_cli.study import config, schema
+from newmark_cli.study import config, keys, schema
 
 ROOT = Path(__file__).parents[1]
 MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"
@@ -178,7 +178,7 @@ def judged(text, folder):
         if is_mechanism:
             planar.built("f", document)
         else:
-            config.parse(document, config.Surroundings(folder))
+            config.parse(document, keys.Surroundings(folder))
     except DocumentError as error:
         return str(error), objection
     return "", objection

@@ -9,13 +9,13 @@ from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme
 from newmark_cli import documents
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import kernel_march, march_data, perturbation, scipy_march
+from newmark_cli.newmark import compiled_march, march_data, perturbation, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import scaled_jacobian
 from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.problems import index_1
 from newmark_cli.study import config, results
@@ -57,7 +57,7 @@ def test_marches_agree_per_step(name, form, variant):
     for first, state in states(subject, Newmark(), scheme.h, count=4):
         ours, reference = copy(state), copy(state)
         march(scipy_march, subject, scheme, ours, first, 1, system=system)
-        march(kernel_march, subject, scheme, reference, first, 1)
+        march(compiled_march, subject, scheme, reference, first, 1)
         assert_same_step(subject, scheme, ours, reference)
 
 

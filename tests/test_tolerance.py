@@ -9,16 +9,16 @@ from marching import INTEGRATORS, march
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel_march, scipy_march
+from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, Scheme, Tolerance
 from newmark_cli.study import config
 
 ENGINES = pytest.mark.parametrize(
-    "engine", [kernel_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
+    "engine", [compiled_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
 )
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 
@@ -105,7 +105,7 @@ def test_engines_count_alike(integrator, form, evaluation):
             integrator, form, named_scaling("optimal", form), 1e-3, 20, evaluation, stop=stop
         )
         counts = []
-        for engine in (kernel_march, scipy_march):
+        for engine in (compiled_march, scipy_march):
             state = initial_state(subject, scheme)
             counts.append(march(engine, subject, scheme, state, 0, 15)[1].tolist())
         assert counts[0] == counts[1]
@@ -126,7 +126,7 @@ def test_tolerance_is_met_at_every_step_size_only_when_unknowns_are_scaled(form)
                 stop=Tolerance(absolute=1e-8),
             )  # fmt: skip
             state = initial_state(subject, scheme)
-            _, iterations = march(kernel_march, subject, scheme, state, 0, steps)
+            _, iterations = march(compiled_march, subject, scheme, state, 0, steps)
             share, corrections = np.mean(iterations > 0), np.mean(np.abs(iterations))
             if variant in ("right", "optimal"):
                 assert share == 1

@@ -20,7 +20,13 @@ from pathlib import Path
 SCRIPT = Path(sys.executable).with_name("newmark-study")
 
 #: What many commands import, with what these import in turn.
-MODULES = ("newmark.kernel_march", "study.compute", "running.runner", "report.check", "report.plot")
+MODULES = (
+    "newmark.compiled_march",
+    "study.compute",
+    "running.runner",
+    "report.check",
+    "report.plot",
+)
 
 #: Seconds after which a command is ended.
 LIMIT = 200

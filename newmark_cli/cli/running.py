@@ -171,13 +171,13 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
 def _dry_run(
     studies: "Sequence[Study]", folder: Path, force: bool, shard: tuple[int, int] | None
 ) -> int:
-    from newmark_cli.cli import terminal
     from newmark_cli.running import runner
+    from newmark_cli.study import axes
 
     planned = runner.plan(studies, folder, force, shard)
     for one in planned:
         state = f"done, {one.done.outcome.status}" if one.done else f"to run: {one.why}"
-        click.echo(f"{studies[one.study].study}: {terminal.described(one.cell)}: {state}")
+        click.echo(f"{studies[one.study].study}: {axes.described(one.cell)}: {state}")
     left = sum(one.done is None for one in planned)
     click.echo(f"{left} of {len(planned)} cells to run")
     return 0

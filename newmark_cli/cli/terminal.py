@@ -10,7 +10,9 @@ from collections.abc import Iterator, Sequence
 import click
 
 from newmark_cli.running.runner import Planned, Watcher, weight
-from newmark_cli.study.cell import Cell, Done
+from newmark_cli.study import axes
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import Done
 
 
 class _Bar(Watcher):
@@ -49,9 +51,8 @@ class _Bar(Watcher):
         """A line for each cell, when they are asked for."""
         if self._verbose:
             reason = f": {done.outcome.reason}" if done.outcome.reason else ""
-            click.echo(
-                f"{described(cell)}: {done.outcome.status}{reason}, {done.seconds:.2f} s", err=True
-            )
+            ended = f"{done.outcome.status}{reason}, {done.seconds:.2f} s"
+            click.echo(f"{axes.described(cell)}: {ended}", err=True)
 
     def close(self) -> None:
         """Take the bar away."""
@@ -74,19 +75,3 @@ def watching(quiet: bool, verbose: bool) -> Iterator[Watcher]:
         yield bar
     finally:
         bar.close()
-
-
-def described(cell: Cell) -> str:
-    """A cell in a line: what tells it from others, without what is as always."""
-    parts = [
-        cell.problem.label,
-        cell.integrator.label,
-        cell.form,
-        cell.preconditioning.label,
-        cell.evaluation if cell.evaluation != "direct" else "",
-        cell.precision if cell.precision != "float64" else "",
-        cell.solver,
-        f"h={cell.h:g}",
-        f"steps={cell.steps}",
-    ]
-    return " ".join(filter(None, parts))

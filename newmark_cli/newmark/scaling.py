@@ -5,12 +5,12 @@ factor a row block, D_R one a field, each a monomial in β, γ and h.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from newmark_cli.errors import InputError
-from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.forms import FORMS, ROWS, Form
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial, MonomialError
 from newmark_cli.spelling import nearest
@@ -110,6 +110,11 @@ class Preconditioning:
     right: tuple[tuple[str, str], ...] = ()
     own: bool = False
 
+    def __post_init__(self) -> None:
+        # Two spellings of one factor, or of their order, are one scaling.
+        for side, blocks in (("left", ROWS), ("right", (*FIELDS, "lambda"))):
+            object.__setattr__(self, side, _canonical_factors(getattr(self, side), blocks))
+
     @property
     def label(self) -> str:
         """Text that says everything, so that a CSV alone tells what was run."""
@@ -152,6 +157,33 @@ class Preconditioning:
         if self.own:
             return own_scaling(self.name, form, dict(self.left), dict(self.right))
         return named_scaling(self.name, form)
+
+
+def _canonical_factors(
+    given: tuple[tuple[str, str], ...], blocks: Sequence[str]
+) -> tuple[tuple[str, str], ...]:
+    """Factors in one spelling and order; what cannot be read stays for whoever applies it."""
+
+    def spelled(factor: str) -> str:
+        try:
+            return str(Monomial.parse(factor))
+        except MonomialError:
+            return factor
+
+    def place(block: str) -> int:
+        return blocks.index(block) if block in blocks else len(blocks)
+
+    return tuple(
+        sorted(((block, spelled(factor)) for block, factor in given), key=lambda p: place(p[0]))
+    )
+
+
+def canonical(label: str) -> str:
+    """The one spelling of a label of `Preconditioning`; what is none stays as it is."""
+    try:
+        return Preconditioning.parse(label).label
+    except ScalingError:
+        return label
 
 
 _LABEL = re.compile(r"(?P<name>[A-Za-z0-9._-]+)\[(?P<sides>[^\[\]]*)\]")

@@ -11,6 +11,7 @@ from newmark_cli.report.figures import FIGURES, ClaimingFigure, OrderFigure
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.slopes import Slope, in_figure_order
 from newmark_cli.report.verdicts import PASS, SHOWN
+from newmark_cli.study.measures import RECORDS
 
 
 @dataclass(frozen=True)
@@ -120,29 +121,19 @@ def _where(slope: Slope) -> str:
     return f"{slope.study} {slope.problem} {slope.form}{beside}"
 
 
+#: What stands in columns of its own, or is said by the quantity.
+_SAID = (
+    "study", "problem", "form", "integrator", "preconditioning", "quantity", "measure", "row_block",
+)  # fmt: skip
+
+
 def _variant(slope: Slope) -> str:
-    given = (slope.evaluation, slope.precision, slope.linear_solver)
-    usual = (Curve.evaluation, Curve.precision, Curve.linear_solver)
-    beside = [value for value, default in zip(given, usual, strict=True) if value != default]
-    return ", ".join([slope.preconditioning, *beside])
+    return ", ".join([slope.preconditioning, *slope.key.besides(*_SAID)])
 
 
 def quantity(series: Slope | Curve) -> str:
     """What a series measures, in the field's symbols."""
-    symbol = {"lambda": "λ", "jacobian": "C"}.get(series.quantity, series.quantity)
-    return {
-        "": "(failed)",
-        "correction": f"Δ{symbol}",
-        "physical_correction": f"Δ{symbol} (physical)",
-        "condition": symbol,
-        "sensitivity": f"∂{symbol}/∂b_{series.row_block}",
-        "error": f"error of {symbol}",
-        "invariant": f"invariant: {symbol}",
-        "krylov_iterations": "Krylov iterations",
-        "krylov_residual": "Krylov residual",
-        "tolerance": "share of steps",
-        "history": f"{symbol} over time",
-    }[series.measure]
+    return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"
 
 
 def text_table(rows: Sequence[Sequence[str]]) -> str:

@@ -14,10 +14,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit, format_order, power_law
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
-
-#: Statuses of cells whose value of a measure counts.  A step that misses its
-#: tolerance is what the measure `tolerance` is about.
-_COUNTING = {"tolerance": ("ok", "not_converged")}
+from newmark_cli.study.measures import RECORDS
 
 
 class Series(Protocol):
@@ -249,7 +246,7 @@ def _points(curve: Curve, find: Find, h: float | None = None) -> tuple[Array, Ar
             raise NoDataError(f"no {curve.label} at h = {h:g}")
     for place in places:
         where = f"{curve.label} at h = {series.h[place]:g}"
-        if series.statuses[place] not in _COUNTING.get(curve.measure, ("ok",)):
+        if series.statuses[place] not in RECORDS[curve.measure].ok:
             raise NoDataError(f"{where}: {series.statuses[place]}")
         if not math.isfinite(series.values[place]):
             raise NoDataError(f"{where}: no value")

@@ -9,9 +9,11 @@ from pathlib import Path
 import pandas as pd
 
 from newmark_cli.report import check, records
-from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit
-from newmark_cli.report.slopes import STATISTIC, Slope, drawn, study_slopes
+from newmark_cli.report.slopes import Slope, study_slopes
+from newmark_cli.study import axes
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.measures import RECORDS
 from newmark_cli.study.reading import SERIES, read_study, study_files
 
 #: Measures of what is determined by more than rounding: they agree to a relative tolerance.
@@ -25,10 +27,8 @@ DETERMINED = ("condition", "sensitivity", "krylov_iterations")
 FACTOR = 10.0
 
 #: Columns that tell cells apart.
-_CELL = (
-    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver", "stop", "h", "steps",
-)  # fmt: skip
+_CELL = ("study", *(axis.name for axis in axes.cell_axes() if axis.cell), "steps")
+_USUAL = {axis.name: axis.usual for axis in axes.cell_axes() if axis.cell}
 
 Key = tuple[str, ...]
 
@@ -108,23 +108,17 @@ class _Folder:
         found: dict[Key, tuple[str, float]] = {}
         for frame in self.frames.values():
             for measure, rows in frame.groupby("measure", sort=False):
-                if str(measure) not in STATISTIC:
+                if str(measure) not in RECORDS:
                     continue  # a cell that failed before it measured anything
-                values = drawn(str(measure), rows)
+                values = RECORDS[str(measure)].drawn(rows)
                 for row, value in zip(rows.to_dict("records"), values, strict=True):
                     key = tuple(_spell(row[column]) for column in (*SERIES, "h", "steps"))
                     found[key] = (str(measure), float(value))
         return found
 
-    def named_slopes(self) -> dict[Key, Slope]:
-        """Key of a series → its slope; of equal keys (at the start, and along a run) by place."""
-        seen: Counter[Key] = Counter()
-        found = {}
-        for slope in self.slopes:
-            key = (*slope.key, slope.role)
-            seen[key] += 1
-            found[(*key, str(seen[key]))] = slope
-        return found
+    def named_slopes(self) -> dict[SeriesKey, Slope]:
+        """Key of a series → its slope."""
+        return {slope.key: slope for slope in self.slopes}
 
     def verdicts(self) -> dict[Key, tuple[str, str]]:
         """Figure and sentence of a claim → what was measured, and the verdict."""
@@ -339,14 +333,17 @@ def _row_name(key: Key) -> str:
 
 
 def _slope_name(slope: Slope) -> str:
-    return f"{_where(vars(slope))}, {_what(vars(slope))}"
+    named = slope.key.named()
+    return f"{_where(named)}, {_what(named)}"
 
 
 def _where(named: Mapping[str, str]) -> str:
-    """Names of a cell; of the last four those that are not as usual."""
-    names = [named[name] for name in ("study", "problem", "integrator", "form", "preconditioning")]
-    optional = ("evaluation", "precision", "linear_solver", "stop")
-    return " ".join([*names, *(named[n] for n in optional if named[n] != getattr(Curve, n))])
+    """Names of a cell, without what goes without saying."""
+    said = ("study", "problem", "integrator", "form", "preconditioning")
+    rest = [named[name] for name in _CELL if name not in (*said, "h", "steps")]
+    usual = [_USUAL[name] for name in _CELL if name not in (*said, "h", "steps")]
+    unusual = [given for given, goes in zip(rest, usual, strict=True) if given != goes]
+    return " ".join([*(named[name] for name in said), *unusual])
 
 
 def _what(named: Mapping[str, str]) -> str:

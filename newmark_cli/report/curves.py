@@ -1,50 +1,46 @@
 """Series of a study, as figures and claims name them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Any
 
-from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.linear.choice import DENSE
+from newmark_cli.study.axes import TRAPEZOIDAL, SeriesKey
 
-TRAPEZOIDAL = Newmark().label
-
-#: Columns of the CSV that tell the series of all studies apart.
-KEY = (
-    "study", "problem", "quantity", "measure", "form", "preconditioning", "integrator",
-    "evaluation", "precision", "linear_solver", "stop", "row_block",
-)  # fmt: skip
+__all__ = ["TRAPEZOIDAL", "Curve"]
 
 
-@dataclass(frozen=True)
 class Curve:
     """One series, and its name in a legend.
 
+    Every axis of the series is an attribute, as in the CSV.
+
     Attributes:
         label: Name in a legend and in claims.
-        study, problem, quantity, measure, form, preconditioning, integrator, evaluation,
-        precision, linear_solver, stop, row_block: As in the CSV.
+        key: What finds the series.
     """
 
-    label: str
-    study: str
-    problem: str
-    quantity: str
-    measure: str
-    form: str = "u-lambda"
-    preconditioning: str = "none"
-    integrator: str = TRAPEZOIDAL
-    evaluation: str = "direct"
-    precision: str = "float64"
-    linear_solver: str = DENSE
-    stop: str = "saturation"
-    row_block: str = ""
+    def __init__(
+        self, label: str, study: str, problem: str, quantity: str, measure: str, **axes: str
+    ) -> None:
+        """Take a label, and the axes by which the series differs from the usual ones.
 
-    @property
-    def key(self) -> tuple[str, ...]:
-        """Its values in the columns of `KEY`."""
-        return tuple(getattr(self, column) for column in KEY)
+        Args:
+            label: Name in a legend and in claims.
+            study, problem, quantity, measure: As in the CSV.
+            axes: Further axes; the (u, λ) form without scaling unless they say otherwise.
+        """
+        named = {
+            "study": study, "problem": problem, "quantity": quantity, "measure": measure,
+            "form": "u-lambda", "preconditioning": "none",
+        }  # fmt: skip
+        self.label = label
+        self.key = SeriesKey.of(named | axes)
 
+    def __getattr__(self, name: str) -> str:
+        if name == "key":
+            raise AttributeError(name)
+        return str(getattr(self.key, name))
 
-def key_of(row: Mapping[str, str]) -> tuple[str, ...]:
-    """Values of a row of the CSV in the columns of `KEY`."""
-    return tuple(row[column] for column in KEY)
+    def __eq__(self, other: Any) -> bool:
+        return isinstance(other, Curve) and (self.label, self.key) == (other.label, other.key)
+
+    def __hash__(self) -> int:
+        return hash((self.label, self.key))

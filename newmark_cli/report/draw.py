@@ -40,20 +40,9 @@ _WITHOUT_UNITS = ("pendulum", "chain")
 _LINE, _LINES = 0.147, 4
 
 
-def axis_label(quantity: str, measure: str) -> str:
+def axis_label(slope: Slope) -> str:
     """Label of the ordinate in the field's symbols."""
-    if measure == "condition":
-        return r"condition number $C = \|\bar J\|\,\|\bar J^{-1}\|$"
-    if measure == "krylov_iterations":
-        return "iterations per linear solve (median)"
-    if measure == "tolerance":
-        return "share of steps that meet the tolerance"
-    symbol = _SYMBOLS[quantity]
-    if measure == "error":
-        return rf"error at the end, $\max|\Delta {symbol}| \,/\, \max|{symbol}|$"
-    if measure == "correction":
-        return rf"last decreasing correction $\|\Delta\bar {symbol}\|$ (rms)"
-    return rf"last decreasing correction $\|\Delta {symbol}\|$ (rms)"
+    return slope.record.label(slope.key)
 
 
 def figure_of(figure: SeriesFigure, slopes: Sequence[Slope]) -> Figure:
@@ -108,7 +97,7 @@ def order_figure(figure: OrderFigure | StudyFigure, slopes: Sequence[Slope]) -> 
             _predicted_lines(axes, slopes)
         _mark_stagnation(axes, slopes)
         axes.set_xlabel(_step_label(slopes))
-        axes.set_ylabel(axis_label(slopes[0].quantity, slopes[0].measure))
+        axes.set_ylabel(axis_label(slopes[0]))
         axes.set_title(figure.title)
         axes.xaxis.set_major_locator(LogLocator(numticks=12))
         axes.xaxis.set_major_formatter(FuncFormatter(_power_of_ten))
@@ -221,7 +210,7 @@ def precision_figure(figure: PrecisionFigure, slopes: Sequence[Slope]) -> Figure
                 label = slope.preconditioning if first else "_"
                 _series(axes, slope, LOOKS[variant], label, size=0.8)
             _widen(axes, ours, headroom=0.06)
-            axes.set_ylabel(axis_label(unknown, "correction").removeprefix("last decreasing "))
+            axes.set_ylabel(axis_label(ours[0]).removeprefix("last decreasing "))
             for axis in (axes.xaxis, axes.yaxis):
                 axis.set_major_locator(LogLocator(numticks=10))
                 axis.set_major_formatter(FuncFormatter(_power_of_ten))

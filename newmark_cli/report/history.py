@@ -8,14 +8,14 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.report.curves import Curve
+from newmark_cli.study import axes
 from newmark_cli.study.reading import number, read_csv
-from newmark_cli.study.results import HISTORY_COLUMNS, ResultsError, history_path
-
-#: Columns that tell the time series of a study apart, beside the step size.
-_KEY = (
-    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver",
-)  # fmt: skip
+from newmark_cli.study.results import (
+    HISTORY_COLUMNS,
+    HISTORY_MAY_HAVE,
+    ResultsError,
+    history_path,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,8 @@ def read_histories(
     """
     path = history_path(folder, study)
     frame = read_csv(path, HISTORY_COLUMNS)
-    names = [name for name in frame.columns if name not in HISTORY_COLUMNS]
+    known = (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)
+    names = [name for name in frame.columns if name not in known]
     if not names or names != [f"lambda_{k + 1}" for k in range(len(names))]:
         raise ResultsError(f"{path}, line 1: the columns after t must be lambda_1, lambda_2, …")
     values = {
@@ -57,8 +58,10 @@ def read_histories(
     found: list[History | None] = []
     for curve in curves:
         rows = np.isclose(values["h"], h, rtol=1e-9, atol=0)
-        for column in _KEY:
-            rows &= (frame[column] == getattr(curve, column)).to_numpy()
+        for axis in (axes.STUDY, *axes.cell_axes()):
+            if axis.series and axis.name in frame.columns:
+                ours = [axis.same(text) == getattr(curve, axis.name) for text in frame[axis.name]]
+                rows &= np.array(ours)
         table = np.column_stack([values[name][rows] for name in ("t", *names)])
         # Problems with fewer multipliers leave the last columns empty.
         table = table[np.argsort(table[:, 0])][:, ~np.isnan(table).all(axis=0)]

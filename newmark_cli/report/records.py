@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from newmark_cli.study import axes
 from newmark_cli.study.provenance import checksum
 from newmark_cli.study.reading import NOT_STUDIES, study_files
 from newmark_cli.study.results import ResultsError
@@ -83,11 +84,7 @@ def facts(record: Mapping[str, Any]) -> dict[str, str]:
 
 def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of cells, headings first; columns in which all agree are left out."""
-    columns = {
-        "problem": "problem", "integrator": "integrator", "form": "form",
-        "preconditioning": "preconditioning", "evaluation": "evaluation",
-        "precision": "precision", "linear_solver": "linear solver", "stop": "stop",
-    }  # fmt: skip
+    columns = {axis.name: axis.title for axis in axes.cell_axes() if axis.cell and axis.series}
     cells = _cells(record)
     told = {
         key: name

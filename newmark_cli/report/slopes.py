@@ -19,50 +19,25 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.orders import UNKNOWNS, FormOrders, form_orders
-from newmark_cli.newmark.scaling import Preconditioning
-from newmark_cli.report.curves import KEY, key_of
+from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
 from newmark_cli.spelling import nearest
-from newmark_cli.study import results
+from newmark_cli.study import axes, results
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.measures import RECORDS, Record
 from newmark_cli.study.reading import SERIES, accepted_statuses, read_study, study_files
 from newmark_cli.study.results import ResultsError
 
 #: Columns of ``slopes.csv``; a new one is appended.
-COLUMNS = (
-    "figure", "study", "form", "preconditioning", "quantity", "measure", "slope", "stderr",
-    "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
-    "evaluation", "precision", "linear_solver", "stop",
-)  # fmt: skip
-
-#: Column that is drawn and fitted; of `tolerance` as a share of the steps.
-STATISTIC = {
-    "correction": "rms",
-    "physical_correction": "rms",
-    "condition": "median",
-    "sensitivity": "median",
-    "error": "last",
-    "invariant": "max",
-    "krylov_iterations": "median",
-    "krylov_residual": "max",
-    "tolerance": "met",
-    "history": "max",
-}
-
-_CORRECTIONS = ("correction", "physical_correction")
-
-#: Largest |fitted − predicted| where no figure sets its own.  Condition numbers
-#: are not noisy; along a run they still vary with the motion.
-_TOLERANCE = {
-    "correction": 0.15,
-    "physical_correction": 0.15,
-    "condition": 0.05,
-    "sensitivity": 0.15,
-    "error": 0.2,
-}
-_TOLERANCE_AT_START = {"condition": 0.02, "sensitivity": 0.05}
+COLUMNS = axes.appended(
+    (
+        (0, "figure"),
+        *((axis.since[1], axis.name) for axis in axes.series_axes() if axis.column),
+        *((0, name) for name in ("slope", "stderr", "points", "expected", "tolerance", "verdict")),
+    )
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +46,8 @@ class Slope:
 
     Attributes:
         figures: Figures that draw it.
-        study, problem, integrator, form, preconditioning, evaluation, precision,
-        linear_solver, quantity, measure, role, row_block, stop: As in the CSV.
+        key: What tells it from others; every axis is an attribute, as in the CSV.
+        role: As in the CSV.
         h: (points,) step sizes.
         values: (points,) the statistic that is drawn; where a Krylov solver
             stagnated, the number of iterations that it was allowed.
@@ -86,19 +61,8 @@ class Slope:
     """
 
     figures: tuple[str, ...]
-    study: str
-    problem: str
-    integrator: str
-    form: str
-    preconditioning: str
-    evaluation: str
-    precision: str
-    linear_solver: str
-    quantity: str
-    measure: str
+    key: SeriesKey
     role: str
-    row_block: str
-    stop: str
     h: Array
     values: Array
     statuses: tuple[str, ...]
@@ -108,10 +72,15 @@ class Slope:
     tolerance: float
     verdict: str
 
+    def __getattr__(self, name: str) -> str:
+        if name == "key":
+            raise AttributeError(name)
+        return str(getattr(self.key, name))
+
     @property
-    def key(self) -> tuple[str, ...]:
-        """What a `Curve` finds it by."""
-        return tuple(getattr(self, column) for column in KEY)
+    def record(self) -> Record:
+        """What there is to know of its measure."""
+        return RECORDS[self.key.measure]
 
     def row(self) -> dict[str, Any]:
         """Row of ``slopes.csv``."""
@@ -120,7 +89,11 @@ class Slope:
             "slope": self.fit.slope,
             "stderr": self.fit.stderr,
             "points": self.fit.points,
-        } | {column: getattr(self, column) for column in COLUMNS if hasattr(self, column)}
+            "expected": self.expected,
+            "tolerance": self.tolerance,
+            "verdict": self.verdict,
+            **self.key.named(),
+        }
 
 
 def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
@@ -152,17 +125,18 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
     """
     # A form, a variant or a quantity that lacks step sizes which others of the same
     # problem have was cut off; cases may differ in the rest on purpose.
-    alike = ["problem", "integrator", "evaluation", "precision", "linear_solver", "measure", "stop"]
+    alike = [axis.name for axis in axes.cell_axes() if axis.series and not axis.inner]
     at_start = frame["steps"] == 0
-    most = frame.groupby([*alike, at_start])["h"].transform("nunique")
+    most = frame.groupby([*alike, "measure", at_start])["h"].transform("nunique")
     accepted = ("ok", *accepted_statuses(path))
     found = []
     for _, rows in frame.groupby([*SERIES, at_start], sort=False):
-        first = {column: str(rows[column].iloc[0]) for column in SERIES}
-        if first["measure"]:
-            found.append(_slope(first, rows, int(most[rows.index[0]]), accepted, path))
+        key = SeriesKey.of({str(name): given for name, given in rows.iloc[0].items()})
+        role = str(rows["role"].iloc[0])
+        if key.measure:
+            found.append(_slope(key, role, rows, int(most[rows.index[0]]), accepted, path))
         elif not rows["status"].isin(accepted).all():
-            found.append(_failed(first))
+            found.append(_failed(key, role))
     return found
 
 
@@ -182,9 +156,9 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
 
 
 @cache
-def _drawing() -> Mapping[tuple[str, ...], list[str]]:
+def _drawing() -> Mapping[SeriesKey, list[str]]:
     """Key of a series → names of the figures that draw it."""
-    names: dict[tuple[str, ...], list[str]] = {}
+    names: dict[SeriesKey, list[str]] = {}
     for figure in FIGURES.values():
         if not isinstance(figure, MechanismFigure):
             for curve in figure.curves:
@@ -193,17 +167,22 @@ def _drawing() -> Mapping[tuple[str, ...], list[str]]:
 
 
 def _slope(
-    first: dict[str, str], rows: pd.DataFrame, points: int, accepted: Sequence[str], path: Path
+    key: SeriesKey,
+    role: str,
+    rows: pd.DataFrame,
+    points: int,
+    accepted: Sequence[str],
+    path: Path,
 ) -> Slope:
-    measure = first["measure"]
-    if measure not in STATISTIC:
-        raise ResultsError(f"{path}: unknown measure {measure!r}; is it from a newer version?")
+    if key.measure not in RECORDS:
+        raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
+    record = RECORDS[key.measure]
     h = rows["h"].to_numpy(float)
-    values = drawn(measure, rows)
-    figures = tuple(_drawing().get(key_of(first), ()))
-    expected = _predicted(first, path)
+    values = record.drawn(rows)
+    figures = tuple(_drawing().get(key, ()))
+    expected = _predicted(key, path)
     fitted = np.full(len(h), True)
-    if measure == "error":
+    if record.kind == "truncation" and record.predicts:
         fitted = h >= h[np.argmin(np.where(np.isfinite(values), values, np.inf))]
         points = int(np.count_nonzero(fitted))
         if points < 3:
@@ -214,16 +193,17 @@ def _slope(
     fit = power_law(h[fitted], values[fitted])
     tolerance, verdict = np.nan, SHOWN
     if not np.isnan(expected):
-        tolerance = _tolerance(measure, bool(rows["steps"].iloc[0] == 0), figures)
+        tolerance = _tolerance(record, bool(key.start), figures)
         # An exact zero at every h is within any order: a block that this problem lacks.
-        absent = measure == "sensitivity" and bool((values == 0).all())
+        absent = record.may_vanish and bool((values == 0).all())
         usable = absent or fit.points == points >= 2
         within = absent or abs(fit.slope - expected) <= tolerance
         complete = set(statuses) == {"ok"} and usable
         verdict = (PASS if within else MISS) if complete else INCOMPLETE
     return Slope(
         figures=figures,
-        **_described(first),
+        key=key,
+        role=role,
         h=h,
         values=values,
         statuses=statuses,
@@ -235,34 +215,20 @@ def _slope(
     )
 
 
-def drawn(measure: str, rows: pd.DataFrame) -> Array:
-    """Values of a measure as they are drawn and fitted, one for each row of a study's CSV."""
-    values = rows[STATISTIC[measure]].to_numpy(float)
-    if measure == "tolerance":
-        return np.asarray(values / rows["steps"].to_numpy(float))
-    if measure == "krylov_iterations":
-        return np.asarray(np.where(rows["status"] == "stagnated", rows["max"], values))
-    return values
-
-
-def _tolerance(measure: str, at_start: bool, figures: Sequence[str]) -> float:
+def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
     """The strictest of the figures that draw a series, else that of its measure."""
     drawing = [FIGURES[name] for name in figures]
     own = [f.tolerance for f in drawing if isinstance(f, OrderFigure | SensitivityFigure)]
-    default = _TOLERANCE_AT_START.get(measure) if at_start else None
-    return min(own, default=default or _TOLERANCE[measure])
+    default = record.tolerance_at_start if at_start else None
+    return min(own, default=record.tolerance if default is None else default)
 
 
-def _described(first: dict[str, str]) -> dict[str, str]:
-    """Columns that a `Slope` carries."""
-    return {column: first[column] for column in SERIES if column in Slope.__dataclass_fields__}
-
-
-def _failed(first: dict[str, str]) -> Slope:
+def _failed(key: SeriesKey, role: str) -> Slope:
     """A cell that failed measured nothing: an incomplete series without a name."""
     return Slope(
         figures=(),
-        **_described(first),
+        key=key,
+        role=role,
         h=np.array([]),
         values=np.array([]),
         statuses=(),
@@ -274,36 +240,16 @@ def _failed(first: dict[str, str]) -> Slope:
     )
 
 
-def _predicted(first: dict[str, str], path: Path) -> float:
+def _predicted(key: SeriesKey, path: Path) -> float:
     """Order by theory; NaN where it says nothing."""
-    form, quantity, measure = first["form"], first["quantity"], first["measure"]
+    record = RECORDS[key.measure]
     try:
-        method = integrator.parse(first["integrator"])
-        if form not in FORMS:
-            raise ResultsError(f"unknown form {form!r}{nearest(form, FORMS)}")
-        if measure in _TOLERANCE and quantity not in (*UNKNOWNS, "jacobian"):
-            raise ResultsError(f"unknown quantity {quantity!r}{nearest(quantity, UNKNOWNS)}")
-        if measure not in _TOLERANCE:
-            return np.nan
-        if measure == "error":
-            # Without damping an odd–even mode of λ is left as rounding has fed it.
-            return float(method.order) if quantity != "lambda" or method.damped else np.nan
-        if measure in _CORRECTIONS and first["stop"] != "saturation":
-            return np.nan
-        orders = _orders(form, first["evaluation"] == "compensated")
-        scaling = Preconditioning.parse(first["preconditioning"]).scaling(FORMS[form])
-        if measure == "condition":
-            return orders.condition(scaling)
-        if measure == "sensitivity":
-            row = FORMS[form].rows.index(first["row_block"])
-            return float(orders.scaled(scaling)[1][FORMS[form].unknowns.index(quantity), row])
-        if measure == "correction":
-            return orders.corrections(scaling)[quantity]
-        return orders.physical_corrections()[quantity]
+        integrator.parse(key.integrator)
+        if key.form not in FORMS:
+            raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
+        if record.predicts and key.quantity not in (*UNKNOWNS, "jacobian"):
+            known = nearest(key.quantity, UNKNOWNS)
+            raise ResultsError(f"unknown quantity {key.quantity!r}{known}")
+        return record.predicted(key)
     except (InputError, KeyError, ValueError) as error:
-        raise ResultsError(f"{path}: {form}, {quantity}: no prediction: {error}") from None
-
-
-@cache
-def _orders(form: str, compensated: bool) -> FormOrders:
-    return form_orders(FORMS[form], compensated=compensated)
+        raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None

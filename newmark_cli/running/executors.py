@@ -21,7 +21,8 @@ from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.problems.reference import Reference
 from newmark_cli.running.child import end_with_parent
-from newmark_cli.study.cell import Cell, Done, Outcome
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute
 
 

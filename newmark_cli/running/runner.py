@@ -19,7 +19,8 @@ from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
 from newmark_cli.running.store import Store
 from newmark_cli.study import provenance, results
-from newmark_cli.study.cell import Cell, Done, Outcome
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
 
 

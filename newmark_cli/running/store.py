@@ -21,8 +21,9 @@ import numpy as np
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed
-from newmark_cli.study import results
-from newmark_cli.study.cell import STATUSES, Cell, Done, Outcome
+from newmark_cli.study import axes, results
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import STATUSES, Done, Outcome
 from newmark_cli.study.results import ResultsError
 
 #: Libraries that the numbers come from.
@@ -83,7 +84,7 @@ class Store:
         if done.outcome.status == "failed" and self.find(cell) is not None:
             return
         record = {
-            "cell": _description(cell),
+            "cell": axes.computed(cell),
             "key": asdict(key),
             "versions": versions(),
             "seconds": done.seconds,
@@ -149,22 +150,8 @@ def _worth(record: Mapping[str, Any] | None) -> int:
 
 
 def _key(cell: Cell) -> _Key:
-    described = json.dumps(_description(cell), sort_keys=True)
+    described = json.dumps(axes.computed(cell), sort_keys=True)
     return _Key(hashlib.sha256(described.encode()).hexdigest(), cell.problem.load().content, core())
-
-
-def _description(cell: Cell) -> dict[str, Any]:
-    """The cell as it is resolved; floats are spelled to the bit."""
-    return {
-        **cell.labels,
-        "t_end": cell.t_end,
-        "steps": cell.steps,
-        "measure": list(cell.measure),
-        "iteration_cap": cell.iteration_cap,
-        "samples": cell.samples,
-        "stop": asdict(cell.stop) if cell.stop else None,
-        "krylov": asdict(cell.krylov) if cell.krylov else None,
-    }
 
 
 @cache
@@ -181,8 +168,7 @@ def core() -> str:
             for room in ("newmark", "problems", "mechanisms")
             for file in sorted((package / room).rglob("*.py"))
         ),
-        package / "study" / "cell.py",
-        package / "study" / "compute.py",
+        *(package / "study" / f"{name}.py" for name in ("axes", "compute", "measures")),
     ]
     digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     for file in files:

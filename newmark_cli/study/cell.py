@@ -1,66 +1,13 @@
-"""One cell of a study: one problem, integrator, form, scaling and step size."""
+"""What a cell of a study found, and how it ended."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from newmark_cli.arrays import Array
-from newmark_cli.mechanisms.spec import ProblemSpec
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Integrator
-from newmark_cli.newmark.linear.choice import AUTO, Krylov, choose
-from newmark_cli.newmark.scaling import Preconditioning
-from newmark_cli.newmark.scheme import DIRECT, Tolerance
 from newmark_cli.newmark.statistics import Measurement
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed")
-
-
-@dataclass(frozen=True)
-class Cell:
-    """What one cell computes; steps = 0 measures at the consistent initial state."""
-
-    problem: ProblemSpec
-    integrator: Integrator
-    form: str
-    preconditioning: Preconditioning
-    h: float
-    t_end: float
-    steps: int
-    measure: tuple[str, ...]
-    iteration_cap: int
-    samples: int
-    linear_solver: str = AUTO
-    evaluation: str = DIRECT
-    precision: str = "float64"
-    stop: Tolerance | None = None
-    accept: tuple[str, ...] = ()
-    krylov: Krylov | None = None
-
-    @property
-    def solver(self) -> str:
-        """The linear solver that is used; the problem's size decides where it may."""
-        return choose(self.linear_solver, self.problem.load(), FORMS[self.form])
-
-    @property
-    def labels(self) -> dict[str, Any]:
-        """What tells a cell from others, by the CSV's columns."""
-        return {
-            "problem": self.problem.label,
-            "integrator": self.integrator.label,
-            "form": self.form,
-            "preconditioning": self.preconditioning.label,
-            "evaluation": self.evaluation,
-            "precision": self.precision,
-            "linear_solver": self.solver,
-            "h": self.h,
-        }
-
-    @property
-    def weight(self) -> int:
-        """Steps, as progress counts them; never zero."""
-        return max(self.steps, 1)
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,38 @@
-"""Marching a cell and measuring it."""
+"""Marching a cell while its measures look on."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from newmark_cli.arrays import Array
-from newmark_cli.newmark import march_data, measures, perturbation
-from newmark_cli.newmark.engine import march_with
+from newmark_cli.newmark import march_data
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
-from newmark_cli.newmark.invariants import Misfit, invariants
-from newmark_cli.newmark.linear import choice, systems
-from newmark_cli.newmark.linear.krylov import KrylovSystem
-from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.problems.reference import Reference
-from newmark_cli.study.cell import Cell, Outcome
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import Outcome
+from newmark_cli.study.measures import MEASURES
 
-#: Most steps between two signs of life; an interrupt waits for no longer.
-_STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
 _ENDINGS = {
     march_data.SINGULAR: "singular",
     march_data.DIVERGED: "diverged",
     march_data.STAGNATED: "stagnated",
 }
+
+
+def scheme_of(cell: Cell) -> Scheme:
+    """What a cell marches its problem with."""
+    form = FORMS[cell.form]
+    return Scheme(
+        cell.integrator,
+        form,
+        cell.preconditioning.scaling(form),
+        cell.h,
+        cell.iteration_cap,
+        cell.evaluation,
+        cell.precision,
+        cell.stop,
+    )
 
 
 def compute(
@@ -40,87 +48,32 @@ def compute(
         on_steps: Told how many steps were done, now and then; an exception
             that it raises ends the march.
     """
-    form = FORMS[cell.form]
-    scheme = Scheme(
-        cell.integrator,
-        form,
-        cell.preconditioning.scaling(form),
-        cell.h,
-        cell.iteration_cap,
-        cell.evaluation,
-        cell.precision,
-        cell.stop,
-    )
-    subject = cell.problem.load()
-    solver = cell.solver
-    system = systems.system(solver, subject, scheme, cell.krylov)
-    march = march_with(solver, subject, system)
-    state = initial_state(subject, scheme)
-    norms = np.zeros((cell.steps, len(form.unknowns)))
-    iterations = np.zeros(cell.steps, np.int64)
-    conditions: list[float] = []
-    sensitivities: list[dict[tuple[str, str], float]] = []
-    history: list[tuple[int, Array]] = []
-    misfits: list[dict[str, Misfit]] = []
-
-    def sample() -> None:
-        time = subject.t0 + done * cell.h
-        # Whatever the march's precision, its state is looked at in double.
-        here = State(*(array.astype(float) for array in state))
-        if "condition" in cell.measure:
-            conditions.append(system.balanced(time, here).condition())
-        if "invariant" in cell.measure:
-            misfits.append(invariants(subject, time, here))
-        if "sensitivity" in cell.measure:
-            sensitivities.append(perturbation.sensitivities(subject, scheme, time, here, system))
-
-    sampled = set(measures.sample_steps(cell.steps, cell.samples).tolist())
-    recorded: set[int] = set()
-    if "history" in cell.measure:
-        # An error that alternates from step to step shows in pairs of steps alone.
-        recorded = sampled | {step - 1 for step in sampled if step > 1}
-    longest = _STRETCH[solver]
-    stops = sorted(sampled.union(recorded, range(longest, cell.steps, longest)))
-    ending, done = march_data.COMPLETED, 0
+    march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
+    measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
+    observers = [measure.observe(cell, march, reference) for measure in measures]
+    counts = [np.zeros(0, np.int64)]
     if cell.steps == 0:
-        sample()
+        for observer in observers:
+            observer.sees(march)
         on_steps(1)
-    for stop in stops:
-        stretch = slice(done, stop)
-        ending, taken = march(subject, scheme, state, done, norms[stretch], iterations[stretch])
-        done += taken
-        on_steps(taken)
-        if ending != march_data.COMPLETED:
-            break
-        if stop in recorded:
-            history.append((stop, state.multipliers.astype(float)))
-        if stop in sampled:
-            sample()
+    stops = frozenset[int]().union(*(observer.stops for observer in observers))
+    for stretch in march.stretches(cell.steps, stops) if cell.steps else ():
+        on_steps(len(stretch.iterations))
+        counts.append(stretch.iterations)
+        for observer in observers:
+            observer.took(stretch)
+        if march.ending == march_data.COMPLETED:
+            for observer in observers:
+                if march.done in observer.stops:
+                    observer.sees(march)
 
-    found: list[Measurement] = []
-    if "correction" in cell.measure:
-        found += measures.corrections(scheme, norms[:done], iterations[:done])
-    if "condition" in cell.measure:
-        found.append(measures.condition(np.array(conditions)))
-    if "sensitivity" in cell.measure:
-        found += measures.sensitivities(sensitivities)
-    if "error" in cell.measure and done == cell.steps:
-        assert reference is not None
-        found += measures.errors(reference, state)
-    if "invariant" in cell.measure:
-        found += measures.invariants(misfits)
-    if isinstance(system, KrylovSystem) and "krylov" in cell.measure:
-        found += measures.krylov(system.iterations, system.residuals)
-    if "tolerance" in cell.measure:
-        found.append(measures.newton(iterations[:done]))
-    if "history" in cell.measure:
-        found.append(measures.history([multipliers for _, multipliers in history]))
-    not_converged = int(np.count_nonzero(iterations[:done] < 0))
+    iterations = np.concatenate(counts)
+    not_converged = int(np.count_nonzero(iterations < 0))
     return Outcome(
-        measurements=found,
+        measurements=[found for observer in observers for found in observer.measured()],
         not_converged=not_converged,
-        newton_iterations=float(np.mean(np.abs(iterations[:done]))) if done else np.nan,
-        status=_ENDINGS.get(ending, "not_converged" if not_converged else "ok"),
-        met=done - not_converged if cell.stop else None,
-        history=history,
+        newton_iterations=float(np.mean(np.abs(iterations))) if march.done else np.nan,
+        status=_ENDINGS.get(march.ending, "not_converged" if not_converged else "ok"),
+        met=march.done - not_converged if cell.stop else None,
+        history=[entry for observer in observers for entry in observer.history],
     )

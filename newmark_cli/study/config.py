@@ -2,524 +2,70 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from copy import copy
-from dataclasses import MISSING, dataclass, fields
 from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    PlainSerializer,
-    Strict,
-    TypeAdapter,
-    ValidationInfo,
-    WithJsonSchema,
-    WrapValidator,
     create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema, core_schema
 
 from newmark_cli import documents
 from newmark_cli.documents import (
-    WHOLE,
     Document,
     DocumentError,
     KeyPath,
-    Number,
     StrictModel,
     misfit,
 )
-from newmark_cli.errors import InputError
-from newmark_cli.json_schema import JsonSchema, Shown, also, given
 from newmark_cli.mechanisms import planar
-from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, PythonFactory, Shipped, Sized
-from newmark_cli.newmark.forms import FORMS, ROWS
-from newmark_cli.newmark.integrator import (
-    FIELDS,
-    INTEGRATORS,
-    Integrator,
-    IntegratorError,
-    parameters,
-)
+from newmark_cli.mechanisms.spec import ProblemSpec
+from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
     GMRES,
-    LINEAR_SOLVERS,
     MINRES,
     SPARSE,
-    Krylov,
     choose,
 )
 from newmark_cli.newmark.linear.krylov import is_symmetric
-from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
-from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, ScalingError
+from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
-    DIRECT,
-    EVALUATIONS,
-    PRECISIONS,
     Scheme,
-    Tolerance,
 )
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
-from newmark_cli.study.cell import STATUSES, Cell
-
-MEASURES = (
-    "correction", "condition", "sensitivity", "error", "invariant", "tolerance", "history",
-    "krylov",
-)  # fmt: skip
-#: Measures that need steps; the others can be taken at the initial state.
-ALONG_STEPS = ("correction", "error", "invariant", "tolerance", "history", "krylov")
+from newmark_cli.study import axes
+from newmark_cli.study.axes import Axis, Cell
+from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of, scaling_of
+from newmark_cli.study.measures import MEASURES, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
 BEYOND = ("integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-_RESERVED = ("slopes",)
-_MOST_STEPS = 20_000_000
-# More is a slip of the finger, and would keep `validate` busy.
-_MOST_ITEMS = 1_000
 MOST_CASES = 500
+# More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
-def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
-    """A value or a list of values, each once."""
-    given = value if isinstance(value, list) else [value]
-    if len(given) > _MOST_ITEMS:
-        raise ValueError(f"at most {_MOST_ITEMS} values, given {len(given)}")
-    values = validate(given)
-    seen = set()
-    for item in values:
-        # A scaling of one's own has no hash.
-        if repr(item) in seen:
-            name = getattr(item, "label", getattr(item, "name", item))
-            raise ValueError(f"given twice: {name}")
-        seen.add(repr(item))
-    return values
+class _Rules(StrictModel):
+    """What ties the keys of a case together; the keys are the axes of `Cell`."""
 
+    if TYPE_CHECKING:
 
-def _written_once_or_more(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    several = handler(schema) | {"maxItems": _MOST_ITEMS, "uniqueItems": True}
-    return {"anyOf": [several["items"], several]}
-
-
-Item = TypeVar("Item")
-OneOrMore = Annotated[
-    tuple[Item, ...],
-    Field(min_length=1),
-    WrapValidator(_one_or_more),
-    Shown(_written_once_or_more),
-]
-
-
-@dataclass(frozen=True)
-class _Known:
-    """One of the names of a registry."""
-
-    kind: str
-    allowed: tuple[str, ...]
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_after_validator_function(self._check, handler(source))
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        return {"type": "string", "enum": list(self.allowed)}
-
-    def _check(self, name: str) -> str:
-        if name not in self.allowed:
-            raise documents.unknown_name(self.kind, name, self.allowed)
-        return name
-
-
-def _name(text: str) -> str:
-    if not _NAME.fullmatch(text):
-        raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
-    if text in _RESERVED:
-        raise ValueError("is the name of a file that 'check' writes; take another name")
-    return text
-
-
-Positive = Annotated[Number, Field(gt=0)]
-Name = Annotated[
-    str,
-    AfterValidator(_name),
-    also(pattern=f"^{_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
-]
-# A factor of a scaling, but that nobody counts its parentheses: symbols and positive
-# numbers with whole powers up to 16, joined by * and /.
-_ATOM = rf"({'|'.join(SYMBOLS)}|(?=[0-9.]*[1-9])([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?)"
-_POWER = r"([ )]*(\^|\*\*)[ (]*(-[ (]*)?(1[0-6]|[0-9])(?![0-9]))?"
-_MONOMIAL = rf"^[ (]*{_ATOM}{_POWER}[ )]*([*/][ (]*{_ATOM}{_POWER}[ )]*)*$"
-Factor = Annotated[
-    str | Annotated[int, Strict()] | Number,
-    Field(union_mode="left_to_right"),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "string", "pattern": _MONOMIAL, "maxLength": LONGEST},
-                {"type": "number", "exclusiveMinimum": 0},
-            ],
-        }
-    ),
-]
-
-
-def _blocks(*names: str) -> Shown:
-    """Mapping with these keys; `own_scaling` knows which of them a form has."""
-
-    def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-        factor = handler(schema)["additionalProperties"] | {"title": "Factor"}
-        properties = dict.fromkeys(names, factor)
-        return {"type": "object", "properties": properties, "additionalProperties": False}
-
-    return Shown(written)
-
-
-class OwnScaling(StrictModel):
-    """A scaling of one's own; blocks that are not named keep factor 1."""
-
-    name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
-        description="name in CSVs and figures"
-    )
-    left: Annotated[dict[str, Factor], _blocks(*ROWS)] = Field(
-        {}, description="row block D, V, K, C → monomial in beta, gamma and h"
-    )
-    right: Annotated[dict[str, Factor], _blocks(*FIELDS, "lambda")] = Field(
-        {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
-    )
+        def __getattr__(self, name: str) -> Any: ...
 
     @model_validator(mode="after")
-    def _not_a_variant(self) -> "OwnScaling":
-        if self.name in VARIANTS:
-            raise misfit("name", f"{self.name!r} is a variant of the paper; take another name")
-        return self
-
-    def preconditioning(self) -> Preconditioning:
-        """The core's value."""
-        # Without blanks, so that the label in the CSV can be read back.
-        left, right = (
-            tuple((block, "".join(str(factor).split())) for block, factor in side.items())
-            for side in (self.left, self.right)
-        )
-        return Preconditioning(self.name, left, right, own=True)
-
-
-class IntegratorConfig(StrictModel):
-    """An integrator of the Newmark family; each method has parameters of its own."""
-
-    method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
-    # The integrators check the bounds, and say why; they stand here for JSON Schema.
-    beta: Annotated[Number, also(exclusiveMinimum=0)] | None = Field(
-        None, description="β of newmark, 0.25 when omitted"
-    )
-    gamma: Annotated[Number, also(minimum=0.5)] | None = Field(
-        None, description="γ of newmark, 0.5 when omitted"
-    )
-    rho: Annotated[Number, also(minimum=0, maximum=1)] | None = Field(
-        None, description="ρ∞ of generalized-alpha, 0 to 1"
-    )
-    alpha: Annotated[Number, also(minimum=0, maximum=1 / 3)] | None = Field(
-        None, description="α of hht, 0 to 1/3"
-    )
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        reference = handler(schema)
-        rules = []
-        for method, integrator in INTEGRATORS.items():
-            is_it: JsonSchema = {"properties": {"method": {"const": method}}}
-            if method != cls.model_fields["method"].default:
-                is_it["required"] = ["method"]
-            absent = [
-                name for name in cls.model_fields if name not in ("method", *parameters(method))
-            ]
-            needed = [f.name for f in fields(integrator) if f.default is MISSING]
-            then = {"properties": {name: {"type": "null"} for name in absent}}
-            rules.append({"if": is_it, "then": {"allOf": [then, *map(given, needed)]}})
-        handler.resolve_ref_schema(reference)["allOf"] = rules
-        return reference
-
-    @model_validator(mode="after")
-    def _usable(self) -> "IntegratorConfig":
-        given = self._parameters()
-        allowed = parameters(self.method)
-        for name in given:
-            if name not in allowed:
-                has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
-                raise misfit(name, f"{name}: is no parameter of {self.method}, which {has}")
-        try:
-            self.integrator()
-        except TypeError:
-            missing = [name for name in allowed if name not in given]
-            raise misfit("method", f"{self.method} needs {', '.join(missing)}") from None
-        except IntegratorError as error:
-            raise misfit(str(error).split()[0], str(error)) from None
-        return self
-
-    def _parameters(self) -> dict[str, float]:
-        given = self.model_dump(exclude={"method"}, exclude_none=True)
-        return {name: float(value) for name, value in given.items()}
-
-    def integrator(self) -> Integrator:
-        """The core's value."""
-        integrator: Integrator = INTEGRATORS[self.method](**self._parameters())
-        return integrator
-
-
-class StopConfig(StrictModel):
-    """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
-
-    model_config = ConfigDict(json_schema_extra={"anyOf": [given("absolute"), given("relative")]})
-
-    absolute: Positive | None = Field(None, description="bound of the scaled correction")
-    relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
-
-    @model_validator(mode="after")
-    def _given(self) -> "StopConfig":
-        if self.absolute is None and self.relative is None:
-            raise ValueError("needs absolute or relative")
-        return self
-
-    def tolerance(self) -> Tolerance:
-        """The core's value."""
-        return Tolerance(self.absolute or 0.0, self.relative or 0.0)
-
-
-class KrylovConfig(StrictModel):
-    """How far GMRES and MINRES go."""
-
-    tolerance: Positive = Field(
-        Krylov().tolerance, lt=1, description="relative residual to reach, in balanced rows"
-    )
-    limit: Annotated[int, Strict(), Field(ge=1, le=100_000), WHOLE] = Field(
-        Krylov().limit, description="most iterations of one solve"
-    )
-
-    def options(self) -> Krylov:
-        """The core's value."""
-        return Krylov(self.tolerance, self.limit)
-
-
-def _preconditioning(value: Any) -> Any:
-    if isinstance(value, dict):
-        return OwnScaling.model_validate(value)
-    if not isinstance(value, str) or value not in VARIANTS:
-        raise documents.unknown_name("preconditioning", value, VARIANTS)
-    return value
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What a config's meaning depends on beside its text.
-
-    Attributes:
-        folder: Where files that it names are looked for.
-        allow_code: Whether problems in Python may be loaded.
-    """
-
-    folder: Path = Path()
-    allow_code: bool = False
-
-
-def _problem(value: Any, info: ValidationInfo) -> ProblemSpec:
-    around = info.context or Surroundings()
-    if isinstance(value, ProblemSpec):
-        return value
-    if isinstance(value, dict) and "python" in value:
-        return _python_problem(value, around)
-    if isinstance(value, dict):
-        if len(value) != 1:
-            raise ValueError("must be one family with its sizes, such as {chain: {links: 1000}}")
-        (family,) = value
-        if family not in FAMILIES:
-            raise documents.unknown_name("family of problems", family, (*FAMILIES, "python"))
-        # As a mapping, so that a mistake is found under the family's name.
-        sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
-        check: TypeAdapter[Any] = TypeAdapter(sizes)
-        return Sized(family, tuple(check.validate_python(value)[family]))
-    if isinstance(value, str) and value in FAMILIES:
-        sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
-        raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
-    if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
-        return _loaded(MechanismFile((around.folder / value).absolute(), value))
-    if not isinstance(value, str) or value not in PROBLEMS:
-        raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
-    return Shipped(value)
-
-
-def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
-    unknown = [key for key in value if key not in ("python", "args")]
-    if unknown:
-        raise documents.unknown_name("key", unknown[0], ("python", "args"))
-    file, colon, factory = str(value["python"]).rpartition(":")
-    arguments = value.get("args", {})
-    if not colon or not file or not factory.isidentifier():
-        raise misfit("python", 'must be "file.py:factory"')
-    if not isinstance(arguments, dict):
-        raise misfit("args", "must be a mapping of names to values")
-    if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
-        raise misfit("args", "values must be numbers, words or truth values")
-    if not around.allow_code:
-        raise misfit("python", f"{file} is code, which runs only with --allow-code")
-    path = (around.folder / file).absolute()
-    return _loaded(PythonFactory(path, factory, tuple(arguments.items()), str(value["python"])))
-
-
-def _loaded(spec: ProblemSpec) -> ProblemSpec:
-    """The problem, once it has shown that it can be used."""
-    try:
-        spec.load()
-    except InputError as error:
-        raise documents.refused(error) from None
-    return spec
-
-
-def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
-    if AUTO in solvers and {DENSE, SPARSE} & set(solvers):
-        raise ValueError(f"{AUTO} becomes {DENSE} or {SPARSE}: given twice")
-    return solvers
-
-
-def _written_solvers(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    both = [{"contains": {"const": AUTO}}, {"contains": {"enum": [DENSE, SPARSE]}}]
-    return _written_once_or_more(schema, handler) | {"not": {"type": "array", "allOf": both}}
-
-
-def _written_variant(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    """What `_preconditioning` takes."""
-    own = handler(OwnScaling.__pydantic_core_schema__)
-    return {"anyOf": [{"type": "string", "enum": list(VARIANTS)}, own]}
-
-
-def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    """What `_problem` takes."""
-
-    def mapping(about: str, properties: JsonSchema, required: str) -> JsonSchema:
-        return {
-            "type": "object",
-            "description": about,
-            "properties": properties,
-            "required": [required],
-            "additionalProperties": False,
-        }
-
-    arguments = {
-        "type": "object",
-        "description": "arguments of the function",
-        "additionalProperties": {"type": ["string", "number", "boolean", "null"]},
-    }
-    # Identifiers may have letters of any script, which no pattern names.
-    code = {"type": "string", "pattern": r"[^:]:[^\s\d:()./-][^\s:()./-]*$"}
-    return {
-        "anyOf": [
-            {"type": "string", "enum": list(PROBLEMS)},
-            {
-                "type": "string",
-                "description": "mechanism file, looked for beside the config",
-                "pattern": r"[^/]\.ya?ml/*$",
-            },
-            *(
-                mapping(family.title, {name: handler(family.size.__pydantic_core_schema__)}, name)
-                for name, family in FAMILIES.items()
-            ),
-            mapping(
-                "function in a Python file, which runs only with --allow-code",
-                {"python": code, "args": arguments},
-                "python",
-            ),
-        ]
-    }
-
-
-Variant = Annotated[Any, BeforeValidator(_preconditioning), Shown(_written_variant)]
-Problems = OneOrMore[
-    Annotated[
-        Any,
-        BeforeValidator(_problem),
-        PlainSerializer(lambda p: p.given),
-        Shown(_written_problem),
-    ]
-]
-Variants = OneOrMore[Variant]
-StepSizes = OneOrMore[Positive]
-Forms = OneOrMore[Annotated[str, _Known("form", tuple(FORMS))]]
-Measures = OneOrMore[Annotated[str, _Known("measure", MEASURES)]]
-Evaluations = OneOrMore[Annotated[str, _Known("evaluation", EVALUATIONS)]]
-Precisions = OneOrMore[Annotated[str, _Known("precision", tuple(PRECISIONS))]]
-LinearSolvers = Annotated[
-    tuple[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)], ...],
-    Field(min_length=1),
-    WrapValidator(_one_or_more),
-    AfterValidator(_auto_alone),
-    Shown(_written_solvers),
-]
-Accepted = OneOrMore[Annotated[str, _Known("status", STATUSES[1:])]]
-Integrators = OneOrMore[IntegratorConfig]
-
-
-class Case(StrictModel):
-    """A full grid: every problem, form, scaling and step size with every other."""
-
-    problem: Problems = Field(
-        description="name of a problem, mechanism file, family with its size, "
-        "Python factory, or a list"
-    )
-    form: Forms = Field(description="name of a form, or a list")
-    preconditioning: Variants = Field(description="variant or scaling of one's own, or a list")
-    h: StepSizes = Field(description="step sizes (s)")
-    t_end: Positive | None = Field(None, description="end of the march, from 0 (s)")
-    steps: Annotated[int, Strict(), Field(ge=0, le=_MOST_STEPS), WHOLE] | None = Field(
-        None, description="steps to take, in place of t_end; 0: measure at the initial state"
-    )
-    integrator: Integrators = Field(
-        (IntegratorConfig(),), description="an integrator or a list; default: trapezoidal"
-    )
-    evaluation: Evaluations = Field(
-        (DIRECT,), description="in the unknowns themselves, or in compensated increments"
-    )
-    precision: Precisions = Field(("float64",), description="arithmetic of the march")
-    stop: StopConfig | None = Field(
-        None, description="tolerance on the scaled correction; default: where rounding stops it"
-    )
-    measure: Measures = Field(("correction", "condition"), description="what is measured")
-    iteration_cap: Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE] = Field(
-        50, description="most Newton corrections in a step"
-    )
-    samples: Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE] = Field(
-        32, description="most steps at which J is evaluated for condition and sensitivity"
-    )
-
-    linear_solver: LinearSolvers = Field(
-        (AUTO,), description="who solves for the corrections; auto: by size"
-    )
-    krylov: KrylovConfig = Field(KrylovConfig(), description="how far gmres and minres go")
-    accept: Accepted = Field(
-        (), description="statuses of cells that are what the study is about, not failures"
-    )
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "Case":
+    def _consistent(self) -> "_Rules":
         if self.count > _MOST_CELLS:
             raise ValueError(_TOO_MANY_CELLS)
         if (self.t_end is None) == (self.steps is None):
@@ -529,26 +75,16 @@ class Case(StrictModel):
             for h in self.h:
                 if h > self.t_end * (1 + 1e-9):
                     raise misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
-                if self.t_end / h > _MOST_STEPS:
-                    raise misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
+                if self.t_end / h > MOST_STEPS:
+                    raise misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
                 steps = self.t_end / h
-                if "error" in self.measure and abs(steps - round(steps)) > 1e-6:
+                at_end = any(MEASURES[name].at_end for name in self.measure)
+                if at_end and abs(steps - round(steps)) > 1e-6:
                     raise misfit(
                         "h", f"errors are measured at t_end: no whole number of steps, given {h:g}"
                     )
-        along = [measure for measure in self.measure if measure in ALONG_STEPS]
-        if self.steps == 0 and along:
-            raise misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
-        if self.stop is not None and "correction" in self.measure:
-            raise misfit(
-                "measure" if "measure" in self.model_fields_set else "stop",
-                "with a tolerance Newton stops before rounding does; no correction "
-                "can be a 'measure'",
-            )
-        if self.stop is None and "tolerance" in self.measure:
-            raise misfit("measure", "tolerance needs 'stop'")
-        if "krylov" in self.measure and not set(self.linear_solver) <= {GMRES, MINRES}:
-            raise misfit("measure", f"krylov needs linear_solver {GMRES} or {MINRES}")
+        for name in self.measure:
+            self._require_measurable(MEASURES[name])
         labels = [variant.label for variant in self.variants()]
         if len(set(labels)) < len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
@@ -561,6 +97,22 @@ class Case(StrictModel):
                     raise misfit("preconditioning", f"{variant.name}: {error}") from None
         self._require_fit()
         return self
+
+    def _require_measurable(self, measure: Measure) -> None:
+        """Refuse a measure that these keys leave nothing of."""
+        if self.steps == 0 and measure.along_steps:
+            raise misfit("steps", f"no {measure.name} without steps; set 'measure: condition'")
+        if measure.stop is False and self.stop is not None:
+            raise misfit(
+                "measure" if "measure" in self.model_fields_set else "stop",
+                f"with a tolerance Newton stops before rounding does; no {measure.name} "
+                "can be a 'measure'",
+            )
+        if measure.stop and self.stop is None:
+            raise misfit("measure", f"{measure.name} needs 'stop'")
+        if measure.solvers and not set(self.linear_solver) <= set(measure.solvers):
+            solvers = " or ".join(measure.solvers)
+            raise misfit("measure", f"{measure.name} needs linear_solver {solvers}")
 
     def _require_fit(self) -> None:
         """Refuse what a problem is not fit for; loads problems only where it matters."""
@@ -605,74 +157,66 @@ class Case(StrictModel):
 
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
-        return [
-            v.preconditioning() if isinstance(v, OwnScaling) else Preconditioning(v)
-            for v in self.preconditioning
-        ]
+        return [scaling_of(given) for given in self.preconditioning]
 
-    def axes(self) -> list[tuple[Any, ...]]:
-        """Values along each axis by which cells differ, problem to measure first."""
+    def axes(self) -> list[tuple[str, frozenset[Any]]]:
+        """Values along each axis by which cells differ, as CSVs would have them."""
+        given = axes.values(self)
         solvers = [
-            (DENSE, SPARSE) if solver == AUTO else (solver,) for solver in self.linear_solver
+            (DENSE, SPARSE) if solver == AUTO else (solver,) for solver in given["linear_solver"]
         ]
+        given["linear_solver"] = tuple(chain.from_iterable(solvers))
         return [
-            self.problem,
-            self.form,
-            tuple(variant.label for variant in self.variants()),
-            self.h,
-            self.measure,
-            tuple(integrator.integrator() for integrator in self.integrator),
-            self.evaluation,
-            self.precision,
-            tuple(chain.from_iterable(solvers)),
-            (self.stop,),
-            (self.steps == 0,),
+            *((name, frozenset(each)) for name, each in given.items()),
+            ("measure", frozenset(self.measure)),
+            ("start", frozenset((self.steps == 0,))),
         ]
 
     @property
     def count(self) -> int:
         """Number of cells."""
-        axes = (
-            self.problem, self.integrator, self.evaluation, self.precision, self.linear_solver,
-            self.form, self.preconditioning, self.h,
-        )  # fmt: skip
-        return math.prod(len(axis) for axis in axes)
+        return math.prod(
+            len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
+        )
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
-        for problem, integrator, evaluation, precision, solver, form, variant, h in product(
-            self.problem,
-            self.integrator,
-            self.evaluation,
-            self.precision,
-            self.linear_solver,
-            self.form,
-            self.variants(),
-            self.h,
-        ):
-            steps = self.steps
+        for at in axes.grid(axes.values(self)):
+            h, steps = at["h"], self.steps
             if steps is None:
-                assert self.t_end is not None
                 # Whole steps up to t_end; h = 1e-7 is no binary fraction.
                 steps = math.floor(self.t_end / h * (1 + 1e-9))
             yield Cell(
-                problem=problem,
-                integrator=integrator.integrator(),
-                form=form,
-                preconditioning=variant,
-                h=h,
+                **at,
                 t_end=self.t_end if self.t_end is not None else steps * h,
                 steps=steps,
-                measure=self.measure,
-                iteration_cap=self.iteration_cap,
-                samples=self.samples,
-                linear_solver=solver,
-                evaluation=evaluation,
-                precision=precision,
-                stop=self.stop.tolerance() if self.stop else None,
-                accept=self.accept,
-                krylov=self.krylov.options() if solver in (GMRES, MINRES) else None,
+                krylov=axes.krylov_options(self, at["linear_solver"]),
+                **{name: getattr(self, name) for name in _AS_GIVEN},
             )
+
+
+def _field(axis: Axis) -> tuple[Any, FieldInfo]:
+    """Key of a config that an axis has."""
+    assert axis.config is not None
+    default = axis.default() if callable(axis.default) else axis.default
+    return axis.config(), Field(default, description=axis.about)
+
+
+if TYPE_CHECKING:
+    Case = _Rules
+else:
+    Case = create_model(
+        "Case",
+        __base__=_Rules,
+        __doc__="A full grid: every problem, form, scaling and step size with every other.",
+        **{axis.name: _field(axis) for axis in axes.cell_axes()},
+    )
+#: Settings that a cell has as its case has them.
+_AS_GIVEN = [
+    axis.name
+    for axis in axes.cell_axes()
+    if not axis.cell and axis.name not in ("t_end", "steps", "krylov")
+]
 
 
 def _optional(field: FieldInfo) -> tuple[Any, FieldInfo]:
@@ -772,21 +316,23 @@ def _case(
 
 def _refuse_repeated_cells(document: Document, study: Study) -> None:
     """Grids have a cell in common if they share a value along every axis."""
-    known: list[list[frozenset[Any]]] = []
+    known: list[list[tuple[str, frozenset[Any]]]] = []
     for case in study.cases:
-        axes = case.axes()
+        ours = case.axes()
         for others in known:
-            if not any(other.isdisjoint(axis) for other, axis in zip(others, axes, strict=True)):
-                problem, form, label, h, measure = (
-                    next(value for value in axis if value in other)
-                    for other, axis in list(zip(others, axes, strict=True))[:5]
+            shared = {
+                name: mine & theirs for (name, mine), (_, theirs) in zip(ours, others, strict=True)
+            }
+            if all(shared.values()):
+                problem, form, scaling, h, measure = (
+                    next(iter(shared[name]))
+                    for name in ("problem", "form", "preconditioning", "h", "measure")
                 )
                 raise document.error(
                     ("cases",),
-                    f"two cases have {problem.label}, {form}, {label.partition('[')[0]}, "
-                    f"h = {h:g}, {measure}",
+                    f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
                 )
-        known.append([frozenset(axis) for axis in axes])
+        known.append(ours)
 
 
 def _refuse_repeated_labels(document: Document, study: Study) -> None:
@@ -852,7 +398,7 @@ def problem_named(text: str) -> ProblemSpec:
 
 
 class _OneProblem(StrictModel):
-    problem: Annotated[Any, BeforeValidator(_problem)]
+    problem: Annotated[Any, BeforeValidator(problem_of)]
 
 
 def describe(path: Path, name: str, allow_code: bool) -> str:

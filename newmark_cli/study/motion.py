@@ -1,51 +1,130 @@
-"""Positions of a problem along its motion, for drawings."""
+"""Positions of a problem along its motion, for drawings, and how far they can be trusted."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.newmark import march_data
-from newmark_cli.newmark.engine import march_with
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.initial import initial_state
-from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.linear import choice, systems
+from newmark_cli.newmark.integrator import GeneralizedAlpha, Integrator
+from newmark_cli.newmark.invariants import invariants
+from newmark_cli.newmark.march import March
+from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
 
+#: The trapezoidal rule would leave an alternating error of the multipliers undamped.
+DAMPED = GeneralizedAlpha(0.9)
+#: Largest error of the positions that no drawing shows, relative to the coordinates.
+VISIBLE = 1e-3
+#: Steps of the first try, and how often they are halved when the user leaves them open.
+_STEPS, _HALVINGS = 1000, 6
 
-def positions(problem: Problem, t_end: float, h: float, frames: int) -> Sequence[Array]:
-    """Positions at evenly spread times from the start to t_end.
 
-    The trapezoidal rule in the (u, λ) form with optimal scaling.
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions at evenly spread times, the first and the last included.
+
+    Attributes:
+        positions: (n,) each.
+        h: Step size (s).
+        error: How far the positions are from those at twice the step size: the largest
+            over the frames, relative to the largest coordinate.
+        invariant: Largest relative error of Φ, Φ' and of the energy, if one is conserved.
+    """
+
+    positions: Sequence[Array]
+    h: float
+    error: float
+    invariant: float
+
+    @property
+    def doubt(self) -> str:
+        """Why the drawing may mislead; empty where nothing speaks against it."""
+        if self.error > VISIBLE:
+            return f"positions change by {self.error:.1%} between steps of 2h and h = {self.h:g}"
+        if self.invariant > VISIBLE:
+            return f"constraints or energy are off by {self.invariant:.1%} at h = {self.h:g}"
+        return ""
+
+
+def motion(
+    problem: Problem,
+    t_end: float,
+    frames: int = 2,
+    h: float | None = None,
+    integrator: Integrator = DAMPED,
+) -> Motion:
+    """Positions along the motion, in the (u, λ) form with optimal scaling.
 
     Args:
         problem: The problem.
-        t_end: End (s), counted from the problem's start.
-        h: Step size (s).
-        frames: How many positions, the first and the last included.
-
-    Returns:
-        (n,) positions.
+        t_end: End (s), counted from the problem's start; positive.
+        frames: How many positions, at least 2.
+        h: Step size (s); when omitted it is halved until nothing visible changes.
+        integrator: Integrator of the family.
 
     Raises:
-        InputError: When the march does not get there.
+        InputError: When the march does not get to the end.
     """
+    if h is not None:
+        return _judged(
+            problem, t_end, frames, max(round(t_end / h), frames - 1), integrator, halvings=0
+        )
+    return _judged(problem, t_end, frames, max(_STEPS, frames - 1), integrator, _HALVINGS)
+
+
+def _judged(
+    problem: Problem, t_end: float, frames: int, steps: int, integrator: Integrator, halvings: int
+) -> Motion:
+    """The motion with so many steps, compared with half as many; finer while that shows."""
+    coarse: Motion | None = None
+    try:
+        coarse = _marched(problem, t_end, frames, max(steps // 2, frames - 1), integrator)
+    except InputError:
+        if not halvings:
+            raise
+    for attempt in range(halvings + 1):
+        last = attempt == halvings
+        try:
+            fine = _marched(problem, t_end, frames, steps << attempt, integrator)
+        except InputError:
+            if last:
+                raise
+            continue
+        error = math.inf
+        if coarse is not None:
+            size = max(float(np.abs(u).max()) for u in fine.positions) or 1.0
+            pairs = zip(coarse.positions, fine.positions, strict=True)
+            error = max(float(np.abs(a - b).max()) for a, b in pairs) / size
+        coarse = Motion(fine.positions, fine.h, error, fine.invariant)
+        if last or not coarse.doubt:
+            break
+    assert coarse is not None
+    return coarse
+
+
+def _marched(
+    problem: Problem, t_end: float, frames: int, steps: int, integrator: Integrator
+) -> Motion:
     form = FORMS["u-lambda"]
-    scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
-    solver = choice.choose(choice.AUTO, problem, form)
-    march = march_with(solver, problem, systems.system(solver, problem, scheme))
-    state = initial_state(problem, scheme)
-    found, done = [state.fields[0].copy()], 0
-    for stop in np.unique(np.round(np.linspace(0, t_end / h, frames)).astype(int))[1:]:
-        norms = np.zeros((int(stop) - done, 2))
-        iterations = np.zeros(len(norms), np.int64)
-        ending, _ = march(problem, scheme, state, done, norms, iterations)
-        done = int(stop)
-        if ending != march_data.COMPLETED or np.any(iterations < 0):
-            raise InputError(f"the march fails before t = {done * h:g}; try a smaller --h")
-        found.append(state.fields[0].copy())
-    return found
+    h = t_end / steps
+    march = March(problem, Scheme(integrator, form, named_scaling("optimal", form), h))
+    stops = np.unique(np.round(np.linspace(0, steps, frames)).astype(int)).tolist()
+    found, worst = [march.state.fields[0].copy()], 0.0
+    for stretch in march.stretches(steps, stops):
+        if march.ending != COMPLETED or np.any(stretch.iterations < 0):
+            raise InputError(
+                f"the march fails before t = {march.t - problem.t0:g} with h = {h:g}: Newton's "
+                "iteration does not converge; try a smaller --h, or the motion ends there"
+            )
+        if march.done in stops:
+            found.append(march.state.fields[0].copy())
+            misfits = invariants(problem, march.t, march.here)
+            kept = [misfits[name] for name in ("position", "velocity", "energy") if name in misfits]
+            worst = max(worst, *(each.error / each.size if each.error else 0.0 for each in kept))
+    return Motion(found, h, math.inf, worst)

@@ -16,7 +16,9 @@ import numpy as np
 import scipy
 
 import newmark_cli
-from newmark_cli.study.cell import Cell, Outcome
+from newmark_cli.study import axes
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import Outcome
 from newmark_cli.study.config import Study
 
 _PACKAGES = (
@@ -76,8 +78,7 @@ def record(
         "sha256": dict(checksums),
         "cells": [
             {
-                **cell.labels,
-                "stop": cell.stop.label if cell.stop else "saturation",
+                **axes.labels(cell),
                 "steps": cell.steps,
                 "status": outcome.status,
                 **({"reason": outcome.reason} if outcome.reason else {}),

@@ -3,25 +3,27 @@
 import csv
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
 
+from newmark_cli.study import axes
 from newmark_cli.study.cell import STATUSES
-from newmark_cli.study.results import COLUMNS, ResultsError
+from newmark_cli.study.results import COLUMNS, NUMBERS, ResultsError
 
-_NUMBERS = {
-    "h", "t_end", "steps", "rms", "max", "median", "last", "zeros", "not_converged",
-    "newton_iterations", "met",
-}  # fmt: skip
-
-#: Columns that name a series: rows that differ in the step size alone.
-SERIES = (
-    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver", "quantity", "measure", "role", "row_block", "stop",
-)  # fmt: skip
+#: Axes that a CSV has a column for, besides the step size.
+_AXES = (
+    axes.STUDY,
+    *(axis for axis in axes.cell_axes() if axis.column and axis.series),
+    *axes.row_axes(),
+)
+#: Columns that tell the rows of one step size apart.
+SERIES = tuple(axis.name for axis in _AXES)
+#: Columns that a CSV of an older version may lack, and what it then has in them.
+_DEFAULTS = {axis.name: axis.usual for axis in _AXES if axis.usual is not None} | {"met": ""}
 
 #: Files in a results folder that are not studies.
 NOT_STUDIES = ("slopes.csv",)
@@ -39,12 +41,15 @@ def study_files(folder: Path) -> list[Path]:
     return files
 
 
-def read_csv(path: Path, columns: Sequence[str]) -> pd.DataFrame:
+def read_csv(
+    path: Path, columns: Sequence[str], defaults: Mapping[str, str] = MappingProxyType({})
+) -> pd.DataFrame:
     """A CSV as text, cell by cell.
 
     Args:
         path: The CSV.
-        columns: With which its header must begin.
+        columns: Which its header must have, in this order.
+        defaults: Column that it may lack → what it then has there.
 
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
@@ -60,8 +65,9 @@ def read_csv(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     except csv.Error as error:
         raise ResultsError(f"{path}: not a CSV: {error}") from None
     header = tuple(lines[0]) if lines else ()
-    if header[: len(columns)] != tuple(columns):
-        missing = [column for column in columns if column not in header]
+    missing = [name for name in columns if name not in header and name not in defaults]
+    ordered = [name for name in columns if name in header]
+    if missing or ordered != [name for name in header if name in columns]:
         what = f"lacks {', '.join(missing)}" if missing else "has them in another order"
         raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
     if len(set(header)) < len(header):
@@ -73,7 +79,11 @@ def read_csv(path: Path, columns: Sequence[str]) -> pd.DataFrame:
             raise ResultsError(
                 f"{path}, line {row}: {len(line)} fields where {len(header)} belong; truncated?"
             )
-    return pd.DataFrame(lines[1:], columns=list(header))
+    frame = pd.DataFrame(lines[1:], columns=list(header))
+    for name, text in defaults.items():
+        if name not in header:
+            frame[name] = text
+    return frame
 
 
 def read_study(path: Path) -> pd.DataFrame:
@@ -88,8 +98,11 @@ def read_study(path: Path) -> pd.DataFrame:
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
-    frame = read_csv(path, COLUMNS)
-    for column in _NUMBERS:
+    frame = read_csv(path, COLUMNS, _DEFAULTS)
+    for axis in _AXES:
+        spellings = {text: axis.same(text) for text in frame[axis.name].unique()}
+        frame[axis.name] = frame[axis.name].map(spellings)
+    for column in NUMBERS:
         frame[column] = [
             number(path, row, column, given) for row, given in enumerate(frame[column], start=2)
         ]

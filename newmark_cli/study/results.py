@@ -5,20 +5,35 @@ import io
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from newmark_cli.errors import InputError
-from newmark_cli.study.cell import Cell, Outcome
+from newmark_cli.newmark.statistics import Statistics
+from newmark_cli.study import axes
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import Outcome
+
+#: Columns of what a cell found, besides its axes, and the version that brought each.
+_STATISTICS = tuple((0, each.name) for each in fields(Statistics))
+_OUTCOME = ((0, "not_converged"), (0, "newton_iterations"), (0, "status"), (2, "met"))
 
 #: Columns of a study's CSV; a new one is appended, none is renamed.
-COLUMNS = (
-    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver", "h", "t_end", "steps", "quantity", "measure", "role", "rms", "max",
-    "median", "last", "zeros", "not_converged", "newton_iterations", "status",
-    "row_block", "stop", "met",
-)  # fmt: skip
+COLUMNS = axes.appended(
+    (
+        (axes.STUDY.since[0], axes.STUDY.name),
+        *((axis.since[0], axis.name) for axis in axes.cell_axes() if axis.column),
+        *((axis.since[0], axis.name) for axis in axes.row_axes()),
+        *_STATISTICS,
+        *_OUTCOME,
+    )
+)
+#: Columns that hold numbers.
+NUMBERS = frozenset(
+    ("h", "t_end", "steps", *(name for _, name in (*_STATISTICS, *_OUTCOME) if name != "status"))
+)
 
 
 class ResultsError(InputError):
@@ -32,31 +47,14 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     """
     table = []
     for cell, outcome in zip(cells, outcomes, strict=True):
-        common = (
-            {"study": study}
-            | cell.labels
-            | {
-                "t_end": cell.t_end,
-                "steps": cell.steps,
-                "not_converged": outcome.not_converged,
-                "newton_iterations": outcome.newton_iterations,
-                "status": outcome.status,
-                "stop": cell.stop.label if cell.stop else "saturation",
-                "met": outcome.met,
-            }
-        )
+        common = {
+            "study": study,
+            **{axis.name: axis.write(cell) for axis in axes.cell_axes() if axis.column},
+            **{name: getattr(outcome, name) for _, name in _OUTCOME},
+        }
         for found in outcome.measurements:
-            statistics = found.statistics
-            table.append(
-                common
-                | {
-                    "quantity": found.quantity,
-                    "measure": found.measure,
-                    "role": found.role,
-                    "row_block": found.row_block,
-                }
-                | vars(statistics)
-            )
+            of_row = {axis.name: axis.write(found) for axis in axes.row_axes()}
+            table.append(common | of_row | vars(found.statistics))
         if not outcome.measurements:
             table.append(common)
     return table
@@ -64,9 +62,11 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
 
 #: Columns of a time series before those of the multipliers, lambda_1, lambda_2, …
 HISTORY_COLUMNS = (
-    "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-    "linear_solver", "h", "step", "t",
+    "study", *(axis.name for axis in axes.cell_axes() if axis.cell and axis.since[0] == 0),
+    "step", "t",
 )  # fmt: skip
+#: Columns that come behind these where a cell has a value that does not go without saying.
+HISTORY_MAY_HAVE = tuple(axis.name for axis in axes.cell_axes() if axis.cell and axis.since[0] > 0)
 
 
 def history_path(folder: Path, study: str) -> Path:
@@ -74,18 +74,24 @@ def history_path(folder: Path, study: str) -> Path:
     return folder / "history" / f"{study}.csv"
 
 
-def history_text(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> str:
+def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
     table = [
         {"study": study}
-        | cell.labels
+        | axes.labels(cell)
         | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
         | {f"lambda_{k + 1}": float(value) for k, value in enumerate(multipliers)}
         for cell, outcome in zip(cells, outcomes, strict=True)
         for step, multipliers in outcome.history
     ]
-    most = max((len(row) for row in table), default=0) - len(HISTORY_COLUMNS)
-    columns = (*HISTORY_COLUMNS, *(f"lambda_{k + 1}" for k in range(most)))
+    multipliers = [len(values) for outcome in outcomes for _, values in outcome.history]
+    told = [
+        axis.name
+        for axis in axes.cell_axes()
+        if axis.name in HISTORY_MAY_HAVE and any(row[axis.name] != axis.usual for row in table)
+    ]
+    names = (f"lambda_{k + 1}" for k in range(max(multipliers, default=0)))
+    columns = (*HISTORY_COLUMNS, *told, *names)
     return csv_text(columns, table) if table else ""
 
 

@@ -13,8 +13,9 @@ from typing import Any
 from newmark_cli.json_schema import Generator, JsonSchema, given, with_definitions
 from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES
-from newmark_cli.study.config import ALONG_STEPS, MEASURES, MOST_CASES, Case, Study
+from newmark_cli.newmark.linear.choice import AUTO, DENSE
+from newmark_cli.study.config import MOST_CASES, Case, Study
+from newmark_cli.study.measures import MEASURES
 
 _WIDTH = 100
 #: Keys of which a case takes neither from the top when it sets one.
@@ -87,15 +88,17 @@ def _own_factor(side: str, block: str) -> _Condition:
 
 def _rules() -> Iterator[tuple[_Condition, _Condition]]:
     """(if, then) of two keys, as `Case` checks them."""
-    still = [measure for measure in MEASURES if measure not in ALONG_STEPS]
+    measures = MEASURES.values()
+    still = [measure.name for measure in measures if not measure.along_steps]
     not_null: JsonSchema = {"not": {"type": "null"}}
     yield _Condition("steps", {"const": 0}), _only("measure", still)
-    yield (
-        _Condition("stop", not_null),
-        _only("measure", [measure for measure in MEASURES if measure != "correction"]),
-    )
-    yield _any_of("measure", ["tolerance"]), _Condition("stop", not_null)
-    yield _any_of("measure", ["krylov"]), _only("linear_solver", [GMRES, MINRES])
+    to_tolerance = [measure.name for measure in measures if measure.stop is not False]
+    yield _Condition("stop", not_null), _only("measure", to_tolerance)
+    for measure in measures:
+        if measure.stop:
+            yield _any_of("measure", [measure.name]), _Condition("stop", not_null)
+        if measure.solvers:
+            yield _any_of("measure", [measure.name]), _only("linear_solver", measure.solvers)
     yield _any_of("precision", ["float32"]), _only("linear_solver", [AUTO, DENSE])
     for side, part in (("left", "rows"), ("right", "unknowns")):
         blocks = dict.fromkeys(block for form in FORMS.values() for block in getattr(form, part))

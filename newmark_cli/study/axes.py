@@ -1,0 +1,399 @@
+"""The axes of a study: what tells cells, rows, series and slopes apart, declared once.
+
+Everything else derives from the declarations: the keys of a config's grid, the order
+of its cells, the columns of CSVs, what a kept cell is found by, what names a series,
+and how tables, terminals and records spell it.
+
+A new axis is one more field of `Cell` (or of `RowAxes`, for what tells the rows of one
+cell apart), besides the code that gives it a meaning.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import Integrator, Newmark
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, Krylov, choose
+from newmark_cli.newmark.scaling import Preconditioning, canonical
+from newmark_cli.newmark.scheme import DIRECT, Tolerance
+
+if TYPE_CHECKING:
+    from newmark_cli.mechanisms.spec import ProblemSpec
+
+TRAPEZOIDAL = Newmark().label
+SATURATION = "saturation"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One way in which cells, rows or series differ.
+
+    Attributes:
+        name: Attribute of `Cell` or `RowAxes`, key of configs, and column of CSVs.
+        title: How tables for people head it.
+        write: Its value in a CSV: text or a number, from the cell or the row.
+        usual: Value that goes without saying in texts, and that a CSV has which lacks
+            the column; None where there is no such value.
+        same: What all spellings of one value in a CSV have in common.
+        column: Whether CSVs have a column of its name.
+        series: Whether it tells series apart.
+        cell: Whether it tells cells of a study apart.
+        computed: Whether it is part of what is computed, and so of a kept cell's key.
+        inner: Whether it varies inside the axes that are not, in a study's order of cells.
+        since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
+            brought it: columns are appended, never moved.
+        config: What a config may give, as an annotation of pydantic; None where the key
+            is not the config's.
+        default: What a config that lacks the key means.
+        about: What the key means, for JSON Schema and the docs.
+        many: Whether a config may give several values, which then span a grid.
+        value: Value of a cell from one of the config's.
+    """
+
+    name: str
+    title: str
+    write: Callable[[Any], Any]
+    usual: str | None = None
+    same: Callable[[str], str] = str
+    column: bool = True
+    series: bool = True
+    cell: bool = True
+    computed: bool = True
+    inner: bool = False
+    since: tuple[int, int] = (3, 3)
+    config: Callable[[], Any] | None = None
+    default: Any = ...
+    about: str = ""
+    many: bool = True
+    value: Callable[[Any], Any] = lambda given: given
+
+
+def axis(
+    title: str = "", *, write: Callable[[Any], Any] | None = None, compare: bool = True, **rest: Any
+) -> Any:
+    """A field of a dataclass that is an axis; see `Axis`.
+
+    Args:
+        title: As of the axis; its name when omitted.
+        write: As of the axis; the attribute's value as it is when omitted.
+        compare: Whether cells that differ in it are different cells.
+        rest: Further attributes of the axis.
+    """
+    initial = rest.pop("initial", ...)
+    options: dict[str, Any] = {} if initial is ... else {"default": initial}
+    return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
+
+
+def setting(about: str, **rest: Any) -> Any:
+    """A field of a cell that is the same in all of a case: no series differ in it."""
+    return axis(about=about, series=False, cell=False, many=False, **rest)
+
+
+def _axes(of: type) -> tuple[Axis, ...]:
+    return tuple(_axis(each.name, dict(each.metadata)) for each in fields(of))
+
+
+def _axis(name: str, declared: dict[str, Any]) -> Axis:
+    write = declared.pop("write") or (lambda owner: getattr(owner, name))
+    title = declared.pop("title") or name
+    return Axis(name, title, write, **declared)
+
+
+def _keys() -> Any:
+    # Pydantic is for configs; those who read CSVs do without.
+    from newmark_cli.study import keys
+
+    return keys
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """What one cell computes; steps = 0 measures at the consistent initial state."""
+
+    problem: "ProblemSpec" = axis(
+        write=lambda cell: cell.problem.label,
+        since=(0, 1),
+        config=lambda: _keys().Problems,
+        about="name of a problem, mechanism file, family with its size, Python factory, or a list",
+    )
+    integrator: Integrator = axis(
+        write=lambda cell: cell.integrator.label,
+        usual=TRAPEZOIDAL,
+        since=(0, 1),
+        config=lambda: _keys().Integrators,
+        default=lambda: (_keys().IntegratorConfig(),),
+        about="an integrator or a list; default: trapezoidal",
+        value=lambda given: given.integrator(),
+    )
+    form: str = axis(
+        since=(0, 0),
+        inner=True,
+        config=lambda: _keys().Forms,
+        about="name of a form, or a list",
+    )
+    preconditioning: Preconditioning = axis(
+        write=lambda cell: cell.preconditioning.label,
+        same=canonical,
+        since=(0, 0),
+        inner=True,
+        config=lambda: _keys().Variants,
+        about="variant or scaling of one's own, or a list",
+        value=lambda given: _keys().scaling_of(given),
+    )
+    evaluation: str = axis(
+        usual=DIRECT,
+        initial=DIRECT,
+        since=(0, 2),
+        config=lambda: _keys().Evaluations,
+        default=(DIRECT,),
+        about="in the unknowns themselves, or in compensated increments",
+    )
+    precision: str = axis(
+        usual="float64",
+        initial="float64",
+        since=(0, 2),
+        config=lambda: _keys().Precisions,
+        default=("float64",),
+        about="arithmetic of the march",
+    )
+    linear_solver: str = axis(
+        "linear solver",
+        write=lambda cell: cell.solver,
+        usual=DENSE,
+        initial=AUTO,
+        since=(0, 2),
+        config=lambda: _keys().LinearSolvers,
+        default=(AUTO,),
+        about="who solves for the corrections; auto: by size",
+    )
+    stop: Tolerance | None = axis(
+        write=lambda cell: cell.stop.label if cell.stop else SATURATION,
+        usual=SATURATION,
+        initial=None,
+        since=(2, 2),
+        many=False,
+        config=lambda: _keys().StopConfig | None,
+        default=None,
+        about="tolerance on the scaled correction; default: where rounding stops it",
+        value=lambda given: given.tolerance() if given else None,
+    )
+    h: float = axis(
+        series=False,
+        since=(0, 0),
+        inner=True,
+        config=lambda: _keys().StepSizes,
+        about="step sizes (s)",
+    )
+    t_end: float = setting(
+        "end of the march, from 0 (s)",
+        since=(0, 0),
+        config=lambda: _keys().Positive | None,
+        default=None,
+    )
+    steps: int = setting(
+        "steps to take, in place of t_end; 0: measure at the initial state",
+        since=(0, 0),
+        config=lambda: _keys().StepCount | None,
+        default=None,
+    )
+    measure: tuple[str, ...] = setting(
+        "what is measured",
+        column=False,
+        config=lambda: _keys().Measures,
+        default=("correction", "condition"),
+    )
+    iteration_cap: int = setting(
+        "most Newton corrections in a step",
+        column=False,
+        initial=50,
+        config=lambda: _keys().Count,
+        default=50,
+    )
+    samples: int = setting(
+        "most steps at which J is evaluated for condition and sensitivity",
+        column=False,
+        initial=32,
+        config=lambda: _keys().Count,
+        default=32,
+    )
+    krylov: Krylov | None = setting(
+        "how far gmres and minres go",
+        column=False,
+        initial=None,
+        config=lambda: _keys().KrylovConfig,
+        default=lambda: _keys().KrylovConfig(),
+    )
+    accept: tuple[str, ...] = setting(
+        "statuses of cells that are what the study is about, not failures",
+        column=False,
+        computed=False,
+        compare=False,
+        initial=(),
+        config=lambda: _keys().Accepted,
+        default=(),
+    )
+
+    @property
+    def solver(self) -> str:
+        """The linear solver that is used; the problem's size decides where it may."""
+        return choose(self.linear_solver, self.problem.load(), FORMS[self.form])
+
+    @property
+    def weight(self) -> int:
+        """Steps, as progress counts them; never zero."""
+        return max(self.steps, 1)
+
+
+@dataclass(frozen=True)
+class RowAxes:
+    """What tells the rows of one cell apart; the attributes of a `Measurement`."""
+
+    quantity: str = axis(since=(0, 0), cell=False, computed=False)
+    measure: str = axis(since=(0, 0), cell=False, computed=False)
+    role: str = axis(since=(0, 0), series=False, cell=False, computed=False)
+    row_block: str = axis(
+        "row block", usual="", since=(1, 1), cell=False, computed=False, initial=""
+    )
+
+
+#: The study, which every row names first.
+STUDY = Axis("study", "study", lambda study: study, since=(0, 0), cell=False, computed=False)
+#: Whether a series was measured at the initial state, or along a run: the steps say.
+START = Axis(
+    "start", "start", lambda steps: "start" if steps == 0 else "", usual="", column=False,
+    cell=False, computed=False,
+)  # fmt: skip
+
+
+def cell_axes() -> tuple[Axis, ...]:
+    """Every axis and setting of cells, in the order of the declaration."""
+    return _axes(Cell)
+
+
+def row_axes() -> tuple[Axis, ...]:
+    """Axes of the rows of one cell."""
+    return _axes(RowAxes)
+
+
+def series_axes() -> tuple[Axis, ...]:
+    """Axes that tell series apart."""
+    every = (STUDY, *cell_axes(), *row_axes(), START)
+    return tuple(each for each in every if each.series)
+
+
+def labels(cell: Cell) -> dict[str, Any]:
+    """What tells a cell from others of its study, by column."""
+    return {each.name: each.write(cell) for each in cell_axes() if each.cell}
+
+
+def computed(cell: Cell) -> dict[str, Any]:
+    """All that the numbers of a cell depend on besides its problem's content, as JSON holds it."""
+
+    def plain(value: Any) -> Any:
+        if is_dataclass(value) and not isinstance(value, type):
+            return asdict(value)
+        return list(value) if isinstance(value, tuple) else value
+
+    return {each.name: plain(each.write(cell)) for each in cell_axes() if each.computed}
+
+
+def described(cell: Cell) -> str:
+    """A cell in a line: what tells it from others, without what goes without saying."""
+    parts = []
+    for each in sorted(cell_axes(), key=lambda each: each.name in ("h", "steps")):
+        if each.cell and each.name != "h":
+            text = str(each.write(cell))
+            parts.append("" if text == each.usual and each.name != "integrator" else text)
+    return " ".join([*filter(None, parts), f"h={cell.h:g}", f"steps={cell.steps}"])
+
+
+def grid(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Every combination of a case's values, in the order of the CSV.
+
+    Args:
+        given: Axis → values, as `values` gives them.
+    """
+    order = [each.name for each in cell_axes() if each.name in given]
+    inner = {each.name for each in cell_axes() if each.inner}
+    order.sort(key=lambda name: name in inner)
+    for combination in product(*(given[name] for name in order)):
+        yield dict(zip(order, combination, strict=True))
+
+
+def values(case: Any) -> dict[str, tuple[Any, ...]]:
+    """Axis → values of the cells of a case, of those axes that tell cells apart.
+
+    Args:
+        case: What a config gives, an attribute for each axis.
+    """
+    found = {}
+    for each in cell_axes():
+        if each.cell:
+            given = getattr(case, each.name)
+            found[each.name] = tuple(each.value(one) for one in (given if each.many else (given,)))
+    return found
+
+
+def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
+    """When a Krylov solver stops; None for other solvers, whose cells do not depend on it."""
+    options: Krylov = case.krylov.options()
+    return options if linear_solver in (GMRES, MINRES) else None
+
+
+@dataclass(frozen=True)
+class SeriesKey:
+    """What tells a series from all others; every axis of `series_axes` is an attribute.
+
+    Attributes:
+        values: In the order of `series_axes`; all spellings of one value are the same.
+    """
+
+    values: tuple[str, ...]
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> "SeriesKey":
+        """Key of the series that a row belongs to.
+
+        Args:
+            row: Column → value; an axis that is missing has its usual value, and
+                ``steps``, where it is given, says whether it was measured at the start.
+        """
+        found = []
+        for each in series_axes():
+            if each is START and "start" not in row:
+                found.append(START.write(row.get("steps", 1)))
+            else:
+                given = row[each.name] if each.usual is None else row.get(each.name, each.usual)
+                found.append(each.same(str(given)))
+        return cls(tuple(found))
+
+    def __getattr__(self, name: str) -> str:
+        if not name.startswith("_"):
+            for each, value in zip(series_axes(), self.values, strict=True):
+                if each.name == name:
+                    return value
+        raise AttributeError(name)
+
+    def named(self) -> dict[str, str]:
+        """Axis → value."""
+        names = (each.name for each in series_axes())
+        return dict(zip(names, self.values, strict=True))
+
+    def besides(self, *said: str) -> list[str]:
+        """Values of the axes that do not go without saying.
+
+        Args:
+            said: Axes that stand elsewhere already.
+        """
+        return [
+            value
+            for each, value in zip(series_axes(), self.values, strict=True)
+            if each.name not in said and value and value != each.usual
+        ]
+
+
+def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:
+    """Columns in the order in which files have them: later ones behind."""
+    return tuple(name for _, name in sorted(columns, key=lambda column: column[0]))

@@ -1,0 +1,485 @@
+"""What each key of a study config may be, as types that pydantic checks."""
+
+import re
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    Strict,
+    TypeAdapter,
+    ValidationInfo,
+    WithJsonSchema,
+    WrapValidator,
+    model_validator,
+)
+from pydantic_core import CoreSchema, core_schema
+
+from newmark_cli import documents
+from newmark_cli.documents import (
+    WHOLE,
+    Number,
+    StrictModel,
+    misfit,
+)
+from newmark_cli.errors import InputError
+from newmark_cli.json_schema import JsonSchema, Shown, also, given
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, PythonFactory, Shipped, Sized
+from newmark_cli.newmark.forms import FORMS, ROWS
+from newmark_cli.newmark.integrator import (
+    FIELDS,
+    INTEGRATORS,
+    Integrator,
+    IntegratorError,
+    parameters,
+)
+from newmark_cli.newmark.linear.choice import (
+    AUTO,
+    DENSE,
+    LINEAR_SOLVERS,
+    SPARSE,
+    Krylov,
+)
+from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
+from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
+from newmark_cli.newmark.scheme import (
+    EVALUATIONS,
+    PRECISIONS,
+    Tolerance,
+)
+from newmark_cli.study.cell import STATUSES
+from newmark_cli.study.measures import MEASURES
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_RESERVED = ("slopes",)
+MOST_STEPS = 20_000_000
+# More is a slip of the finger, and would keep `validate` busy.
+_MOST_ITEMS = 1_000
+
+
+def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
+    """A value or a list of values, each once."""
+    given = value if isinstance(value, list) else [value]
+    if len(given) > _MOST_ITEMS:
+        raise ValueError(f"at most {_MOST_ITEMS} values, given {len(given)}")
+    values = validate(given)
+    seen = set()
+    for item in values:
+        # A scaling of one's own has no hash.
+        if repr(item) in seen:
+            name = getattr(item, "label", getattr(item, "name", item))
+            raise ValueError(f"given twice: {name}")
+        seen.add(repr(item))
+    return values
+
+
+def _written_once_or_more(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    several = handler(schema) | {"maxItems": _MOST_ITEMS, "uniqueItems": True}
+    return {"anyOf": [several["items"], several]}
+
+
+Item = TypeVar("Item")
+OneOrMore = Annotated[
+    tuple[Item, ...],
+    Field(min_length=1),
+    WrapValidator(_one_or_more),
+    Shown(_written_once_or_more),
+]
+
+
+@dataclass(frozen=True)
+class _Known:
+    """One of the names of a registry."""
+
+    kind: str
+    allowed: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        return {"type": "string", "enum": list(self.allowed)}
+
+    def _check(self, name: str) -> str:
+        if name not in self.allowed:
+            raise documents.unknown_name(self.kind, name, self.allowed)
+        return name
+
+
+def _name(text: str) -> str:
+    if not _NAME.fullmatch(text):
+        raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
+    if text in _RESERVED:
+        raise ValueError("is the name of a file that 'check' writes; take another name")
+    return text
+
+
+Positive = Annotated[Number, Field(gt=0)]
+Name = Annotated[
+    str,
+    AfterValidator(_name),
+    also(pattern=f"^{_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
+]
+# A factor of a scaling, but that nobody counts its parentheses: symbols and positive
+# numbers with whole powers up to 16, joined by * and /.
+_ATOM = rf"({'|'.join(SYMBOLS)}|(?=[0-9.]*[1-9])([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?)"
+_POWER = r"([ )]*(\^|\*\*)[ (]*(-[ (]*)?(1[0-6]|[0-9])(?![0-9]))?"
+_MONOMIAL = rf"^[ (]*{_ATOM}{_POWER}[ )]*([*/][ (]*{_ATOM}{_POWER}[ )]*)*$"
+Factor = Annotated[
+    str | Annotated[int, Strict()] | Number,
+    Field(union_mode="left_to_right"),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string", "pattern": _MONOMIAL, "maxLength": LONGEST},
+                {"type": "number", "exclusiveMinimum": 0},
+            ],
+        }
+    ),
+]
+
+
+def _blocks(*names: str) -> Shown:
+    """Mapping with these keys; `own_scaling` knows which of them a form has."""
+
+    def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+        factor = handler(schema)["additionalProperties"] | {"title": "Factor"}
+        properties = dict.fromkeys(names, factor)
+        return {"type": "object", "properties": properties, "additionalProperties": False}
+
+    return Shown(written)
+
+
+class OwnScaling(StrictModel):
+    """A scaling of one's own; blocks that are not named keep factor 1."""
+
+    name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
+        description="name in CSVs and figures"
+    )
+    left: Annotated[dict[str, Factor], _blocks(*ROWS)] = Field(
+        {}, description="row block D, V, K, C → monomial in beta, gamma and h"
+    )
+    right: Annotated[dict[str, Factor], _blocks(*FIELDS, "lambda")] = Field(
+        {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
+    )
+
+    @model_validator(mode="after")
+    def _not_a_variant(self) -> "OwnScaling":
+        if self.name in VARIANTS:
+            raise misfit("name", f"{self.name!r} is a variant of the paper; take another name")
+        return self
+
+    def preconditioning(self) -> Preconditioning:
+        """The core's value."""
+        # Without blanks, so that the label in the CSV can be read back.
+        left, right = (
+            tuple((block, "".join(str(factor).split())) for block, factor in side.items())
+            for side in (self.left, self.right)
+        )
+        return Preconditioning(self.name, left, right, own=True)
+
+
+class IntegratorConfig(StrictModel):
+    """An integrator of the Newmark family; each method has parameters of its own."""
+
+    method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
+    # The integrators check the bounds, and say why; they stand here for JSON Schema.
+    beta: Annotated[Number, also(exclusiveMinimum=0)] | None = Field(
+        None, description="β of newmark, 0.25 when omitted"
+    )
+    gamma: Annotated[Number, also(minimum=0.5)] | None = Field(
+        None, description="γ of newmark, 0.5 when omitted"
+    )
+    rho: Annotated[Number, also(minimum=0, maximum=1)] | None = Field(
+        None, description="ρ∞ of generalized-alpha, 0 to 1"
+    )
+    alpha: Annotated[Number, also(minimum=0, maximum=1 / 3)] | None = Field(
+        None, description="α of hht, 0 to 1/3"
+    )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        rules = []
+        for method, integrator in INTEGRATORS.items():
+            is_it: JsonSchema = {"properties": {"method": {"const": method}}}
+            if method != cls.model_fields["method"].default:
+                is_it["required"] = ["method"]
+            absent = [
+                name for name in cls.model_fields if name not in ("method", *parameters(method))
+            ]
+            needed = [f.name for f in fields(integrator) if f.default is MISSING]
+            then = {"properties": {name: {"type": "null"} for name in absent}}
+            rules.append({"if": is_it, "then": {"allOf": [then, *map(given, needed)]}})
+        handler.resolve_ref_schema(reference)["allOf"] = rules
+        return reference
+
+    @model_validator(mode="after")
+    def _usable(self) -> "IntegratorConfig":
+        given = self._parameters()
+        allowed = parameters(self.method)
+        for name in given:
+            if name not in allowed:
+                has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
+                raise misfit(name, f"{name}: is no parameter of {self.method}, which {has}")
+        try:
+            self.integrator()
+        except TypeError:
+            missing = [name for name in allowed if name not in given]
+            raise misfit("method", f"{self.method} needs {', '.join(missing)}") from None
+        except IntegratorError as error:
+            raise misfit(str(error).split()[0], str(error)) from None
+        return self
+
+    def _parameters(self) -> dict[str, float]:
+        given = self.model_dump(exclude={"method"}, exclude_none=True)
+        return {name: float(value) for name, value in given.items()}
+
+    def integrator(self) -> Integrator:
+        """The core's value."""
+        integrator: Integrator = INTEGRATORS[self.method](**self._parameters())
+        return integrator
+
+
+class StopConfig(StrictModel):
+    """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
+
+    model_config = ConfigDict(json_schema_extra={"anyOf": [given("absolute"), given("relative")]})
+
+    absolute: Positive | None = Field(None, description="bound of the scaled correction")
+    relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
+
+    @model_validator(mode="after")
+    def _given(self) -> "StopConfig":
+        if self.absolute is None and self.relative is None:
+            raise ValueError("needs absolute or relative")
+        return self
+
+    def tolerance(self) -> Tolerance:
+        """The core's value."""
+        return Tolerance(self.absolute or 0.0, self.relative or 0.0)
+
+
+class KrylovConfig(StrictModel):
+    """How far GMRES and MINRES go."""
+
+    tolerance: Positive = Field(
+        Krylov().tolerance, lt=1, description="relative residual to reach, in balanced rows"
+    )
+    limit: Annotated[int, Strict(), Field(ge=1, le=100_000), WHOLE] = Field(
+        Krylov().limit, description="most iterations of one solve"
+    )
+
+    def options(self) -> Krylov:
+        """The core's value."""
+        return Krylov(self.tolerance, self.limit)
+
+
+def _preconditioning(value: Any) -> Any:
+    if isinstance(value, dict):
+        return OwnScaling.model_validate(value)
+    if not isinstance(value, str) or value not in VARIANTS:
+        raise documents.unknown_name("preconditioning", value, VARIANTS)
+    return value
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a config's meaning depends on beside its text.
+
+    Attributes:
+        folder: Where files that it names are looked for.
+        allow_code: Whether problems in Python may be loaded.
+    """
+
+    folder: Path = Path()
+    allow_code: bool = False
+
+
+def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
+    """The problem that a config names; `Surroundings` are the context of the validation."""
+    around = info.context or Surroundings()
+    if isinstance(value, ProblemSpec):
+        return value
+    if isinstance(value, dict) and "python" in value:
+        return _python_problem(value, around)
+    if isinstance(value, dict):
+        if len(value) != 1:
+            raise ValueError("must be one family with its sizes, such as {chain: {links: 1000}}")
+        (family,) = value
+        if family not in FAMILIES:
+            raise documents.unknown_name("family of problems", family, (*FAMILIES, "python"))
+        # As a mapping, so that a mistake is found under the family's name.
+        sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
+        check: TypeAdapter[Any] = TypeAdapter(sizes)
+        return Sized(family, tuple(check.validate_python(value)[family]))
+    if isinstance(value, str) and value in FAMILIES:
+        sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
+        raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
+    if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
+        return _loaded(MechanismFile((around.folder / value).absolute(), value))
+    if not isinstance(value, str) or value not in PROBLEMS:
+        raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
+    return Shipped(value)
+
+
+def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
+    unknown = [key for key in value if key not in ("python", "args")]
+    if unknown:
+        raise documents.unknown_name("key", unknown[0], ("python", "args"))
+    file, colon, factory = str(value["python"]).rpartition(":")
+    arguments = value.get("args", {})
+    if not colon or not file or not factory.isidentifier():
+        raise misfit("python", 'must be "file.py:factory"')
+    if not isinstance(arguments, dict):
+        raise misfit("args", "must be a mapping of names to values")
+    if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
+        raise misfit("args", "values must be numbers, words or truth values")
+    if not around.allow_code:
+        raise misfit("python", f"{file} is code, which runs only with --allow-code")
+    path = (around.folder / file).absolute()
+    return _loaded(PythonFactory(path, factory, tuple(arguments.items()), str(value["python"])))
+
+
+def _loaded(spec: ProblemSpec) -> ProblemSpec:
+    """The problem, once it has shown that it can be used."""
+    try:
+        spec.load()
+    except InputError as error:
+        raise documents.refused(error) from None
+    return spec
+
+
+def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
+    if AUTO in solvers and {DENSE, SPARSE} & set(solvers):
+        raise ValueError(f"{AUTO} becomes {DENSE} or {SPARSE}: given twice")
+    return solvers
+
+
+def _written_solvers(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    both = [{"contains": {"const": AUTO}}, {"contains": {"enum": [DENSE, SPARSE]}}]
+    return _written_once_or_more(schema, handler) | {"not": {"type": "array", "allOf": both}}
+
+
+def _written_variant(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    """What `_preconditioning` takes."""
+    own = handler(OwnScaling.__pydantic_core_schema__)
+    return {"anyOf": [{"type": "string", "enum": list(VARIANTS)}, own]}
+
+
+def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    """What `problem_of` takes."""
+
+    def mapping(about: str, properties: JsonSchema, required: str) -> JsonSchema:
+        return {
+            "type": "object",
+            "description": about,
+            "properties": properties,
+            "required": [required],
+            "additionalProperties": False,
+        }
+
+    arguments = {
+        "type": "object",
+        "description": "arguments of the function",
+        "additionalProperties": {"type": ["string", "number", "boolean", "null"]},
+    }
+    # Identifiers may have letters of any script, which no pattern names.
+    code = {"type": "string", "pattern": r"[^:]:[^\s\d:()./-][^\s:()./-]*$"}
+    return {
+        "anyOf": [
+            {"type": "string", "enum": list(PROBLEMS)},
+            {
+                "type": "string",
+                "description": "mechanism file, looked for beside the config",
+                "pattern": r"[^/]\.ya?ml/*$",
+            },
+            *(
+                mapping(family.title, {name: handler(family.size.__pydantic_core_schema__)}, name)
+                for name, family in FAMILIES.items()
+            ),
+            mapping(
+                "function in a Python file, which runs only with --allow-code",
+                {"python": code, "args": arguments},
+                "python",
+            ),
+        ]
+    }
+
+
+Variant = Annotated[Any, BeforeValidator(_preconditioning), Shown(_written_variant)]
+Problems = OneOrMore[
+    Annotated[
+        Any,
+        BeforeValidator(problem_of),
+        PlainSerializer(lambda p: p.given),
+        Shown(_written_problem),
+    ]
+]
+Variants = OneOrMore[Variant]
+StepSizes = OneOrMore[Positive]
+Forms = OneOrMore[Annotated[str, _Known("form", tuple(FORMS))]]
+Measures = OneOrMore[Annotated[str, _Known("measure", tuple(MEASURES))]]
+Evaluations = OneOrMore[Annotated[str, _Known("evaluation", EVALUATIONS)]]
+Precisions = OneOrMore[Annotated[str, _Known("precision", tuple(PRECISIONS))]]
+LinearSolvers = Annotated[
+    tuple[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)], ...],
+    Field(min_length=1),
+    WrapValidator(_one_or_more),
+    AfterValidator(_auto_alone),
+    Shown(_written_solvers),
+]
+Accepted = OneOrMore[Annotated[str, _Known("status", STATUSES[1:])]]
+Integrators = OneOrMore[IntegratorConfig]
+
+
+Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
+StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
+
+
+def scaling_of(given: str | OwnScaling) -> Preconditioning:
+    """The core's value of a variant or a scaling of one's own."""
+    return given.preconditioning() if isinstance(given, OwnScaling) else Preconditioning(given)
+
+
+class _OneIntegrator(StrictModel):
+    integrator: IntegratorConfig
+
+
+def integrator_named(text: str) -> Integrator:
+    """Integrator that a command line names: a method and its parameters.
+
+    Args:
+        text: Such as ``bdf2`` or ``newmark beta=0.3 gamma=0.6``.
+
+    Raises:
+        DocumentError: When there is none, or a parameter does not fit.
+    """
+    method, *given = text.split() or [""]
+    pairs = [part.partition("=") for part in given]
+    try:
+        parameters = {name: float(value) for name, _, value in pairs}
+    except ValueError:
+        raise documents.DocumentError(
+            f"command line: integrator {text!r}: parameters are numbers, "
+            "as in 'generalized-alpha rho=0.9'"
+        ) from None
+    data = {"integrator": {"method": method, **parameters}}
+    document = documents.Document("command line", data, {("integrator",): 1})
+    return documents.validate(document, _OneIntegrator).integrator.integrator()

@@ -1,0 +1,616 @@
+"""Measures as records: what each asks of a case, observes on a march, and makes known.
+
+A `Measure` is what a config names.  It observes a march and gives rows of the CSV, each
+with one of its `Record`: what that row's values are called, which statistic is drawn and
+fitted, which order theory predicts, and how two results are compared.  Everything that
+deals with measures loops over `MEASURES`; another one is another entry.
+
+The march and the numerical core are imported where they are used: who reads CSVs needs
+neither.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark import integrator
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.linear.choice import GMRES, MINRES
+from newmark_cli.newmark.orders import FormOrders, form_orders
+from newmark_cli.newmark.scaling import Preconditioning
+from newmark_cli.newmark.scheme import COMPENSATED, Scheme
+from newmark_cli.newmark.statistics import Measurement, statistics
+from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from newmark_cli.newmark.invariants import Misfit
+    from newmark_cli.newmark.march import March, Stretch
+    from newmark_cli.newmark.march_data import State
+    from newmark_cli.problems.reference import Reference
+
+#: Symbols of quantities in texts, and in labels of axes as mathtext has them.
+SYMBOLS = {"lambda": "λ", "jacobian": "C"}
+_MATH = {"lambda": r"\lambda"}
+
+
+def symbol(quantity: str) -> str:
+    """A quantity in the field's symbols."""
+    return SYMBOLS.get(quantity, quantity)
+
+
+def _math(quantity: str) -> str:
+    return _MATH.get(quantity, quantity)
+
+
+class Observer:
+    """Watches one march; this one sees nothing.
+
+    Attributes:
+        stops: Steps after which it wants to see the march.
+    """
+
+    stops: frozenset[int] = frozenset()
+
+    def took(self, stretch: "Stretch") -> None:
+        """The march took these steps."""
+
+    def sees(self, march: "March") -> None:
+        """The march stands at one of the stops, or at its start if it takes no steps."""
+
+    def measured(self) -> list[Measurement]:
+        """Rows of the CSV, once the march is over."""
+        return []
+
+    @property
+    def history(self) -> list[tuple[int, Array]]:
+        """Multipliers (m,) at recorded steps, for the file of time series."""
+        return []
+
+
+def _unpredicted(key: SeriesKey) -> float:
+    return np.nan
+
+
+@dataclass(frozen=True)
+class Record:
+    """One kind of row: a value of the CSV's column ``measure``.
+
+    Attributes:
+        name: As in the CSV.
+        text: What the row measures, in the field's symbols, from its key.
+        label: Label of the ordinate, from its key, as mathtext.
+        statistic: Column that is drawn and fitted.
+        predicted: Order of the statistic in h, from the series' key; NaN where theory
+            says nothing.
+        tolerance: Largest |fitted − predicted|, unless a figure sets its own.
+        tolerance_at_start: The same at the initial state.
+        kind: What rules the values: ``rounding``, scattered from step to step;
+            ``truncation``, down to a floor of rounding; or ``determined``, smooth in h.
+        ok: Statuses of a cell with which its value counts.
+        linear: Whether its ordinate is linear, from zero.
+        share: Whether the statistic counts steps, and is drawn as a share of them.
+        may_vanish: Whether exact zeros at every h are within any order.
+        at_limit: Statistic that is drawn where a Krylov solver has stagnated, if another.
+    """
+
+    name: str
+    text: Callable[[SeriesKey], str]
+    label: Callable[[SeriesKey], str]
+    statistic: str
+    predicted: Callable[[SeriesKey], float] = _unpredicted
+    tolerance: float = np.nan
+    tolerance_at_start: float | None = None
+    kind: str = "determined"
+    ok: tuple[str, ...] = ("ok",)
+    linear: bool = False
+    share: bool = False
+    may_vanish: bool = False
+    at_limit: str | None = None
+
+    def drawn(self, rows: "pd.DataFrame") -> Array:
+        """Values as they are drawn and fitted, one for each row of a study's CSV."""
+        values = rows[self.statistic].to_numpy(float)
+        if self.share:
+            values = values / rows["steps"].to_numpy(float)
+        if self.at_limit is not None:
+            values = np.where(rows["status"] == "stagnated", rows[self.at_limit], values)
+        return np.asarray(values, float)
+
+    @property
+    def predicts(self) -> bool:
+        """Whether theory says anything of such rows."""
+        return self.predicted is not _unpredicted
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What a study measures, as a config names it.
+
+    Attributes:
+        name: As in configs.
+        about: What it records, for the docs.
+        records: Kinds of rows that it gives.
+        observe: Observer of one march, from the cell, the march and the solution at its end.
+        along_steps: Whether it needs steps; else it can be taken at the initial state.
+        stop: Whether Newton must stop at a tolerance (True), or where rounding stops
+            it (False); None where it does not matter.
+        solvers: Linear solvers that it is about; any when empty.
+        at_end: Whether it is taken at t_end, which must then be a whole number of steps.
+        reference: Whether it needs the solution at the end.
+    """
+
+    name: str
+    about: str
+    records: tuple[Record, ...]
+    observe: Callable[[Cell, "March", "Reference | None"], Observer]
+    along_steps: bool = True
+    stop: bool | None = None
+    solvers: tuple[str, ...] = ()
+    at_end: bool = False
+    reference: bool = False
+
+
+def sample_steps(steps: int, samples: int) -> IndexArray:
+    """Up to ``samples`` evenly spread steps, counted from 1, the last among them."""
+    return np.unique(np.round(np.linspace(0, steps, min(steps, samples) + 1)[1:]).astype(np.int64))
+
+
+def _sampled(cell: Cell) -> frozenset[int]:
+    return frozenset(sample_steps(cell.steps, cell.samples).tolist())
+
+
+# -- correction -------------------------------------------------------------------------------
+
+
+class _Corrections(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self._scheme = march.scheme
+        self._norms = [np.zeros((0, len(march.scheme.form.unknowns)))]
+        self._iterations = [np.zeros(0, np.int64)]
+
+    def took(self, stretch: "Stretch") -> None:
+        self._norms.append(stretch.norms)
+        self._iterations.append(stretch.iterations)
+
+    def measured(self) -> list[Measurement]:
+        norms, iterations = np.concatenate(self._norms), np.concatenate(self._iterations)
+        return corrections(self._scheme, norms, iterations)
+
+
+def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Measurement]:
+    """Measurements of the recorded Newton corrections.
+
+    Physical corrections are D_R times the scaled ones; an eliminated field's
+    follows from the weights of the form, one kept field each.
+
+    Args:
+        scheme: The scheme that was marched.
+        norms: (steps, p + 1) norms of the scaled blocks.
+        iterations: (steps,) corrections computed; steps with a negative count
+            did not converge and are left out.
+    """
+    counted = norms[iterations > 0]
+    form = scheme.form
+    scaled = dict(zip(form.unknowns, counted.T, strict=True))
+    right = dict(zip(form.unknowns, scheme.right, strict=True))
+    physical = {unknown: right[unknown] * scaled[unknown] for unknown in form.unknowns}
+    for eliminated in form.eliminated:
+        weights = np.abs(scheme.elimination.weights[FIELDS.index(eliminated)])
+        source = int(np.argmax(weights))
+        physical[eliminated] = weights[source] * physical[form.kept[source]]
+
+    found = [
+        Measurement(unknown, "correction", "primary", statistics(scaled[unknown]))
+        for unknown in form.unknowns
+    ]
+    for quantity in (*FIELDS, "lambda"):
+        role = "recovered" if quantity in form.eliminated else "primary"
+        found.append(
+            Measurement(quantity, "physical_correction", role, statistics(physical[quantity]))
+        )
+    return found
+
+
+@cache
+def _orders(form: str, compensated: bool) -> FormOrders:
+    return form_orders(FORMS[form], compensated=compensated)
+
+
+def _orders_of(key: SeriesKey) -> FormOrders:
+    return _orders(key.form, key.evaluation == COMPENSATED)
+
+
+def _scaling_of(key: SeriesKey) -> Any:
+    return Preconditioning.parse(key.preconditioning).scaling(FORMS[key.form])
+
+
+def _order_of_correction(key: SeriesKey) -> float:
+    if key.stop != SATURATION:
+        return np.nan
+    return _orders_of(key).corrections(_scaling_of(key))[key.quantity]
+
+
+def _order_of_physical_correction(key: SeriesKey) -> float:
+    if key.stop != SATURATION:
+        return np.nan
+    return _orders_of(key).physical_corrections()[key.quantity]
+
+
+CORRECTION = Measure(
+    "correction",
+    "the last decreasing Newton corrections, scaled and physical",
+    (
+        Record(
+            "correction",
+            lambda key: f"Δ{symbol(key.quantity)}",
+            lambda key: rf"last decreasing correction $\|\Delta\bar {_math(key.quantity)}\|$ (rms)",
+            "rms",
+            _order_of_correction,
+            0.15,
+            kind="rounding",
+        ),
+        Record(
+            "physical_correction",
+            lambda key: f"Δ{symbol(key.quantity)} (physical)",
+            lambda key: rf"last decreasing correction $\|\Delta {_math(key.quantity)}\|$ (rms)",
+            "rms",
+            _order_of_physical_correction,
+            0.15,
+            kind="rounding",
+        ),
+    ),
+    _Corrections,
+    stop=False,
+)
+
+
+# -- condition --------------------------------------------------------------------------------
+
+
+class _Conditions(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self.stops = _sampled(cell)
+        self._values: list[float] = []
+
+    def sees(self, march: "March") -> None:
+        self._values.append(march.system.balanced(march.t, march.here).condition())
+
+    def measured(self) -> list[Measurement]:
+        values = statistics(np.array(self._values))
+        return [Measurement("jacobian", "condition", "primary", values)]
+
+
+CONDITION = Measure(
+    "condition",
+    "condition number of the scaled Jacobian",
+    (
+        Record(
+            "condition",
+            lambda key: symbol(key.quantity),
+            lambda key: r"condition number $C = \|\bar J\|\,\|\bar J^{-1}\|$",
+            "median",
+            lambda key: _orders_of(key).condition(_scaling_of(key)),
+            # Condition numbers are not noisy; along a run they still vary with the motion.
+            0.05,
+            0.02,
+        ),
+    ),
+    _Conditions,
+    along_steps=False,
+)
+
+
+# -- sensitivity ------------------------------------------------------------------------------
+
+
+class _Sensitivities(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self.stops = _sampled(cell)
+        self._samples: list[dict[tuple[str, str], float]] = []
+
+    def sees(self, march: "March") -> None:
+        from newmark_cli.newmark import perturbation
+
+        here = march.here
+        self._samples.append(
+            perturbation.sensitivities(march.problem, march.scheme, march.t, here, march.system)
+        )
+
+    def measured(self) -> list[Measurement]:
+        samples = self._samples
+        return [
+            Measurement(
+                unknown,
+                "sensitivity",
+                "primary",
+                statistics(np.array([sample[row, unknown] for sample in samples])),
+                row,
+            )
+            for row, unknown in (samples[0] if samples else ())
+        ]
+
+
+def _order_of_sensitivity(key: SeriesKey) -> float:
+    form = FORMS[key.form]
+    _, inverse = _orders_of(key).scaled(_scaling_of(key))
+    return float(inverse[form.unknowns.index(key.quantity), form.rows.index(key.row_block)])
+
+
+SENSITIVITY = Measure(
+    "sensitivity",
+    "change of each unknown for a perturbation of each row of the residual",
+    (
+        Record(
+            "sensitivity",
+            lambda key: f"∂{symbol(key.quantity)}/∂b_{key.row_block}",
+            lambda key: rf"$\|\delta\bar {_math(key.quantity)}\|/\varepsilon$",
+            "median",
+            _order_of_sensitivity,
+            0.15,
+            0.05,
+            may_vanish=True,
+        ),
+    ),
+    _Sensitivities,
+    along_steps=False,
+)
+
+
+# -- error ------------------------------------------------------------------------------------
+
+
+class _Errors(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self.stops = frozenset((cell.steps,))
+        self._reference = reference
+        self._found: list[Measurement] = []
+
+    def sees(self, march: "March") -> None:
+        assert self._reference is not None
+        self._found = errors(self._reference, march.state)
+
+    def measured(self) -> list[Measurement]:
+        return self._found
+
+
+def errors(reference: "Reference", state: "State") -> list[Measurement]:
+    """Measurements of a final state's errors, largest component over largest component.
+
+    Args:
+        reference: The solution at the state's time.
+        state: The state.
+    """
+    from newmark_cli.problems.reference import relative_error
+
+    pairs = {
+        "u": (state.fields[0], reference.u),
+        "v": (state.fields[1], reference.v),
+        "lambda": (state.multipliers, reference.multipliers),
+    }
+    return [
+        Measurement(quantity, "error", "primary", statistics(np.array([relative_error(*pair)])))
+        for quantity, pair in pairs.items()
+    ]
+
+
+def _order_of_error(key: SeriesKey) -> float:
+    method = integrator.parse(key.integrator)
+    # Without damping an odd–even mode of λ is left as rounding has fed it.
+    return float(method.order) if key.quantity != "lambda" or method.damped else np.nan
+
+
+ERROR = Measure(
+    "error",
+    "relative errors of u, v, λ at `t_end`: against the exact motion (pendulum), the published "
+    "one (andrews, t = 0.03), or one that is computed from the index-1 equations at high order, "
+    "kept in `results/references/` with an estimate of its own error",
+    (
+        Record(
+            "error",
+            lambda key: f"error of {symbol(key.quantity)}",
+            lambda key: (
+                rf"error at the end, $\max|\Delta {_math(key.quantity)}| \,/\, "
+                rf"\max|{_math(key.quantity)}|$"
+            ),
+            "last",
+            _order_of_error,
+            0.2,
+            kind="truncation",
+        ),
+    ),
+    _Errors,
+    at_end=True,
+    reference=True,
+)
+
+
+# -- invariant --------------------------------------------------------------------------------
+
+
+class _Invariants(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self.stops = _sampled(cell)
+        self._samples: list[dict[str, Misfit]] = []
+
+    def sees(self, march: "March") -> None:
+        from newmark_cli.newmark.invariants import invariants as misfits
+
+        self._samples.append(misfits(march.problem, march.t, march.here))
+
+    def measured(self) -> list[Measurement]:
+        return invariants(self._samples)
+
+
+def invariants(samples: "Sequence[Mapping[str, Misfit]]") -> list[Measurement]:
+    """Measurements of `newmark_cli.newmark.invariants` at the sampled states.
+
+    Each error is divided by the largest size among the samples; 0 where all vanish.
+    """
+    found = []
+    for name in samples[0] if samples else ():
+        misfit, sizes = np.array([sample[name] for sample in samples]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(misfit == 0, 0.0, misfit / sizes.max())
+        found.append(Measurement(name, "invariant", "primary", statistics(relative)))
+    return found
+
+
+INVARIANT = Measure(
+    "invariant",
+    "what an exact motion keeps, along the way: constraints, their rate, λ against what u and v "
+    "imply, and the energy where it is conserved",
+    (
+        Record(
+            "invariant",
+            lambda key: f"invariant: {symbol(key.quantity)}",
+            lambda key: f"largest error of the invariant: {symbol(key.quantity)}",
+            "max",
+            kind="truncation",
+        ),
+    ),
+    _Invariants,
+)
+
+
+# -- krylov -----------------------------------------------------------------------------------
+
+
+class _Krylov(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self._system: Any = march.system
+
+    def measured(self) -> list[Measurement]:
+        return krylov(self._system.iterations, self._system.residuals)
+
+
+def krylov(iterations: Sequence[int], residuals: Sequence[float]) -> list[Measurement]:
+    """Measurements of a Krylov solver over all solves.
+
+    Args:
+        iterations, residuals: Of each; see `newmark_cli.newmark.linear.krylov.KrylovSystem`.
+    """
+    return [
+        Measurement("jacobian", measure, "primary", statistics(np.array(values, float)))
+        for measure, values in (("krylov_iterations", iterations), ("krylov_residual", residuals))
+    ]
+
+
+KRYLOV = Measure(
+    "krylov",
+    "iterations and achieved residual of every linear solve",
+    (
+        Record(
+            "krylov_iterations",
+            lambda key: "Krylov iterations",
+            lambda key: "iterations per linear solve (median)",
+            "median",
+            linear=True,
+            at_limit="max",
+        ),
+        Record(
+            "krylov_residual",
+            lambda key: "Krylov residual",
+            lambda key: "largest relative residual of a linear solve",
+            "max",
+            kind="rounding",
+        ),
+    ),
+    _Krylov,
+    solvers=(GMRES, MINRES),
+)
+
+
+# -- tolerance --------------------------------------------------------------------------------
+
+
+class _Iterations(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self._counts = [np.zeros(0, np.int64)]
+
+    def took(self, stretch: "Stretch") -> None:
+        self._counts.append(stretch.iterations)
+
+    def measured(self) -> list[Measurement]:
+        counts = np.abs(np.concatenate(self._counts)) * 1.0
+        return [Measurement("newton", "tolerance", "primary", statistics(counts))]
+
+
+TOLERANCE = Measure(
+    "tolerance",
+    "with `stop`: Newton's iterations in each step, and how many steps met it",
+    (
+        Record(
+            "tolerance",
+            lambda key: "share of steps",
+            lambda key: "share of steps that meet the tolerance",
+            "met",
+            # A step that misses its tolerance is what this is about.
+            ok=("ok", "not_converged"),
+            kind="rounding",
+            linear=True,
+            share=True,
+        ),
+    ),
+    _Iterations,
+    stop=True,
+)
+
+
+# -- history ----------------------------------------------------------------------------------
+
+
+class _History(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        sampled = _sampled(cell)
+        # An error that alternates from step to step shows only in pairs of steps.
+        self.stops = sampled | {step - 1 for step in sampled if step > 1}
+        self._recorded: list[tuple[int, Array]] = []
+
+    @property
+    def history(self) -> list[tuple[int, Array]]:
+        return self._recorded
+
+    def sees(self, march: "March") -> None:
+        self._recorded.append((march.done, march.state.multipliers.astype(float)))
+
+    def measured(self) -> list[Measurement]:
+        largest = np.array([np.abs(values).max() for _, values in self._recorded])
+        return [Measurement("lambda", "history", "primary", statistics(largest))]
+
+
+HISTORY = Measure(
+    "history",
+    "λ over time into `results/history/<study>.csv`, in pairs of successive steps",
+    (
+        Record(
+            "history",
+            lambda key: f"{symbol(key.quantity)} over time",
+            lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
+            "max",
+        ),
+    ),
+    _History,
+)
+
+
+def _by_name(*measures: Measure) -> Mapping[str, Measure]:
+    return MappingProxyType({measure.name: measure for measure in measures})
+
+
+#: Measures by name, in the order of a cell's rows.
+MEASURES = _by_name(
+    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY
+)  # fmt: skip
+
+#: Records by name, as the CSV's column ``measure`` has them.
+RECORDS: Mapping[str, Record] = MappingProxyType(
+    {record.name: record for measure in MEASURES.values() for record in measure.records}
+)
