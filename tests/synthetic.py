@@ -96,7 +96,7 @@ def rows_of(curve):
     table = []
     for h, given in _POINTS[curve.study](curve).items():
         row = dict.fromkeys(results.COLUMNS, "")
-        row |= {column: value for column, value in vars(curve).items() if column in row}
+        row |= {column: value for column, value in curve.key.named().items() if column in row}
         row |= {
             "h": h, "t_end": 0.03, "steps": 30, "role": "primary", "zeros": 0, "not_converged": 0,
             "newton_iterations": 4.0, "status": "ok",

@@ -5,7 +5,7 @@ import pytest
 from newmark_cli.newmark import perturbation
 from newmark_cli.newmark.linear import systems
 from newmark_cli.study import config
-from newmark_cli.study.cell import Cell
+from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import compute
 
 

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import EPS, INTEGRATORS, STEP, copy, march, states
 from mpmath import mp, mpf
-from newmark_cli.newmark.measures import corrections
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import elements
@@ -30,6 +29,7 @@ from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.report.fits import power_law
 from newmark_cli.study import config
+from newmark_cli.study.measures import corrections
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 ENGINES = pytest.mark.parametrize(

@@ -195,7 +195,7 @@ MISTAKES = [
         "[none, optimal]",
         "[{name: x, left: {D: h*h}}, {name: x, left: {D: h * h}}]",
         4,
-        "given twice: x[left D=h*h]",
+        "given twice: x[left D=h^2]",
     ),
     ("[1e-1, 1e-2]", str([0.5 + i / 9000 for i in range(1001)]), 5, "at most 1000 values"),
     ("t_end: 1.0", f"t_end: 1\ncases: {[{}] * 501}", 7, "at most 500 cases, given 501"),

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import INTEGRATORS, copy, march
 from mpmath import mp, mpf
-from newmark_cli.newmark.measures import corrections
 from scipy.integrate import solve_ivp
 
 from newmark_cli.mechanisms.registry import problem
@@ -40,6 +39,7 @@ from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.report.fits import power_law
+from newmark_cli.study.measures import corrections
 
 EVERY = pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)

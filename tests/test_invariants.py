@@ -11,7 +11,7 @@ from scipy.stats import linregress
 from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import compiled_march, march_data, measures
+from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
@@ -21,6 +21,7 @@ from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.reference import Reference
+from newmark_cli.study import measures
 
 CONSERVATIVE = {"pendulum", "double-pendulum", "slider-crank"}
 

@@ -5,7 +5,6 @@ import pytest
 import scipy.sparse.linalg
 from damped import damped
 from marching import assert_same_step, copy, in_motion, march, scheme_of, start
-from newmark_cli.newmark.measures import krylov
 
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -20,6 +19,7 @@ from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.krylov import KrylovSystem, is_symmetric
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
+from newmark_cli.study.measures import krylov
 
 SUBJECTS = {name: Shipped(name).load() for name in PROBLEMS} | {
     "chain": Sized("chain", (("links", 12),)).load(),

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from newmark_cli.newmark.measures import corrections, sample_steps
 from scipy.stats import linregress
 
 from newmark_cli.newmark.forms import FORMS
@@ -14,6 +13,7 @@ from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import statistics
 from newmark_cli.report.fits import power_law
+from newmark_cli.study.measures import corrections, sample_steps
 
 norms = arrays(float, st.integers(1, 40), elements=st.floats(0, 1e300))
 

@@ -9,7 +9,6 @@ from conftest import QUICK
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import march
-from newmark_cli.newmark.measures import corrections
 from numba import njit
 
 from newmark_cli.documents import DocumentError
@@ -23,6 +22,7 @@ from newmark_cli.newmark.march_data import ProblemTables
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 from newmark_cli.study import config
+from newmark_cli.study.measures import corrections
 
 EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 #: Ratio of the units of rounding.
