@@ -159,18 +159,14 @@ class _Rules(StrictModel):
         """Scalings in the order given."""
         return [scaling_of(given) for given in self.preconditioning]
 
-    def axes(self) -> list[tuple[str, frozenset[Any]]]:
+    def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""
         given = axes.values(self)
         solvers = [
             (DENSE, SPARSE) if solver == AUTO else (solver,) for solver in given["linear_solver"]
         ]
         given["linear_solver"] = tuple(chain.from_iterable(solvers))
-        return [
-            *((name, frozenset(each)) for name, each in given.items()),
-            ("measure", frozenset(self.measure)),
-            ("start", frozenset((self.steps == 0,))),
-        ]
+        return {**given, "measure": self.measure, "start": (self.steps == 0,)}
 
     @property
     def count(self) -> int:
@@ -316,16 +312,17 @@ def _case(
 
 def _refuse_repeated_cells(document: Document, study: Study) -> None:
     """Grids have a cell in common if they share a value along every axis."""
-    known: list[list[tuple[str, frozenset[Any]]]] = []
+    known: list[dict[str, tuple[Any, ...]]] = []
     for case in study.cases:
         ours = case.axes()
-        for others in known:
+        for theirs in known:
             shared = {
-                name: mine & theirs for (name, mine), (_, theirs) in zip(ours, others, strict=True)
+                name: [value for value in mine if value in theirs[name]]
+                for name, mine in ours.items()
             }
             if all(shared.values()):
                 problem, form, scaling, h, measure = (
-                    next(iter(shared[name]))
+                    shared[name][0]
                     for name in ("problem", "form", "preconditioning", "h", "measure")
                 )
                 raise document.error(
