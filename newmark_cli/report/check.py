@@ -7,9 +7,11 @@ from typing import Any
 
 from newmark_cli.report.claims import Claim, Finding, evaluate
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve
-from newmark_cli.report.figures import FIGURES, ClaimingFigure, OrderFigure
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report.kinds import Figure
 from newmark_cli.report.slopes import Slope, in_figure_order
+from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import PASS, SHOWN
 
 
@@ -17,7 +19,7 @@ from newmark_cli.report.verdicts import PASS, SHOWN
 class Judged:
     """A claim of a figure, and what it comes to."""
 
-    figure: ClaimingFigure
+    figure: Figure
     claim: Claim
     finding: Finding
 
@@ -42,7 +44,7 @@ def judge(slopes: Sequence[Slope]) -> list[Judged]:
     return [
         Judged(figure, claim, evaluate(claim, find))
         for figure in FIGURES.values()
-        if isinstance(figure, ClaimingFigure) and figure.study in studies
+        if figure.study in studies
         for claim in figure.claims
     ]
 
@@ -61,7 +63,7 @@ def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
     return [
         slope
         for slope in in_figure_order(slopes)
-        if any(isinstance(FIGURES[name], OrderFigure) for name in slope.figures)
+        if any(FIGURES[name].in_paper for name in slope.figures)
     ]
 
 
@@ -125,24 +127,6 @@ def _variant(slope: Slope) -> str:
     usual = (Curve.evaluation, Curve.precision, Curve.linear_solver)
     beside = [value for value, default in zip(given, usual, strict=True) if value != default]
     return ", ".join([slope.preconditioning, *beside])
-
-
-def quantity(series: Slope | Curve) -> str:
-    """What a series measures, in the field's symbols."""
-    symbol = {"lambda": "λ", "jacobian": "C"}.get(series.quantity, series.quantity)
-    return {
-        "": "(failed)",
-        "correction": f"Δ{symbol}",
-        "physical_correction": f"Δ{symbol} (physical)",
-        "condition": symbol,
-        "sensitivity": f"∂{symbol}/∂b_{series.row_block}",
-        "error": f"error of {symbol}",
-        "invariant": f"invariant: {symbol}",
-        "krylov_iterations": "Krylov iterations",
-        "krylov_residual": "Krylov residual",
-        "tolerance": "share of steps",
-        "history": f"{symbol} over time",
-    }[series.measure]
 
 
 def text_table(rows: Sequence[Sequence[str]]) -> str:

@@ -22,7 +22,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import UNKNOWNS, FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.report.curves import KEY, key_of
-from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
 from newmark_cli.spelling import nearest
@@ -182,13 +182,12 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
 
 
 @cache
-def _drawing() -> Mapping[tuple[str, ...], list[str]]:
+def _drawing(figures: tuple[str, ...]) -> Mapping[tuple[str, ...], list[str]]:
     """Key of a series → names of the figures that draw it."""
     names: dict[tuple[str, ...], list[str]] = {}
-    for figure in FIGURES.values():
-        if not isinstance(figure, MechanismFigure):
-            for curve in figure.curves:
-                names.setdefault(curve.key, []).append(figure.name)
+    for name in figures:
+        for curve in FIGURES[name].curves:
+            names.setdefault(curve.key, []).append(name)
     return names
 
 
@@ -200,7 +199,7 @@ def _slope(
         raise ResultsError(f"{path}: unknown measure {measure!r}; is it from a newer version?")
     h = rows["h"].to_numpy(float)
     values = drawn(measure, rows)
-    figures = tuple(_drawing().get(key_of(first), ()))
+    figures = tuple(_drawing(tuple(FIGURES)).get(key_of(first), ()))
     expected = _predicted(first, path)
     fitted = np.full(len(h), True)
     if measure == "error":
@@ -247,8 +246,7 @@ def drawn(measure: str, rows: pd.DataFrame) -> Array:
 
 def _tolerance(measure: str, at_start: bool, figures: Sequence[str]) -> float:
     """The strictest of the figures that draw a series, else that of its measure."""
-    drawing = [FIGURES[name] for name in figures]
-    own = [f.tolerance for f in drawing if isinstance(f, OrderFigure | SensitivityFigure)]
+    own = [t for name in figures if (t := FIGURES[name].tolerance) is not None]
     default = _TOLERANCE_AT_START.get(measure) if at_start else None
     return min(own, default=default or _TOLERANCE[measure])
 
