@@ -163,16 +163,43 @@ def _write(axes: Any, panel: Panel) -> None:
             textcoords="offset points", xytext=(0, 6), ha="right", va="bottom", color="0.35",
         )  # fmt: skip
     if panel.fits:
-        texts = [f"{trace.label}: {trace.fit}" for trace in panel.traces if trace.fit]
-        axes.text(
-            0.97, 0.95, "\n".join(texts), transform=axes.transAxes, ha="right", va="top",
-            fontsize=mpl.rcParams["legend.fontsize"] - 1,
-            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
-        )  # fmt: skip
+        _write_fits(axes, panel)
     zeros = sum(trace.zeros for trace in panel.traces)
     if zeros and panel.tell_zeros and panel.y_scale == "log":
         text = "1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0"
         axes.annotate(text, (0.02, 0.02), xycoords="axes fraction")
+
+
+def _write_fits(axes: Any, panel: Panel) -> None:
+    """Fits in a corner that is free, the upper right one if it is."""
+    size = mpl.rcParams["legend.fontsize"] - 1
+    room = 0.75 * axes.get_window_extent().width / (0.55 * size * axes.figure.dpi / 72)
+    fits = [(trace.label, trace.fit) for trace in panel.traces if trace.fit]
+    lines = [f"{_shortened(label, room - len(fit) - 2)}: {fit}" for label, fit in fits]
+    tall = 0.05 + 0.08 * len(lines)
+    shown = [(t, t.shown(panel.x_scale, panel.y_scale)) for t in panel.traces]
+    points = np.concatenate([np.column_stack([t.x[mask], t.y[mask]]) for t, mask in shown])
+    axes.autoscale_view()  # finds the limits, which are used here
+    x, y = axes.transAxes.inverted().transform(axes.transData.transform(points)).T
+    corners = [(right, top) for top in (True, False) for right in (True, False)]
+    right, top = min(
+        corners,
+        key=lambda corner: np.count_nonzero(
+            ((x > 0.5) == corner[0]) & ((y > 1 - tall) if corner[1] else (y < tall))
+        ),
+    )
+    text = axes.text(
+        0.97 if right else 0.03, 0.95 if top else 0.05, "\n".join(lines),
+        transform=axes.transAxes, ha="right" if right else "left", va="top" if top else "bottom",
+        fontsize=size,
+        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
+    )  # fmt: skip
+    text.set_in_layout(False)
+
+
+def _shortened(label: str, most: float) -> str:
+    """A label where there is room for so many letters; the legend has all of it."""
+    return label if len(label) <= most else label[: max(int(most), 6) - 1].rstrip(" ,") + "…"
 
 
 def _make_room(grid: Sequence[Any], sheet: Sheet) -> None:
@@ -224,10 +251,10 @@ def _number(value: float, position: int | None = None) -> str:
 
 
 def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet) -> None:
-    """Above a column of panels; above the sheet where panels have titles of their own."""
+    """In the middle of a column of panels that have none, otherwise in that of the sheet."""
     size = STYLE["axes.titlesize"]
     title = _wrapped(drawing, sheet.title, size, _MOST * drawing.bbox.width)
-    if sheet.columns == 1 and not sheet.panels[0].title:
+    if sheet.layout is not None and sheet.columns == 1 and not sheet.panels[0].title:
         grid[0].set_title(title, fontsize=size)
     else:
         drawing.suptitle(title, fontsize=size)

@@ -186,7 +186,7 @@ class Panel:
         references: Thin lines, such as predicted slopes.
         levels: Thin lines across.
         names: What is written right of points.
-        fits: Whether the fits of the traces are written into its upper right corner.  The
+        fits: Whether the fits of the traces are written into a corner that is free.  The
             legend has them otherwise, which suits a single panel.
         tell_zeros: Whether it says how many zeros a logarithmic ordinate cannot show.
         scene: A drawing that is not made of traces; axes then have equal units.

@@ -113,7 +113,9 @@ def panel(
         fits: Whether fits are written into the panel; otherwise the legend has them.
     """
     first = slopes[0]
-    limits = _linear_limits(slopes) if linear else spread([slope.values for slope in slopes])
+    # Fits are written above the traces.
+    values, headroom = [slope.values for slope in slopes], 0.4 if fits else 0.12
+    limits = _linear_limits(slopes) if linear else spread(values, headroom)
     references = () if linear or limits is None else predicted(slopes, limits)
     return Panel(
         tuple(traces),
