@@ -18,10 +18,7 @@ import numpy as np
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
 from newmark_cli.report import traces
-from newmark_cli.report.claims import (
-    Claim,
-    RatioClaim,
-)
+from newmark_cli.report.claims import Claim, RatioClaim
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.history import History, read_histories
 from newmark_cli.report.panels import (
