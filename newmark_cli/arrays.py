@@ -5,3 +5,4 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
+Mask = NDArray[np.bool_]

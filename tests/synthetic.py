@@ -4,11 +4,11 @@ import copy
 
 import numpy as np
 
-from newmark_cli.report.figures import FIGURES, ClaimingFigure
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import results
 
 #: Figures that make claims.
-CLAIMING = [figure for figure in FIGURES.values() if isinstance(figure, ClaimingFigure)]
+CLAIMING = [figure for figure in FIGURES.values() if figure.claims]
 
 DAMPED = "generalized-alpha rho=0.9"
 

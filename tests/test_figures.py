@@ -10,9 +10,11 @@ import synthetic
 
 import newmark_cli
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.report import draw, draw_mechanism, plot, style
-from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, StudyFigure
+from newmark_cli.report import draw, plot, style
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, format_fit, power_law
+from newmark_cli.report.kinds import MechanismFigure, OrderFigure, Results, StudyFigure
+from newmark_cli.report.panels import LOOKS
 from newmark_cli.report.slopes import collect, study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
 from newmark_cli.running import runner
@@ -39,153 +41,183 @@ def folder(tmp_path_factory):
     return folder
 
 
+def order(reference):
+    """Slope of a line on logarithmic axes."""
+    return np.diff(np.log10(reference.y))[0] / np.diff(np.log10(reference.x))[0]
+
+
 @pytest.mark.parametrize("figure", ORDER_FIGURES, ids=lambda f: f"figure-{f.name}")
 def test_order_figures_draw_the_csv(folder, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
-    slopes = plot.series(figure, collect(folder, [figure.study]), folder)
+    sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
     frame = read_study(folder / f"{figure.study}.csv")
-    drawing = draw.order_figure(figure, slopes)
-    (axes,) = drawing.axes
-    lines = axes.get_lines()
-    for slope, line in zip(slopes, lines, strict=False):
+    (panel,) = sheet.panels
+    for trace in panel.traces:
         rows = frame[
             (frame["quantity"] == figure.quantity)
             & (frame["measure"] == figure.measure)
-            & (frame["preconditioning"] == slope.preconditioning)
+            & (frame["preconditioning"] == trace.label)
         ].sort_values("h")
-        drawn = rows[RECORDS[figure.measure].statistic].to_numpy()
-        np.testing.assert_array_equal(line.get_xdata(), rows["h"][drawn > 0])
-        np.testing.assert_array_equal(line.get_ydata(), drawn[drawn > 0])
-        fit = power_law(rows["h"].to_numpy(), drawn)
-        assert line.get_label() == f"{slope.preconditioning}: {format_fit(fit)}"
-    assert [s.preconditioning for s in slopes] == list(figure.variants)
+        values = rows[RECORDS[figure.measure].statistic].to_numpy()
+        np.testing.assert_array_equal(trace.x, rows["h"])
+        np.testing.assert_array_equal(trace.y, values)
+        assert trace.fit == format_fit(power_law(rows["h"].to_numpy(), values))
+        assert f"{trace.label}: slope {trace.fit}, predicted " in sheet.words
+    assert [trace.label for trace in panel.traces] == list(figure.variants)
     # The thin lines have the predicted slopes.
-    references = [
-        np.diff(np.log10(line.get_ydata()))[0] / np.diff(np.log10(line.get_xdata()))[0]
-        for line in lines[len(slopes) :]
-    ]
-    expected = list(dict.fromkeys(s.expected for s in slopes))
-    np.testing.assert_allclose(references, expected, atol=1e-10)
-    assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert "h" in axes.get_xlabel()
+    expected = {"1": [0], "3": [-4, -2, 0], "4": [-1, 0], "7": [0], "9": [-4, -2, 0]}
+    np.testing.assert_allclose(
+        [order(line) for line in panel.references], expected.get(figure.name, [-2, 0]), atol=1e-10
+    )
+    assert (panel.x_scale, panel.y_scale) == ("log", "log")
+    assert "h" in panel.x_label
+    assert sheet.legend.title == "fitted slope"
 
 
 STUDY_FIGURES = [f for f in FIGURES.values() if isinstance(f, StudyFigure)]
 
 
-def slopes_of(folder, figure, table=None):
-    """Series of a figure past the paper, in the order of its curves."""
+def sheet_of(folder, figure, table=None):
+    """What a figure past the paper draws of synthetic results."""
     path = synthetic.write(folder, figure, table)
-    return plot.series(figure, study_slopes(read_study(path), path), folder)
+    return figure.sheet(Results(folder, study_slopes(read_study(path), path)))
 
 
 @pytest.mark.parametrize("figure", STUDY_FIGURES, ids=lambda f: f"figure-{f.name}")
 def test_study_figures_draw_the_csv(tmp_path, figure):
     """Each series is what its rows say, in a look of its own, named in the legend."""
-    slopes = slopes_of(tmp_path, figure)
-    drawing = draw.order_figure(figure, slopes)
-    (axes,) = drawing.axes
-    lines = {line.get_label().partition(":")[0]: line for line in axes.get_lines()}
-    for curve, look in zip(figure.curves, style.LOOKS, strict=False):
-        ok = [r for r in synthetic.rows_of(curve) if r["status"] != "stagnated"]
-        ok = sorted(ok, key=lambda row: row["h"])
+    (panel,) = sheet_of(tmp_path, figure).panels
+    for curve, trace, look in zip(figure.curves, panel.traces, LOOKS, strict=False):
+        rows = sorted(synthetic.rows_of(curve), key=lambda row: row["h"])
         statistic = RECORDS[curve.measure].statistic
-        share = [row["steps"] if statistic == "met" else 1 for row in ok]
-        expected = [row[statistic] / whole for row, whole in zip(ok, share, strict=True)]
-        np.testing.assert_array_equal(lines[curve.label].get_xdata(), [row["h"] for row in ok])
-        np.testing.assert_allclose(lines[curve.label].get_ydata(), expected, rtol=1e-15)
-        assert lines[curve.label].get_color() == look["color"]
-    named = [text.get_text().partition(":")[0] for text in drawing.legends[0].get_texts()]
-    assert named[: len(figure.curves)] == [curve.label for curve in figure.curves]
-    assert axes.get_xscale() == "log"
-    assert axes.get_yscale() == ("linear" if figure.linear else "log")
-    assert "h" in axes.get_xlabel()
-    assert axes.get_ylabel()
+        expected = [
+            row["max"] if row["status"] == "stagnated"
+            else row[statistic] / (row["steps"] if statistic == "met" else 1)
+            for row in rows
+        ]  # fmt: skip
+        assert trace.label == curve.label
+        assert trace.look == look
+        np.testing.assert_array_equal(trace.x, [row["h"] for row in rows])
+        np.testing.assert_allclose(trace.y, expected, rtol=1e-15)
+        np.testing.assert_array_equal(trace.apart, [row["status"] == "stagnated" for row in rows])
+    assert len(panel.traces) == len(figure.curves)
+    assert panel.x_scale == "log"
+    assert panel.y_scale == ("linear" if figure.linear else "log")
+    assert "h" in panel.x_label
+    assert panel.y_label
 
 
 def test_slopes_stand_where_there_is_a_prediction(tmp_path):
     """Figure 11: h² beside generalized-α down to its rounding floor, nothing else."""
-    slopes = slopes_of(tmp_path, FIGURES["11"])
-    drawing = draw.order_figure(FIGURES["11"], slopes)
-    (axes,) = drawing.axes
-    labels = [text.get_text() for text in drawing.legends[0].get_texts()]
-    assert [label for label in labels if "±" in label] == [
-        "generalized-α, direct: 1.95 ± 0.01",
-        "generalized-α, compensated: 1.96 ± 0.01",
-    ]
-    (line,) = (line for line in axes.get_lines() if line.get_label() == "predicted")
-    np.testing.assert_allclose(line.get_xdata(), [1e-6, 1e-4])
-    assert np.diff(np.log10(line.get_ydata()))[0] == pytest.approx(4, abs=1e-10)
-    assert [text.get_text() for text in axes.texts] == ["h²"]
+    (panel,) = sheet_of(tmp_path, FIGURES["11"]).panels
+    assert {trace.label: trace.fit for trace in panel.traces if trace.fit} == {
+        "generalized-α, direct": "1.95 ± 0.01",
+        "generalized-α, compensated": "1.96 ± 0.01",
+    }
+    (line,) = panel.references
+    np.testing.assert_allclose(line.x, [1e-6, 1e-4])
+    assert order(line) == pytest.approx(2, abs=1e-10)
+    assert (line.text, line.label) == ("h²", "predicted")
 
 
 def test_shares_and_counts_start_at_zero(tmp_path):
     """Figure 12 shows all of 0 to 1, Figure 13 all counts; zeros are drawn."""
     for name, top in (("12", 1), ("13", 600)):
-        figure = FIGURES[name]
-        (axes,) = draw.order_figure(figure, slopes_of(tmp_path, figure)).axes
-        low, high = axes.get_ylim()
+        (panel,) = sheet_of(tmp_path, FIGURES[name]).panels
+        low, high = panel.y_limits
         assert low < 0 < top < high < 1.3 * top
         assert -low < 0.1 * top
+        assert all(trace.shown(panel.x_scale, panel.y_scale).all() for trace in panel.traces)
 
 
 def test_stagnation_is_marked(tmp_path):
-    """Cells without convergence: open markers at the solver's limit, not joined, and words."""
-    figure = FIGURES["13"]
-    (axes,) = draw.order_figure(figure, slopes_of(tmp_path, figure)).axes
-    at_limit = [
-        line
-        for line in axes.get_lines()
-        if line.get_marker() != "None" and set(line.get_ydata()) == {synthetic.LIMIT}
-    ]
-    assert {tuple(line.get_xdata()) for line in at_limit} == {
-        (1e-5, 1e-4, 1e-3), (1e-5, 1e-4), (1e-5,),
+    """Cells without convergence stand apart, at the solver's limit, and words say so."""
+    (panel,) = sheet_of(tmp_path, FIGURES["13"]).panels
+    at_limit = {trace.label: tuple(trace.x[trace.apart]) for trace in panel.traces}
+    assert at_limit == {
+        "none": (1e-5, 1e-4, 1e-3), "left": (1e-5, 1e-4), "right": (1e-5,), "optimal": (),
     }  # fmt: skip
-    assert all(line.get_markerfacecolor() == "none" for line in at_limit)
-    assert all(line.get_linestyle() == "None" for line in at_limit)
-    assert [text.get_text() for text in axes.texts] == ["no convergence in 600 iterations"]
+    for trace in panel.traces:
+        assert set(trace.y[trace.apart]) <= {synthetic.LIMIT}
+    (level,) = panel.levels
+    assert (level.y, level.text) == (600, "no convergence in 600 iterations")
 
 
 def test_precisions_side_by_side(tmp_path):
     """Figure 14: a panel for each unknown, both precisions of a variant in its look."""
     figure = FIGURES["14"]
-    slopes = slopes_of(tmp_path, figure)
-    drawing = draw.precision_figure(figure, slopes)
-    assert len(drawing.axes) == 2
-    for axes, unknown in zip(drawing.axes, ("u", "lambda"), strict=True):
-        drawn = {(line.get_color(), tuple(line.get_ydata())) for line in axes.get_lines()}
+    sheet = sheet_of(tmp_path, figure)
+    assert len(sheet.panels) == 2
+    for panel, unknown in zip(sheet.panels, ("u", "lambda"), strict=True):
+        drawn = {(trace.label, trace.look, tuple(trace.y)) for trace in panel.traces}
         expected = {
-            (look["color"], tuple(slope.values[::-1]))
-            for variant, look in zip(figure.variants, style.LOOKS, strict=False)
-            for slope in slopes
-            if (slope.quantity, slope.preconditioning) == (unknown, variant)
+            (curve.preconditioning, look, tuple(row["rms"] for row in reversed(rows)))
+            for variant, look in zip(figure.variants, LOOKS, strict=False)
+            for curve in figure.curves
+            if (curve.quantity, curve.preconditioning) == (unknown, variant)
+            for rows in [synthetic.rows_of(curve)]
         }
         assert drawn == expected
         assert len(drawn) == 8
-        assert {text.get_text() for text in axes.texts} == {"float32", "float64"}
-    assert [text.get_text() for text in drawing.legends[0].get_texts()] == list(figure.variants)
+        assert [name.text for name in panel.names] == ["float32", "float64"]
+    assert "Δu, none, float32: slope" in sheet.words
+    # Series of one name share an entry.
+    legend = draw.drawn(sheet).legends[0]
+    assert [text.get_text() for text in legend.get_texts()] == list(figure.variants)
+
+
+def test_sensitivities_have_a_panel_for_each_block(committed_folder):
+    """Unknowns down, row blocks across; slopes in the panels, and lines through the points."""
+    figure = FIGURES["sensitivity"]
+    slopes = collect(committed_folder, ["sensitivity"])
+    sheet = figure.sheet(Results(committed_folder, slopes))
+    assert (len(sheet.panels), sheet.columns, sheet.rows) == (16, 4, 4)
+    by_key = {slope.key: slope for slope in slopes}
+    series = [by_key[curve.key] for curve in figure.curves]
+    drawn = [(panel, trace) for panel in sheet.panels for trace in panel.traces]
+    for slope, (panel, trace) in zip(series, drawn, strict=True):
+        np.testing.assert_array_equal(trace.y, slope.values)
+        assert trace.label == slope.preconditioning
+        if (slope.values > 0).any():
+            assert float(trace.fit.replace("−", "-")) == pytest.approx(slope.fit.slope, abs=5e-4)
+            assert any(order(line) == pytest.approx(slope.expected) for line in panel.references)
+        else:
+            assert trace.fit == "exactly 0"
+    assert [panel.title for panel in sheet.panels[:4]] == [f"row {r} perturbed" for r in "DVKC"]
+    assert [bool(panel.y_label) for panel in sheet.panels] == [True, False, False, False] * 4
 
 
 def test_history_draws_the_largest_multiplier(tmp_path):
     """Figure 15: λ₂ here, above in the range of the last curve, below as far as any goes."""
     figure = FIGURES["15"]
     synthetic.write_history(tmp_path, figure)
-    drawing = draw.history_figure(figure, plot.histories(figure, tmp_path))
-    zoomed, whole = drawing.axes
-    for axes in (zoomed, whole):
-        assert "lambda_2" in axes.get_ylabel()
-        assert "kN/m" in axes.get_ylabel()
-        for curve, line in zip(figure.curves, axes.get_lines(), strict=True):
+    sheet = figure.sheet(Results(tmp_path, []))
+    zoomed, whole = sheet.panels
+    for panel in (zoomed, whole):
+        assert "lambda_2" in panel.y_label
+        assert "kN/m" in panel.y_label
+        assert panel.x_scale == "linear"
+        for curve, trace in zip(figure.curves, panel.traces, strict=True):
             t, multipliers = synthetic.multipliers(curve)
-            np.testing.assert_allclose(line.get_xdata(), t, rtol=1e-15)
-            np.testing.assert_allclose(line.get_ydata(), 1e-3 * multipliers[:, 1], rtol=1e-14)
+            np.testing.assert_allclose(trace.x, t, rtol=1e-15)
+            np.testing.assert_allclose(trace.y, 1e-3 * multipliers[:, 1], rtol=1e-14)
     last = 1e-3 * synthetic.multipliers(figure.curves[-1])[1][:, 1]
-    assert zoomed.get_ylim() == pytest.approx(
+    assert zoomed.y_limits == pytest.approx(
         (1.25 * last.min() - 0.25 * last.max(), 1.25 * last.max() - 0.25 * last.min())
     )
-    assert whole.get_yscale() == "symlog"
-    low, high = whole.get_ylim()
+    assert (zoomed.y_scale, whole.y_scale) == ("linear", "symlog")
+    assert whole.linthresh == 10
+    low, high = whole.y_limits
     assert low < -1e5 < 1e5 < high
+    # Said once, though drawn twice.
+    most = [np.max(np.abs(synthetic.multipliers(c)[1])) for c in figure.curves]
+    assert sheet.words == " ".join(
+        f"{part}."
+        for part in (
+            figure.title,
+            *(f"{c.label}: |λ| up to {m:.3g}" for c, m in zip(figure.curves, most, strict=True)),
+        )
+    )
 
 
 @pytest.mark.parametrize(
@@ -206,20 +238,8 @@ def test_damaged_history(tmp_path, damage, words):
     path = synthetic.write_history(tmp_path, figure)
     path.write_text(damage(path.read_text()))
     with pytest.raises(results.ResultsError, match=words) as caught:
-        plot.histories(figure, tmp_path)
+        figure.require(Results(tmp_path, []))
     assert str(path) in str(caught.value)
-
-
-def test_legends_are_whole(committed_folder):
-    """Nothing is cut off at the sides, however many decimals the slopes have."""
-    figures = [*ORDER_FIGURES, *STUDY_FIGURES]
-    slopes = collect(committed_folder, dict.fromkeys(figure.study for figure in figures))
-    for figure in figures:
-        drawing = draw.order_figure(figure, plot.series(figure, slopes, committed_folder))
-        drawing.draw_without_rendering()
-        (legend,) = drawing.legends
-        extent = legend.get_window_extent()
-        assert 0 <= extent.x0 < extent.x1 <= drawing.bbox.width, figure.name
 
 
 def test_only_the_drawing_modules_import_matplotlib():
@@ -237,10 +257,10 @@ def test_only_the_drawing_modules_import_matplotlib():
 
 def test_series_can_be_told_apart():
     """Distinct markers and line styles; colours apart in grey and for the colour blind."""
-    looks = style.LOOKS[:4]
-    assert len({look["marker"] for look in looks}) == 4
-    assert len({look["linestyle"] for look in looks}) == 4
-    grey = [np.dot(mpl.colors.to_rgb(look["color"]), [0.2126, 0.7152, 0.0722]) for look in looks]
+    looks = LOOKS[:4]
+    assert len({look.marker for look in looks}) == 4
+    assert len({look.linestyle for look in looks}) == 4
+    grey = [np.dot(mpl.colors.to_rgb(look.color), [0.2126, 0.7152, 0.0722]) for look in looks]
     assert np.min(np.diff(grey)) > 0.05, "dark to light"
 
 
@@ -253,7 +273,7 @@ def test_mechanism_figures_show_every_joint(figure):
     """All points are labelled, fixed ones filled, at their initial positions in mm."""
     subject = problem(figure.problem)
     mechanism = subject.drawing
-    drawing = draw_mechanism.mechanism_figure(figure.title, subject, subject.u0)
+    drawing = draw.drawn(figure.sheet(Results(Path("nowhere"), [])))
     (axes,) = drawing.axes
     labels = {text.get_text() for text in axes.texts}
     assert set("OABCDEFGH") | set(mechanism.bodies) <= labels
@@ -272,15 +292,15 @@ def test_mechanism_figures_show_every_joint(figure):
 
 def test_figures_are_made_by_reproduce():
     """The paper's by its studies, those past it by the others; none by both."""
-    paper = plot.of_studies(config.REPRODUCED)
+    paper = [figure.name for figure in plot.of_studies(config.REPRODUCED)]
     assert paper == ["1", "2", "3", "4", "5", "6", "7", "8", "9", "sensitivity"]
-    assert plot.of_studies((*config.REPRODUCED, *config.BEYOND)) == list(FIGURES)
+    assert plot.of_studies((*config.REPRODUCED, *config.BEYOND)) == list(FIGURES.values())
     assert {figure.study for figure in synthetic.CLAIMING} == {*config.BEYOND} - {"integrators"}
 
 
 @pytest.mark.parametrize(
     "figure",
-    [f for f in FIGURES.values() if not isinstance(f, MechanismFigure)],
+    [f for f in FIGURES.values() if f.curves],
     ids=lambda f: f"figure-{f.name}",
 )
 def test_shipped_configs_give_what_figures_draw(figure):
@@ -298,8 +318,7 @@ def test_shipped_configs_give_what_figures_draw(figure):
         }
         for cell in config.load_shipped(figure.study).cells()
     ]
-    claiming = hasattr(figure, "claims")
-    for curve in synthetic.curves(figure) if claiming else figure.curves:
+    for curve in synthetic.curves(figure):
         assert {column: getattr(curve, column) for column in cells[0]} in cells, curve.label
 
 
@@ -308,8 +327,8 @@ def test_both_files_have_the_same_bytes_again(folder, tmp_path):
     figure = ORDER_FIGURES[1]
     contents = []
     for name in ("one", "two"):
-        slopes = plot.series(figure, collect(folder, [figure.study]), folder)
-        files = style.save(draw.order_figure(figure, slopes), tmp_path / name)
+        sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
+        files = style.save(draw.drawn(sheet), tmp_path / name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]
     assert contents[0][0].startswith(b"\x89PNG")
@@ -352,16 +371,6 @@ def test_verdicts(tmp_path, slope, zero_at, status, verdict):
     (found,) = study_slopes(read_study(path), path)
     assert found.figures == ("2",)
     assert (found.expected, found.tolerance, found.verdict) == (0.0, 0.15, verdict)
-
-
-def test_zeros_are_counted_not_drawn(tmp_path):
-    """A zero has no place on a log axis; the figure says that one is missing."""
-    path = tmp_path / "pendulum-u.csv"
-    path.write_text(results.csv_text(results.COLUMNS, multiplier_rows(0.0, zero_at=1)))
-    slopes = study_slopes(read_study(path), path)
-    (axes,) = draw.order_figure(FIGURES["2"], slopes).axes
-    assert len(axes.get_lines()[0].get_xdata()) == 3
-    assert any("1 values are exactly 0" in text.get_text() for text in axes.texts)
 
 
 @pytest.mark.parametrize(

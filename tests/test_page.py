@@ -11,7 +11,7 @@ from conftest import QUICK
 
 from newmark_cli.cli import cli as command_line
 from newmark_cli.report import check, page, slopes
-from newmark_cli.report.figures import FIGURES, HistoryFigure
+from newmark_cli.report.figures import FIGURES
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 
@@ -62,7 +62,7 @@ def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("results")
     for figure in synthetic.CLAIMING:
         synthetic.write(path, figure)
-        if isinstance(figure, HistoryFigure):
+        if figure.study == "history":
             synthetic.write_history(path, figure)
     cell = {"problem": "pendulum", "h": 0.1, "steps": 30, "wall_seconds": 1.25}
     record = {

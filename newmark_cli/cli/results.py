@@ -30,15 +30,17 @@ def plot(figures: tuple[str, ...], folder: Path) -> int:
     """
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
+    from newmark_cli.report.kinds import Results
 
-    wanted = plotting.names(figures)
-    # Read everything before anything is written.
-    found = slopes.collect(folder) if plotting.needs_results(wanted) else []
-    lacking = [] if figures else plotting.without_data(wanted, found, folder)
-    for file in plotting.plot(folder, [name for name in wanted if name not in lacking], found):
+    wanted = plotting.named(figures)
+    # Read everything before anything is written; a mechanism's figure needs no results.
+    needed = not figures or any(figure.curves for figure in wanted)
+    results = Results(folder, slopes.collect(folder) if needed else [])
+    given, lacking = (wanted, []) if figures else plotting.enough(results)
+    for file in plotting.plot(given, results):
         click.echo(file)
-    if found:
-        slopes.write(folder, found)
+    if needed:
+        slopes.write(folder, results.slopes)
     if lacking:
         complain(plotting.how_to_get(lacking))
     return 0

@@ -133,9 +133,10 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.report import paper_tables as tabling
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
+    from newmark_cli.report.kinds import Results
 
     found = slopes.collect(folder, studies)
-    files = plotting.plot(folder, plotting.of_studies(studies), found)
+    files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
     click.echo(f"{len(files)} files in {folder / 'figures'}")
     slopes.write(folder, found)
     click.echo()

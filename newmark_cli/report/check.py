@@ -7,18 +7,19 @@ from typing import Any
 
 from newmark_cli.report.claims import Claim, Finding, evaluate
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve
-from newmark_cli.report.figures import FIGURES, ClaimingFigure, OrderFigure
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report.kinds import Figure
 from newmark_cli.report.slopes import Slope, in_figure_order
+from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import PASS, SHOWN
-from newmark_cli.study.measures import RECORDS
 
 
 @dataclass(frozen=True)
 class Judged:
     """A claim of a figure, and what it comes to."""
 
-    figure: ClaimingFigure
+    figure: Figure
     claim: Claim
     finding: Finding
 
@@ -43,7 +44,7 @@ def judge(slopes: Sequence[Slope]) -> list[Judged]:
     return [
         Judged(figure, claim, evaluate(claim, find))
         for figure in FIGURES.values()
-        if isinstance(figure, ClaimingFigure) and figure.study in studies
+        if figure.study in studies
         for claim in figure.claims
     ]
 
@@ -62,7 +63,7 @@ def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
     return [
         slope
         for slope in in_figure_order(slopes)
-        if any(isinstance(FIGURES[name], OrderFigure) for name in slope.figures)
+        if any(FIGURES[name].in_paper for name in slope.figures)
     ]
 
 
@@ -129,11 +130,6 @@ _SAID = (
 
 def _variant(slope: Slope) -> str:
     return ", ".join([slope.preconditioning, *slope.key.besides(*_SAID)])
-
-
-def quantity(series: Slope | Curve) -> str:
-    """What a series measures, in the field's symbols."""
-    return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"
 
 
 def text_table(rows: Sequence[Sequence[str]]) -> str:

@@ -1,6 +1,7 @@
-"""Drawing of results: quantities against the step size."""
+"""One renderer for every figure: a sheet of panels, drawn in the style of the project."""
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,271 +10,234 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from newmark_cli.arrays import Array
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.report.figures import (
-    HistoryFigure,
-    OrderFigure,
-    PrecisionFigure,
-    SensitivityFigure,
-    SeriesFigure,
-    StudyFigure,
-)
-from newmark_cli.report.fits import format_fit, format_order
-from newmark_cli.report.history import History
-from newmark_cli.report.slopes import Slope
-from newmark_cli.report.style import LOOKS, STYLE, WIDTH
+from newmark_cli.arrays import Mask
+from newmark_cli.report.panels import Panel, Sheet, Trace, power
+from newmark_cli.report.style import STYLE
 
-_SYMBOLS = {"u": "u", "v": "v", "a": "a", "lambda": r"\lambda"}
-
-#: Curves over time; the first alternates from step to step, the last two coincide.
-_OVER_TIME: tuple[dict[str, Any], ...] = (
-    {"color": "#D55E00", "linewidth": 0.4, "marker": ".", "markersize": 1.2, "alpha": 0.7},
-    {"color": "#56B4E9", "linewidth": 2.6},
-    {"color": "#000000", "linewidth": 0.8, "linestyle": "--"},
-)
-
-#: Problems of unit mass, length and gravity; all others are in SI units.
-_WITHOUT_UNITS = ("pendulum", "chain")
-
-#: A line of a legend (inch), and how many fit under axes of the usual size.
-_LINE, _LINES = 0.147, 4
+#: What a legend or a title may take of the sheet's width.
+_MOST = 0.99
 
 
-def axis_label(slope: Slope) -> str:
-    """Label of the ordinate in the field's symbols."""
-    return slope.record.label(slope.key)
-
-
-def figure_of(figure: SeriesFigure, slopes: Sequence[Slope]) -> Figure:
-    """Any figure of series.
+def drawn(sheet: Sheet) -> Figure:
+    """Draw a sheet.
 
     Args:
-        figure: The entry.
-        slopes: Its series, in the order of its curves.
+        sheet: Panels, legend and layout; see `newmark_cli.report.panels`.
     """
-    if isinstance(figure, SensitivityFigure):
-        return sensitivity_figure(figure, slopes)
-    if isinstance(figure, PrecisionFigure):
-        return precision_figure(figure, slopes)
-    return order_figure(figure, slopes)
-
-
-def order_figure(figure: OrderFigure | StudyFigure, slopes: Sequence[Slope]) -> Figure:
-    """A quantity against h: points, fitted slopes in the legend, predicted ones as lines.
-
-    Args:
-        figure: The entry.
-        slopes: Its series, in the order of the legend.
-    """
-    linear, note = (figure.linear, figure.note) if isinstance(figure, StudyFigure) else (False, "")
-    with mpl.rc_context(STYLE):
-        places = {curve.key: i for i, curve in enumerate(figure.curves)}
-        labels = [
-            figure.curves[places[slope.key]].label
-            + ("" if np.isnan(slope.expected) else f": {format_fit(slope.fit)}")
-            for slope in slopes
-        ]
-        predicted = any(not np.isnan(slope.expected) for slope in slopes)
-        columns = 2 if max(map(len, labels)) <= 26 else 1
-        lines = math.ceil((len(labels) + predicted) / columns) + bool(predicted or note)
-        more = (lines - _LINES) * _LINE
-        height = 3.3 + more
-        drawing = Figure(figsize=(WIDTH, height))
-        foot = (0.305 * 3.3 + more) / height
-        axes = drawing.add_axes((0.165, foot, 0.815, 0.63 * 3.3 / height))
-        axes.set_xscale("log")
-        if not linear:
-            axes.set_yscale("log")
-        for slope, label in zip(slopes, labels, strict=True):
-            _series(axes, slope, LOOKS[places[slope.key]], label, zeros=linear)
-        if linear:
-            _from_zero(axes, slopes)
-        else:
-            _widen(axes, slopes)
-            axes.yaxis.set_major_locator(LogLocator(numticks=10))
-            axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
-            axes.yaxis.set_minor_formatter(NullFormatter())
-            _predicted_lines(axes, slopes)
-        _mark_stagnation(axes, slopes)
-        axes.set_xlabel(_step_label(slopes))
-        axes.set_ylabel(axis_label(slopes[0]))
-        axes.set_title(figure.title)
-        axes.xaxis.set_major_locator(LogLocator(numticks=12))
-        axes.xaxis.set_major_formatter(FuncFormatter(_power_of_ten))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.grid(color="0.92", linewidth=0.5)
-        axes.set_axisbelow(True)
-        handles, labels = axes.get_legend_handles_labels()
-        legend = drawing.legend(
-            handles,
-            labels,
-            title="fitted slope" if predicted else note,
-            loc="lower center",
-            ncols=columns,
-            handlelength=3.0,
-            borderpad=0.2,
-            columnspacing=1.2,
-        )
-        # Under the axes, or further left where it would be cut off.
-        width = legend.get_window_extent().width / drawing.bbox.width
-        legend.set_bbox_to_anchor((min(0.56, 0.995 - width / 2), 0.0))
-        missing = sum(int(np.count_nonzero(slope.values == 0)) for slope in slopes)
-        if missing and not linear:
-            axes.annotate(f"{missing} values are exactly 0", (0.02, 0.02), xycoords="axes fraction")
+    with mpl.rc_context(STYLE | dict(sheet.settings)):
+        drawing, grid = _axes(sheet)
+        series: dict[str, Any] = {}
+        lines: dict[str, Any] = {}
+        for place, (axes, panel) in enumerate(zip(grid, sheet.panels, strict=True)):
+            _label(axes, panel, sheet, place)
+            for entries, found in zip((series, lines), _draw(axes, panel), strict=True):
+                for text, handle in found:
+                    entries.setdefault(text, handle)
+            if sheet.grid:
+                axes.grid(color="0.92", linewidth=0.5)
+                axes.set_axisbelow(True)
+        _make_room(grid, sheet)
+        for axes, panel in zip(grid, sheet.panels, strict=True):
+            _name_ticks(axes, panel, sheet)
+        _write_title(drawing, grid, sheet)
+        _write_legend(drawing, sheet, series | lines)
+        if sheet.layout is None:
+            _settle(drawing, grid)
     return drawing
 
 
-def _step_label(slopes: Sequence[Slope]) -> str:
-    family = slopes[0].problem.partition("(")[0]
-    return "step size $h$" + ("" if family in _WITHOUT_UNITS else " (s)")
+def _axes(sheet: Sheet) -> tuple[Figure, list[Any]]:
+    """A figure, and axes for its panels."""
+    if sheet.layout is None:
+        size = (sheet.width, sheet.rows * sheet.size[1])
+        drawing, edges = Figure(figsize=size, layout="constrained"), {}
+    else:
+        drawing = Figure(figsize=sheet.layout.size)
+        left, bottom, width, height = sheet.layout.box
+        if len(sheet.panels) == 1:
+            return drawing, [drawing.add_axes(sheet.layout.box)]
+        # Rounded: 0.165 + 0.8 is meant to be 0.965.
+        edges = {
+            "left": left, "right": round(left + width, 9),
+            "bottom": bottom, "top": round(bottom + height, 9),
+            "wspace": sheet.layout.gaps[0], "hspace": sheet.layout.gaps[1],
+        }  # fmt: skip
+    every = drawing.subplots(
+        sheet.rows, sheet.columns, squeeze=False, gridspec_kw=edges,
+        sharex=sheet.share_x, sharey=sheet.share_y,
+    ).ravel()  # fmt: skip
+    for axes in every[len(sheet.panels) :]:
+        axes.remove()
+    return drawing, list(every[: len(sheet.panels)])
 
 
-def _series(
-    axes: Any, slope: Slope, look: dict[str, Any], label: str, zeros: bool = False, size: float = 1
-) -> None:
-    """Points of one series, joined; cells that stagnated as open markers, not joined."""
-    shown = np.isfinite(slope.values) & ((slope.values > 0) | zeros)
-    stagnated = np.array([status == "stagnated" for status in slope.statuses], bool)
-    for chosen, line, fill, name in (
-        (shown & ~stagnated, look["linestyle"], look["fill"], label),
-        (shown & stagnated, "none", False, None),
-    ):
-        order = np.argsort(slope.h[chosen])
-        if name is not None or chosen.any():
-            axes.plot(
-                slope.h[chosen][order],
-                slope.values[chosen][order],
-                color=look["color"],
-                marker=look["marker"],
-                markersize=size * look["markersize"],
-                markerfacecolor=look["color"] if fill else "none",
-                linestyle=line if len(order) > 1 else "none",
-                label=name,
-            )
+def _label(axes: Any, panel: Panel, sheet: Sheet, place: int) -> None:
+    """Labels, at the outer panels where axes are shared, and the panel's own title."""
+    lowest = place + sheet.columns >= len(sheet.panels)
+    if lowest or not sheet.share_x:
+        axes.set_xlabel(panel.x_label)
+        if place + sheet.columns < sheet.rows * sheet.columns:
+            axes.tick_params(labelbottom=True)  # nothing stands below it
+    if place % sheet.columns == 0 or not sheet.share_y:
+        axes.set_ylabel(panel.y_label)
+    if panel.title:
+        axes.set_title(panel.title)
 
 
-def _from_zero(axes: Any, slopes: Sequence[Slope]) -> None:
-    """A share from 0 to 1, a count from 0 to its largest, with room for markers."""
-    values = np.concatenate([slope.values for slope in slopes])
-    top = 1.0 if slopes[0].measure == "tolerance" else 1.1 * float(np.nanmax(values))
-    axes.set_ylim(-0.06 * top, 1.07 * top)
+#: Names and handles of entries in the legend.
+Entries = list[tuple[str, Any]]
 
 
-def _mark_stagnation(axes: Any, slopes: Sequence[Slope]) -> None:
-    """Say what the open markers at the solver's limit are."""
-    limits = [
-        value
-        for slope in slopes
-        for value, status in zip(slope.values, slope.statuses, strict=True)
-        if status == "stagnated" and np.isfinite(value)
+def _draw(axes: Any, panel: Panel) -> tuple[Entries, Entries]:
+    """Everything inside a panel; returns the entries of its traces, and of its lines."""
+    if panel.scene is not None:
+        panel.scene.draw(axes)
+        axes.set_aspect("equal")
+        axes.margins(0.1)
+        return [(handle.get_label(), handle) for handle in panel.scene.handles()], []
+    if panel.x_scale != "linear":
+        axes.set_xscale(panel.x_scale)
+    if panel.y_scale != "linear":
+        axes.set_yscale(
+            panel.y_scale, **{"linthresh": panel.linthresh} if panel.y_scale == "symlog" else {}
+        )
+    entries = [(_entry(trace, panel), _draw_trace(axes, trace, panel)) for trace in panel.traces]
+    if panel.y_limits is not None:
+        axes.set_ylim(panel.y_limits)
+    lines = [
+        (line.label, axes.plot(line.x, line.y, color="0.55", linewidth=0.6, zorder=1)[0])
+        for line in panel.references
     ]
-    for limit in dict.fromkeys(limits):
-        axes.axhline(limit, color="0.55", linewidth=0.6, zorder=1)
+    _write(axes, panel)
+    return entries, lines
+
+
+def _entry(trace: Trace, panel: Panel) -> str:
+    return trace.label + (f": {trace.fit}" if trace.fit and not panel.fits else "")
+
+
+def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
+    """Points, joined; those that stand apart as open markers.  Returns the handle."""
+    look = trace.look
+    shown = trace.shown(panel.x_scale, panel.y_scale)
+    apart = np.zeros(len(shown), bool) if trace.apart is None else trace.apart
+
+    def points(chosen: Mask, linestyle: str, filled: bool) -> Any:
+        (line,) = axes.plot(
+            trace.x[chosen],
+            trace.y[chosen],
+            color=look.color,
+            marker=look.marker or "None",
+            markersize=trace.size * look.markersize,
+            markerfacecolor=look.color if filled else "none",
+            linestyle=linestyle if np.count_nonzero(chosen) > 1 else "none",
+            linewidth=look.linewidth,
+            alpha=look.alpha,
+        )
+        return line
+
+    # Also without a point, for the legend.
+    handle = points(shown & ~apart, look.linestyle, look.filled)
+    if (shown & apart).any():
+        points(shown & apart, "none", filled=False)
+    return handle
+
+
+def _write(axes: Any, panel: Panel) -> None:
+    """What is written among the traces."""
+    for line in panel.references:
+        if line.text:
+            axes.annotate(
+                line.text, (line.x[-1], line.y[-1]), textcoords="offset points", xytext=(7, 0),
+                ha="left", va="center", style="italic", fontsize=7, color="0.35",
+            )  # fmt: skip
+    for name in panel.names:
         axes.annotate(
-            f"no convergence in {limit:.0f} iterations",
-            (0.98, limit),
-            xycoords=axes.get_yaxis_transform(),
-            xytext=(0, 6),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            color="0.35",
-        )
-
-
-def precision_figure(figure: PrecisionFigure, slopes: Sequence[Slope]) -> Figure:
-    """Corrections in two precisions against h, one panel below the other.
-
-    Args:
-        figure: The entry.
-        slopes: Its series, panel by panel and precision by precision.
-    """
-    unknowns = FORMS[figure.form].unknowns
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(WIDTH, 0.75 + 1.75 * len(unknowns)))
-        panels = drawing.subplots(
-            len(unknowns),
-            sharex=True,
-            squeeze=False,
-            gridspec_kw={
-                "left": 0.165, "right": 0.98, "bottom": 0.155, "top": 0.945, "hspace": 0.06,
-            },
-        )[:, 0]  # fmt: skip
-        for unknown, axes in zip(unknowns, panels, strict=True):
-            axes.set_xscale("log")
-            axes.set_yscale("log")
-            ours = [slope for slope in slopes if slope.quantity == unknown]
-            for slope in ours:
-                first = slope.precision == figure.precisions[0]
-                variant = figure.variants.index(slope.preconditioning)
-                label = slope.preconditioning if first else "_"
-                _series(axes, slope, LOOKS[variant], label, size=0.8)
-            _widen(axes, ours, headroom=0.06)
-            axes.set_ylabel(axis_label(ours[0]).removeprefix("last decreasing "))
-            for axis in (axes.xaxis, axes.yaxis):
-                axis.set_major_locator(LogLocator(numticks=10))
-                axis.set_major_formatter(FuncFormatter(_power_of_ten))
-                axis.set_minor_formatter(NullFormatter())
-            axes.grid(color="0.92", linewidth=0.5)
-            axes.set_axisbelow(True)
-            for precision in figure.precisions:
-                _name_beside(axes, precision, [s for s in ours if s.precision == precision])
-        left, right = panels[0].get_xlim()
-        panels[0].set_xlim(left, right * (right / left) ** 0.17)
-        panels[0].set_title(figure.title)
-        panels[-1].set_xlabel(_step_label(slopes))
-        drawing.legend(
-            *panels[0].get_legend_handles_labels(),
-            loc="lower center",
-            ncols=len(figure.variants),
-            handlelength=2.6,
-            columnspacing=1.0,
-            bbox_to_anchor=(0.56, 0.0),
-        )
-    return drawing
-
-
-def history_figure(figure: HistoryFigure, histories: Sequence[History]) -> Figure:
-    """A multiplier over time: above in the range of the last curve, below as far as any goes.
-
-    Args:
-        figure: The entry.
-        histories: Its time series, in the order of its curves.
-    """
-    reference = histories[-1].multipliers
-    component = int(np.argmax(np.max(np.abs(reference), axis=0)))
-    low, high = (1e-3 * extreme(reference[:, component]) for extreme in (np.min, np.max))
-    with mpl.rc_context(STYLE):
-        drawing = Figure(figsize=(WIDTH, 4.4))
-        zoomed, whole = drawing.subplots(
-            2,
-            sharex=True,
-            gridspec_kw={
-                "left": 0.165, "right": 0.965, "bottom": 0.24, "top": 0.95, "hspace": 0.08,
-            },
+            name.text, (name.x, name.y), textcoords="offset points", xytext=(8, 0),
+            ha="left", va="center",
         )  # fmt: skip
-        for axes in (zoomed, whole):
-            for curve, history, look in zip(figure.curves, histories, _OVER_TIME, strict=False):
-                values = 1e-3 * history.multipliers[:, component]
-                axes.plot(history.t, values, label=curve.label, **look)
-            axes.set_ylabel(rf"$\lambda_{component + 1}$ (kN/m)")
-            axes.grid(color="0.92", linewidth=0.5)
-            axes.set_axisbelow(True)
-        zoomed.set_ylim(low - 0.25 * (high - low), high + 0.25 * (high - low))
-        whole.set_yscale("symlog", linthresh=10 ** math.floor(math.log10(high - low)))
-        whole.yaxis.set_major_formatter(FuncFormatter(_signed_power_of_ten))
-        zoomed.set_title(figure.title)
-        whole.set_xlabel("time $t$ (s)")
-        drawing.legend(
-            *zoomed.get_legend_handles_labels(),
-            title=f"$h$ = {_power_of_ten(figure.h)} s; pairs of successive steps",
-            loc="lower center",
-            handlelength=2.6,
-            borderpad=0.2,
-            bbox_to_anchor=(0.56, 0.0),
-        )
-    return drawing
+    for level in panel.levels:
+        axes.axhline(level.y, color="0.55", linewidth=0.6, zorder=1)
+        axes.annotate(
+            level.text, (0.98, level.y), xycoords=axes.get_yaxis_transform(),
+            textcoords="offset points", xytext=(0, 6), ha="right", va="bottom", color="0.35",
+        )  # fmt: skip
+    if panel.fits:
+        _write_fits(axes, panel)
+    zeros = sum(trace.zeros for trace in panel.traces)
+    if zeros and panel.tell_zeros and panel.y_scale == "log":
+        text = "1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0"
+        axes.annotate(text, (0.02, 0.02), xycoords="axes fraction")
+
+
+def _write_fits(axes: Any, panel: Panel) -> None:
+    """Fits in a corner that is free, the upper right one if it is."""
+    size = mpl.rcParams["legend.fontsize"] - 1
+    room = 0.75 * axes.get_window_extent().width / (0.55 * size * axes.figure.dpi / 72)
+    fits = [(trace.label, trace.fit) for trace in panel.traces if trace.fit]
+    lines = [f"{_shortened(label, room - len(fit) - 2)}: {fit}" for label, fit in fits]
+    tall = 0.05 + 0.08 * len(lines)
+    shown = [(t, t.shown(panel.x_scale, panel.y_scale)) for t in panel.traces]
+    points = np.concatenate([np.column_stack([t.x[mask], t.y[mask]]) for t, mask in shown])
+    axes.autoscale_view()  # finds the limits, which are used here
+    x, y = axes.transAxes.inverted().transform(axes.transData.transform(points)).T
+    corners = [(right, top) for top in (True, False) for right in (True, False)]
+    right, top = min(
+        corners,
+        key=lambda corner: np.count_nonzero(
+            ((x > 0.5) == corner[0]) & ((y > 1 - tall) if corner[1] else (y < tall))
+        ),
+    )
+    text = axes.text(
+        0.97 if right else 0.03, 0.95 if top else 0.05, "\n".join(lines),
+        transform=axes.transAxes, ha="right" if right else "left", va="top" if top else "bottom",
+        fontsize=size,
+        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
+    )  # fmt: skip
+    text.set_in_layout(False)
+
+
+def _shortened(label: str, most: float) -> str:
+    """A label where there is room for so many letters; the legend has all of it."""
+    return label if len(label) <= most else label[: max(int(most), 6) - 1].rstrip(" ,") + "…"
+
+
+def _make_room(grid: Sequence[Any], sheet: Sheet) -> None:
+    """Room right of the points, the same in panels that share their abscissa."""
+    rooms = [panel.x_room for panel in sheet.panels]
+    for axes, room in [(grid[0], max(rooms))] if sheet.share_x else zip(grid, rooms, strict=True):
+        if room:
+            left, right = axes.get_xlim()
+            if axes.get_xscale() == "log":
+                axes.set_xlim(left, right * (right / left) ** room)
+            else:
+                axes.set_xlim(left, right + room * (right - left))
+
+
+def _name_ticks(axes: Any, panel: Panel, sheet: Sheet) -> None:
+    for axis, scale, most in zip(
+        (axes.xaxis, axes.yaxis), (panel.x_scale, panel.y_scale), sheet.ticks, strict=True
+    ):
+        if scale == "symlog":
+            axis.set_major_formatter(FuncFormatter(_signed_power_of_ten))
+        if scale != "log":
+            continue
+        low, high = np.log10(axis.get_view_interval())
+        if math.floor(high) - math.ceil(low) >= 1:
+            axis.set_major_locator(LogLocator(numticks=most))
+            axis.set_major_formatter(FuncFormatter(_power_of_ten))
+        else:  # fewer than two powers of ten
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=most))
+            axis.set_major_formatter(FuncFormatter(_number))
+        axis.set_minor_formatter(NullFormatter())
+        if not sheet.minor_ticks:
+            axis.set_minor_locator(NullLocator())
+    if panel.y_scale == "log" and panel.empty:
+        axes.set_yticks([])
+
+
+def _power_of_ten(value: float, position: int | None = None) -> str:
+    return power("10", f"{math.log10(value):.0f}")
 
 
 def _signed_power_of_ten(value: float, position: int | None = None) -> str:
@@ -282,178 +246,80 @@ def _signed_power_of_ten(value: float, position: int | None = None) -> str:
     return ("−" if value < 0 else "") + _power_of_ten(abs(value))
 
 
-def _name_beside(axes: Any, name: str, slopes: Sequence[Slope]) -> None:
-    """Write a name right of the last points of series that belong together."""
-    last = [slope.values[np.argmax(slope.h)] for slope in slopes]
-    place = float(np.exp(np.mean(np.log([value for value in last if value > 0]))))
-    axes.annotate(
-        name,
-        (max(float(slope.h.max()) for slope in slopes), place),
-        xytext=(8, 0),
-        textcoords="offset points",
-        ha="left",
-        va="center",
-    )
+def _number(value: float, position: int | None = None) -> str:
+    return f"{value:g}"
 
 
-def sensitivity_figure(figure: SensitivityFigure, slopes: Sequence[Slope]) -> Figure:
-    """A small log–log panel for each unknown (down) and row block (across).
-
-    Args:
-        figure: The entry.
-        slopes: Series of every panel, in the order of the legend.
-    """
-    unknowns, rows = FORMS[figure.form].unknowns, FORMS[figure.form].rows
-    with mpl.rc_context(STYLE | {"font.size": 6, "legend.fontsize": 6.5}):
-        drawing = Figure(figsize=(2 * WIDTH, 1.35 * len(unknowns) + 0.6))
-        panels = drawing.subplots(
-            len(unknowns),
-            len(rows),
-            sharex=True,
-            gridspec_kw={
-                "left": 0.085,
-                "right": 0.985,
-                "bottom": 0.105,
-                "top": 0.91,
-                "wspace": 0.3,
-                "hspace": 0.12,
-            },
-        )
-        for i, unknown in enumerate(unknowns):
-            for j, row in enumerate(rows):
-                _sensitivity_panel(
-                    panels[i, j],
-                    [s for s in slopes if (s.quantity, s.row_block) == (unknown, row)],
-                )
-                if i == 0:
-                    panels[i, j].set_title(f"row {row} perturbed", fontsize=7)
-                if i == len(unknowns) - 1:
-                    panels[i, j].set_xlabel("$h$ (s)", fontsize=7)
-            symbol = _SYMBOLS[unknown]
-            panels[i, 0].set_ylabel(rf"$\|\delta\bar {symbol}\|/\varepsilon$", fontsize=7)
-        handles, _ = panels[0, 0].get_legend_handles_labels()
-        drawing.legend(
-            handles,
-            [*figure.variants, "predicted"],
-            loc="lower center",
-            ncols=len(handles),
-            handlelength=3.0,
-        )
-        drawing.suptitle(figure.title, fontsize=8)
-    return drawing
-
-
-def _sensitivity_panel(axes: Any, slopes: Sequence[Slope]) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    texts = []
-    for slope, look in zip(slopes, (LOOKS[0], LOOKS[3]), strict=False):
-        shown = slope.values > 0
-        axes.plot(
-            slope.h[shown],
-            slope.values[shown],
-            color=look["color"],
-            marker=look["marker"],
-            markersize=0.6 * look["markersize"],
-            linestyle=look["linestyle"],
-            markerfacecolor=look["color"] if look["fill"] else "none",
-            label=slope.preconditioning,
-        )
-        measured = (
-            f"{round(slope.fit.slope, 3) + 0.0:.3f}".replace("-", "−")
-            if shown.any()
-            else "exactly 0"
-        )
-        texts.append(f"{slope.preconditioning}: {measured}")
-    if any((slope.values > 0).any() for slope in slopes):
-        _widen(axes, slopes, headroom=0.4)
-        for k, slope in enumerate(slopes):
-            shown = slope.values > 0
-            if shown.any():
-                log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
-                line = log_y.mean() + slope.expected * (log_h - log_h.mean())
-                axes.plot(
-                    slope.h[shown],
-                    10**line,
-                    color="0.55",
-                    linewidth=0.6,
-                    zorder=1,
-                    label="predicted" if k == 0 else None,
-                )
-        axes.yaxis.set_major_locator(LogLocator(numticks=5))
-        axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet) -> None:
+    """In the middle of a column of panels that have none, otherwise in that of the sheet."""
+    size = STYLE["axes.titlesize"]
+    title = _wrapped(drawing, sheet.title, size, _MOST * drawing.bbox.width)
+    if sheet.layout is not None and sheet.columns == 1 and not sheet.panels[0].title:
+        grid[0].set_title(title, fontsize=size)
     else:
-        axes.set_yticks([])
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_locator(LogLocator(numticks=6))
-    axes.xaxis.set_major_formatter(FuncFormatter(_power_of_ten))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.text(
-        0.97,
-        0.95,
-        "\n".join(texts),
-        transform=axes.transAxes,
-        ha="right",
-        va="top",
-        fontsize=5.5,
-        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
-    )
+        drawing.suptitle(title, fontsize=size)
 
 
-def _power_of_ten(value: float, position: int | None = None) -> str:
-    """Tick label as plain text; mathtext takes longer than all the rest of a figure."""
-    return "10" + f"{math.log10(value):.0f}".translate(_SUPERSCRIPTS)
-
-
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def _widen(axes: Any, slopes: Sequence[Slope], headroom: float = 0.12) -> None:
-    """At least four decades: scatter by a few per cent must not look like a trend."""
-    values = np.concatenate([slope.values for slope in slopes])
-    values = np.log10(values[np.isfinite(values) & (values > 0)])
-    if len(values) == 0:
+def _write_legend(drawing: Figure, sheet: Sheet, entries: dict[str, Any]) -> None:
+    """Below the panels, nothing cut off: fewer columns, then labels of several lines."""
+    if not entries:
         return
-    low, high = values.min(), values.max()
-    least = max(0.5, (4 - (high - low)) / 2)
-    below, above = (max(share * (high - low), least) for share in (0.12, headroom))
-    axes.set_ylim(10 ** (low - below), 10 ** (high + above))
+    most = _MOST * drawing.bbox.width
+    size = mpl.rcParams["legend.fontsize"]
+    title = _wrapped(drawing, sheet.legend.title, size, most)
+    columns, room, labels = sheet.legend.columns or len(entries), most, list(entries)
+    fixed = sheet.layout is not None
+    while True:
+        legend = drawing.legend(
+            list(entries.values()),
+            labels,
+            title=title,
+            ncols=columns,
+            loc="lower center" if fixed else "outside lower center",
+            bbox_to_anchor=(sheet.legend.centre, 0.0) if fixed else None,
+        )
+        box = legend.get_window_extent()
+        if box.width <= most or room < 0.5 * most:
+            break
+        legend.remove()
+        if columns > 1:
+            columns -= 1
+        else:
+            room -= 0.05 * most
+            labels = [_wrapped(drawing, label, size, room) for label in entries]
+    if fixed:
+        half = box.width / drawing.bbox.width / 2
+        centre = max(min(sheet.legend.centre, 0.995 - half), 0.005 + half)
+        legend.set_bbox_to_anchor((centre, 0.0))
+    else:
+        drawing.set_figheight(drawing.get_figheight() + box.height / drawing.dpi)
 
 
-def _predicted_lines(axes: Any, slopes: Sequence[Slope]) -> None:
-    """One thin line for each distinct predicted slope, parallel to its series."""
-    drawn: dict[float, Array] = {}
-    low, high = np.log10(axes.get_ylim())
-    shift = 0.045 * (high - low)
-    for slope in slopes:
-        shown = slope.fitted & np.isfinite(slope.values) & (slope.values > 0)
-        if np.isnan(slope.expected) or slope.expected in drawn or not shown.any():
-            continue
-        log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
-        ends = np.array([log_h.min(), log_h.max()])
-        # Beside the data, not under them.
-        drawn[slope.expected] = log_y.mean() + slope.expected * (ends - log_h.mean()) + shift
-        label = "predicted" if len(drawn) == 1 else None
-        axes.plot(
-            10**ends,
-            10 ** drawn[slope.expected],
-            color="0.55",
-            linewidth=0.6,
-            zorder=1,
-            label=label,
-        )
-        axes.annotate(
-            "h" + format_order(slope.expected).replace("−", "-").translate(_SUPERSCRIPTS),
-            (10 ** ends[1], 10 ** drawn[slope.expected][1]),
-            textcoords="offset points",
-            xytext=(7, 0),
-            ha="left",
-            va="center",
-            style="italic",
-            fontsize=7,
-            color="0.35",
-        )
-    if drawn:
-        left, right = axes.get_xlim()
-        axes.set_xlim(left, right * (right / left) ** 0.08)
+def _settle(drawing: Figure, grid: Sequence[Any]) -> None:
+    """Fix a layout that was found by measuring, ordinates' labels broken to fit beside it."""
+    drawing.draw_without_rendering()
+    for axes in grid:
+        label = axes.yaxis.label
+        height = axes.get_window_extent().height
+        label.set_text(_wrapped(drawing, label.get_text(), label.get_fontsize(), height))
+    drawing.draw_without_rendering()
+    drawing.set_layout_engine("none")
+
+
+#: What a line is not broken in: a word, or mathematics.
+_WORD = re.compile(r"(?:\$[^$]*\$|\S)+")
+
+
+def _wrapped(drawing: Figure, text: str, size: float, width: float) -> str:
+    """A text of lines that are no longer than a width (pixels), where words allow it."""
+    probe = drawing.text(0, 0, "", fontsize=size)
+    lines: list[str] = []
+    for word in _WORD.findall(text):
+        longer = f"{lines[-1]} {word}" if lines else word
+        probe.set_text(longer)
+        if lines and probe.get_window_extent().width > width:
+            lines.append(word)
+        else:
+            lines[-1:] = [longer]
+    probe.remove()
+    return "\n".join(lines)

@@ -4,6 +4,7 @@ import io
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,46 @@ from PIL import Image
 from newmark_cli.arrays import Array
 from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.problems.problem import Problem
-from newmark_cli.report.style import STYLE, WIDTH
+from newmark_cli.report.draw import drawn
+from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
+from newmark_cli.report.style import STYLE
 from newmark_cli.study.results import write_atomically
 
 #: Moving points up to which a mechanism is drawn with all its names and symbols.
 _MOST_LABELS = 30
 
+#: No ticks above a mechanism and right of it.
+_WITHOUT_TICKS = {"xtick.top": False, "ytick.right": False}
 
-def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
+
+@dataclass(frozen=True, eq=False)
+class MechanismScene:
+    """A mechanism at a position, with a key to its symbols while it has room for names.
+
+    Attributes:
+        problem: A problem that is a planar mechanism.
+        u: (n,) position.
+    """
+
+    problem: Problem
+    u: Array
+
+    @property
+    def labelled(self) -> bool:
+        """Whether points and bodies have their names."""
+        return len(self.problem.points) <= _MOST_LABELS
+
+    def draw(self, axes: Any) -> None:
+        """Draw it, lengths in the unit of the labels."""
+        factor, _ = _length_unit(places(self.problem, self.problem.u0))
+        draw_mechanism(axes, self.problem, self.u, factor, self.labelled)
+
+    def handles(self) -> list[Line2D]:
+        """What the symbols mean."""
+        return _key(self.problem.drawing) if self.labelled else []
+
+
+def mechanism_sheet(title: str, problem: Problem, u: Array) -> Sheet:
     """A mechanism at a position: bodies, joints, ground, springs, dampers, torques.
 
     Args:
@@ -32,27 +65,35 @@ def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
         problem: A problem that is a planar mechanism.
         u: (n,) position.
     """
-    with mpl.rc_context(STYLE | {"xtick.top": False, "ytick.right": False}):
-        drawing = Figure(figsize=(WIDTH, 3.9))
-        axes = drawing.add_axes((0.155, 0.205, 0.825, 0.735))
-        factor, unit = _length_unit(places(problem, problem.u0))
-        labelled = len(problem.points) <= _MOST_LABELS
-        draw_mechanism(axes, problem, u, factor, labelled)
-        if labelled:
-            drawing.legend(
-                handles=_key(problem.drawing),
-                loc="lower center",
-                ncols=3,
-                handlelength=1.5,
-                fontsize=6.5,
-                columnspacing=1.5,
-            )
-        axes.set_aspect("equal")
-        axes.margins(0.1)
-        axes.set_xlabel(f"$x$ ({unit})")
-        axes.set_ylabel(f"$y$ ({unit})")
-        axes.set_title(title)
-    return drawing
+    _, unit = _length_unit(places(problem, problem.u0))
+    return Sheet(
+        title,
+        (
+            Panel(
+                (),
+                f"$x$ ({unit})",
+                f"$y$ ({unit})",
+                x_scale="linear",
+                y_scale="linear",
+                scene=MechanismScene(problem, u),
+            ),
+        ),
+        legend=Legend(columns=3),
+        layout=Layout((WIDTH, 3.9), (0.155, 0.205, 0.825, 0.735)),
+        grid=False,
+        settings=_WITHOUT_TICKS
+        | {
+            "legend.fontsize": 6.5,
+            "legend.handlelength": 1.5,
+            "legend.borderpad": 0.4,
+            "legend.columnspacing": 1.5,
+        },
+    )
+
+
+def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
+    """The same, drawn."""
+    return drawn(mechanism_sheet(title, problem, u))
 
 
 def _length_unit(positions: Mapping[str, complex]) -> tuple[float, str]:
@@ -366,7 +407,7 @@ def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Pa
     Returns:
         The file.
     """
-    with mpl.rc_context(STYLE | {"xtick.top": False, "ytick.right": False}):
+    with mpl.rc_context(STYLE | _WITHOUT_TICKS):
         drawing = Figure(figsize=(WIDTH, 3.5), dpi=110)
         axes = drawing.add_axes((0.155, 0.11, 0.825, 0.83))
         factor, unit = _length_unit(places(problem, problem.u0))

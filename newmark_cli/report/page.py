@@ -1,21 +1,17 @@
 """Results as one HTML page that needs no other file."""
 
-import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import newmark_cli
 from newmark_cli.errors import InputError
-from newmark_cli.report import check, paper_tables, plot, records, slopes
-from newmark_cli.report.figures import FIGURES, Figure, HistoryFigure, MechanismFigure
-from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report import check, draw, paper_tables, plot, records, slopes
+from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.slopes import Slope
-from newmark_cli.report.style import WIDTH, Drawing, rendered
+from newmark_cli.report.style import Drawing, rendered
 from newmark_cli.study.results import ResultsError, write_atomically
 
 _SVG = "http://www.w3.org/2000/svg"
@@ -108,7 +104,7 @@ def html(folder: Path) -> str:
         slopes=check.slope_rows(shown),
         rest=check.slope_rows([slope for slope in found if slope not in shown]),
         claims=check.claim_rows(judged),
-        pictures=pictures(folder, found),
+        pictures=pictures(Results(folder, found)),
         tables=_tables(found),
         note=paper_tables.NOTE,
         timings=records.timing_rows(provenance),
@@ -116,47 +112,16 @@ def html(folder: Path) -> str:
     )
 
 
-def pictures(folder: Path, found: Sequence[Slope]) -> list[Picture]:
-    """Figures that the results are enough for; mechanisms where a study is about them.
-
-    Args:
-        folder: Results folder.
-        found: Its slopes.
-    """
-    lacking = plot.without_data(FIGURES, found, folder)
-    problems = {slope.problem for slope in found}
-    return [
-        _picture(figure, found, folder)
-        for name, figure in FIGURES.items()
-        if name not in lacking
-        and (not isinstance(figure, MechanismFigure) or figure.problem in problems)
-    ]
+def pictures(results: Results) -> list[Picture]:
+    """Figures that the results are enough for."""
+    figures, _ = plot.enough(results)
+    return [_picture(figure, results) for figure in figures]
 
 
-def _picture(figure: Figure, found: Sequence[Slope], folder: Path) -> Picture:
-    said: list[str] = []
-    if isinstance(figure, HistoryFigure):
-        said = [
-            f"{curve.label}: |λ| up to {np.max(np.abs(history.multipliers)):.3g}"
-            for curve, history in zip(figure.curves, plot.histories(figure, folder), strict=True)
-        ]
-    elif not isinstance(figure, MechanismFigure):
-        series = plot.series(figure, found, folder)
-        said = [_said(c.label, slope) for c, slope in zip(figure.curves, series, strict=True)]
-    label = " ".join(f"{part}." for part in (figure.title, *said))
-    drawing = plot.drawing(figure, found, folder)
-    svg = inline_svg(drawing, f"figure-{figure.name}-", label)
-    wide = bool(drawing.get_figwidth() > WIDTH)
-    return Picture(figure.name, figure.title, label, svg, wide)
-
-
-def _said(label: str, slope: Slope) -> str:
-    """A series in words: its name, and its slope or else its values at either end."""
-    text = f"{check.quantity(slope)}, {label}"
-    if not math.isnan(slope.expected):
-        return f"{text}: slope {format_fit(slope.fit)}, predicted {format_order(slope.expected)}"
-    ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
-    return f"{text}: " + ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
+def _picture(figure: Figure, results: Results) -> Picture:
+    sheet = figure.sheet(results)
+    svg = inline_svg(draw.drawn(sheet), f"figure-{figure.name}-", sheet.words)
+    return Picture(figure.name, figure.title, sheet.words, svg, sheet.wide)
 
 
 def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:

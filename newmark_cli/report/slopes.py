@@ -20,7 +20,7 @@ from newmark_cli.errors import InputError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import UNKNOWNS
-from newmark_cli.report.figures import FIGURES, MechanismFigure, OrderFigure, SensitivityFigure
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
 from newmark_cli.spelling import nearest
@@ -156,13 +156,12 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
 
 
 @cache
-def _drawing() -> Mapping[SeriesKey, list[str]]:
+def _drawing(figures: tuple[str, ...]) -> Mapping[SeriesKey, list[str]]:
     """Key of a series → names of the figures that draw it."""
     names: dict[SeriesKey, list[str]] = {}
-    for figure in FIGURES.values():
-        if not isinstance(figure, MechanismFigure):
-            for curve in figure.curves:
-                names.setdefault(curve.key, []).append(figure.name)
+    for name in figures:
+        for curve in FIGURES[name].curves:
+            names.setdefault(curve.key, []).append(name)
     return names
 
 
@@ -179,7 +178,7 @@ def _slope(
     record = RECORDS[key.measure]
     h = rows["h"].to_numpy(float)
     values = record.drawn(rows)
-    figures = tuple(_drawing().get(key, ()))
+    figures = tuple(_drawing(tuple(FIGURES)).get(key, ()))
     expected = _predicted(key, path)
     fitted = np.full(len(h), True)
     if record.kind == "truncation" and record.predicts:
@@ -217,8 +216,7 @@ def _slope(
 
 def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
     """The strictest of the figures that draw a series, else that of its measure."""
-    drawing = [FIGURES[name] for name in figures]
-    own = [f.tolerance for f in drawing if isinstance(f, OrderFigure | SensitivityFigure)]
+    own = [t for name in figures if (t := FIGURES[name].tolerance) is not None]
     default = record.tolerance_at_start if at_start else None
     return min(own, default=record.tolerance if default is None else default)
 

@@ -12,9 +12,6 @@ from newmark_cli.study.results import write_atomically
 #: What the drawing modules make.
 Drawing = Figure
 
-#: Width of a journal column (inch).
-WIDTH = 3.5
-
 #: Settings of matplotlib.
 STYLE: Any = {
     "font.size": 7.5,
@@ -24,6 +21,9 @@ STYLE: Any = {
     "lines.linewidth": 1.0,
     "legend.fontsize": 7,
     "legend.frameon": False,
+    "legend.handlelength": 3.0,
+    "legend.borderpad": 0.2,
+    "legend.columnspacing": 1.2,
     "xtick.direction": "in",
     "ytick.direction": "in",
     "xtick.top": True,
@@ -32,18 +32,6 @@ STYLE: Any = {
     "svg.hashsalt": "newmark-study",
     "savefig.dpi": 300,
 }
-
-#: Colours of Okabe and Ito, dark to light, so that they differ in grey too; open
-#: and filled markers of different sizes, so that coinciding series all show.
-LOOKS: tuple[dict[str, Any], ...] = (
-    {"color": "#000000", "marker": "o", "markersize": 7.5, "fill": False, "linestyle": "-"},
-    {"color": "#0072B2", "marker": "x", "markersize": 4.5, "fill": True, "linestyle": "--"},
-    {"color": "#D55E00", "marker": "s", "markersize": 7.0, "fill": False, "linestyle": "-."},
-    {"color": "#E69F00", "marker": "D", "markersize": 3.0, "fill": True, "linestyle": ":"},
-    {"color": "#009E73", "marker": "^", "markersize": 5.0, "fill": False, "linestyle": "-"},
-    {"color": "#56B4E9", "marker": "v", "markersize": 7.5, "fill": False, "linestyle": "--"},
-    {"color": "#CC79A7", "marker": "*", "markersize": 4.5, "fill": True, "linestyle": "-."},
-)
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from newmark_cli.arrays import Array
+from newmark_cli.arrays import Array, Mask
 from newmark_cli.report.fits import Fit, format_order, power_law
 
 #: As predicted; not so.
@@ -105,7 +105,7 @@ class Judgement:
 
     verdict: str
     fit: Fit
-    fitted: Array = field(repr=False)
+    fitted: Mask = field(repr=False)
     reason: str = ""
 
 
@@ -135,11 +135,11 @@ def judge(given: Evidence) -> Judgement:
     return (_rounding if given.kind == "rounding" else _determined)(given, usable)
 
 
-def _judged(given: Evidence, verdict: str, fitted: Array, reason: str = "") -> Judgement:
+def _judged(given: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:
     return Judgement(verdict, power_law(given.h[fitted], given.values[fitted]), fitted, reason)
 
 
-def _runs(near: Array) -> list[tuple[int, int]]:
+def _runs(near: Mask) -> list[tuple[int, int]]:
     """(first, last) point of every maximal run of local orders that are near, longest first.
 
     Of runs of one length the one of the smallest step sizes comes first.
@@ -154,7 +154,7 @@ def _runs(near: Array) -> list[tuple[int, int]]:
     return sorted(found, key=lambda run: (run[0] - run[1], -run[0]))
 
 
-def _window(given: Evidence, first: int, last: int) -> Array:
+def _window(given: Evidence, first: int, last: int) -> Mask:
     places = np.arange(len(given.h))
     return np.asarray((places >= first) & (places <= last))
 
@@ -166,7 +166,7 @@ def _listed(given: Evidence, first: int, last: int) -> str:
 # -- errors and invariants ----------------------------------------------------------------------
 
 
-def _truncation(given: Evidence, everything: Array) -> Judgement:
+def _truncation(given: Evidence, everything: Mask) -> Judgement:
     """An error: of order p down to rounding, unless it does not converge."""
     h, values, level = given.h, given.values, given.rounding
     if not np.all(np.isfinite(values)):
@@ -195,7 +195,7 @@ def _truncation(given: Evidence, everything: Array) -> Judgement:
     return _without_middle(given, above, everything)
 
 
-def _unpredicted(given: Evidence, above: Array, everything: Array) -> Judgement:
+def _unpredicted(given: Evidence, above: Mask, everything: Mask) -> Judgement:
     """Theory predicts no order; that an error falls with h it does."""
     falls = len(given.h) < 2 or given.values[-1] < 0.7 * given.values[:-1].min()
     if above[-1] and not falls:
@@ -208,7 +208,7 @@ def _unpredicted(given: Evidence, above: Array, everything: Array) -> Judgement:
     return _judged(given, SHOWN, everything)
 
 
-def _with_tail(given: Evidence, window: Array, first: int, last: int) -> Judgement:
+def _with_tail(given: Evidence, window: Mask, first: int, last: int) -> Judgement:
     """A middle of the right order; what follows must be rounding."""
     h, values = given.h, given.values
     parts = []
@@ -231,7 +231,7 @@ def _with_tail(given: Evidence, window: Array, first: int, last: int) -> Judgeme
     return _judged(given, PASS, window, "; ".join(parts))
 
 
-def _without_middle(given: Evidence, above: Array, everything: Array) -> Judgement:
+def _without_middle(given: Evidence, above: Mask, everything: Mask) -> Judgement:
     """No three step sizes show the order: too coarse, too few before rounding, or wrong."""
     h, values, orders = given.h, given.values, given.local_orders
     for i in range(len(orders) - 1):
@@ -267,7 +267,7 @@ def _without_middle(given: Evidence, above: Array, everything: Array) -> Judgeme
 # -- corrections --------------------------------------------------------------------------------
 
 
-def _rounding(given: Evidence, usable: Array) -> Judgement:
+def _rounding(given: Evidence, usable: Mask) -> Judgement:
     """Corrections at saturation: they scatter, and the order is that of the trend."""
     h, values = given.h[usable], given.values[usable]
     places = np.flatnonzero(usable)
@@ -276,7 +276,7 @@ def _rounding(given: Evidence, usable: Array) -> Judgement:
     zeros = int(np.count_nonzero(given.values == 0))
     parts = [f"{zeros} of {len(given.h)} values are exactly 0"] if zeros else []
 
-    def masked(first: int, last: int) -> Array:
+    def masked(first: int, last: int) -> Mask:
         mask = np.full(len(given.h), False)
         mask[places[first : last + 1]] = True
         return mask
@@ -318,7 +318,7 @@ def _rounding(given: Evidence, usable: Array) -> Judgement:
 # -- condition numbers, sensitivities -------------------------------------------------------------
 
 
-def _determined(given: Evidence, usable: Array) -> Judgement:
+def _determined(given: Evidence, usable: Mask) -> Judgement:
     """Smooth in h: a crossover from other orders at coarse h, the predicted one below."""
     h, values = given.h[usable], given.values[usable]
     places = np.flatnonzero(usable)
@@ -326,7 +326,7 @@ def _determined(given: Evidence, usable: Array) -> Judgement:
     orders = local_orders(h, values)
     off = np.abs(orders - given.expected)
 
-    def masked(first: int, last: int) -> Array:
+    def masked(first: int, last: int) -> Mask:
         mask = np.full(len(given.h), False)
         mask[places[first : last + 1]] = True
         return mask
@@ -356,7 +356,7 @@ def _determined(given: Evidence, usable: Array) -> Judgement:
 
 
 #: Judges of evidence by its kind, for tests and for those who add one.
-JUDGES: dict[str, Callable[[Evidence, Array], Judgement]] = {
+JUDGES: dict[str, Callable[[Evidence, Mask], Judgement]] = {
     "truncation": _truncation,
     "rounding": _rounding,
     "determined": _determined,

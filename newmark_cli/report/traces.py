@@ -1,0 +1,235 @@
+"""From series of the CSVs to what is drawn of them: traces, reference lines, labels, words."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from newmark_cli.arrays import Array, Mask
+from newmark_cli.report.curves import Curve
+from newmark_cli.report.fits import format_fit, format_order
+from newmark_cli.report.panels import (
+    WIDTH,
+    Layout,
+    Legend,
+    Level,
+    Look,
+    Name,
+    Panel,
+    Reference,
+    Sheet,
+    Trace,
+    from_zero,
+    look,
+    power,
+    spread,
+)
+from newmark_cli.study.measures import RECORDS
+
+if TYPE_CHECKING:
+    from newmark_cli.report.slopes import Slope
+
+#: Problems of unit mass, length and gravity; all others are in SI units.
+_WITHOUT_UNITS = ("pendulum", "chain")
+
+#: A line of a legend (inch), and how many fit under axes of the usual size.
+_LINE, _LINES = 0.147, 4
+
+
+def step_label(problem: str) -> str:
+    """Label of the abscissa of a problem: the step size, and its unit where it has one."""
+    return "step size $h$" + ("" if problem.partition("(")[0] in _WITHOUT_UNITS else " (s)")
+
+
+def trace(
+    slope: "Slope",
+    label: str,
+    look: Look,
+    size: float = 1.0,
+    fit: str | None = None,
+    name: str | None = None,
+    ascending: bool = True,
+) -> Trace:
+    """A series against the step size; cells whose Krylov solver stagnated stand apart.
+
+    Args:
+        slope: The series.
+        label: Its name in the legend.
+        look: How it looks.
+        size: Factor of its markers.
+        fit: Fitted slope as text; when omitted, as `format_fit` has it where theory predicts one.
+        name: Its name in words, where the label is not enough.
+        ascending: Whether step sizes ascend; otherwise they are in the order of the CSV.
+    """
+    if fit is None:
+        fit = "" if math.isnan(slope.expected) else format_fit(slope.fit)
+    order = np.argsort(slope.h) if ascending else np.arange(len(slope.h))
+    stagnated = np.array([status == "stagnated" for status in slope.statuses], bool)
+    return Trace(
+        label,
+        slope.h[order],
+        slope.values[order],
+        look,
+        apart=stagnated[order],
+        size=size,
+        fit=fit,
+        said=in_words(name or label, slope),
+    )
+
+
+def panel(
+    slopes: Sequence["Slope"],
+    traces: Sequence[Trace],
+    linear: bool = False,
+    title: str = "",
+    fits: bool = False,
+) -> Panel:
+    """Series of one quantity and measure against the step size, beside their predicted slopes.
+
+    Args:
+        slopes: The series.
+        traces: A trace of each, in the order of the legend.
+        linear: Whether the ordinate is linear, from zero.
+        title: What stands above the panel; nothing for a single one.
+        fits: Whether fits are written into the panel; otherwise the legend has them.
+    """
+    first = slopes[0]
+    # Fits are written above the traces.
+    values, headroom = [slope.values for slope in slopes], 0.4 if fits else 0.12
+    limits = _linear_limits(slopes) if linear else spread(values, headroom)
+    references = () if linear or limits is None else predicted(slopes, limits)
+    return Panel(
+        tuple(traces),
+        step_label(first.problem),
+        first.record.label(first.key),
+        title,
+        y_scale="linear" if linear else "log",
+        y_limits=limits,
+        x_room=0.08 if references else 0.0,
+        references=references,
+        levels=_solver_limits(slopes),
+        fits=fits,
+    )
+
+
+def single(
+    title: str,
+    curves: Sequence[Curve],
+    slopes: Sequence["Slope"],
+    linear: bool = False,
+    note: str = "",
+) -> Sheet:
+    """A figure of one panel in a journal's column, the fitted slopes in its legend.
+
+    Args:
+        title: What it shows.
+        curves: Its series, in the order of the legend.
+        slopes: What the results have of each.
+        linear: Whether the ordinate is linear, from zero.
+        note: What the legend says above the series where no slope is predicted.
+    """
+    traces = [
+        trace(slope, curve.label, look(place))
+        for place, (curve, slope) in enumerate(zip(curves, slopes, strict=True))
+    ]
+    entries = [t.label + (f": {t.fit}" if t.fit else "") for t in traces]
+    compared = any(not math.isnan(slope.expected) for slope in slopes)
+    heading = "fitted slope" if compared else note
+    columns = 2 if max(map(len, entries)) <= 26 else 1
+    lines = math.ceil((len(entries) + compared) / columns) + bool(heading)
+    return Sheet(
+        title,
+        (panel(slopes, traces, linear),),
+        legend=Legend(heading, columns, centre=0.56),
+        layout=_in_column(lines),
+    )
+
+
+def _in_column(lines: int) -> Layout:
+    """One panel above a legend of so many lines: the panel has the same size in all figures."""
+    more = (lines - _LINES) * _LINE
+    height = 3.3 + more
+    foot = (0.305 * 3.3 + more) / height
+    return Layout((WIDTH, height), (0.165, foot, 0.815, 0.63 * 3.3 / height))
+
+
+def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[Reference, ...]:
+    """A line for each distinct predicted slope, parallel to the first of its series.
+
+    Args:
+        slopes: The series.
+        limits: Ends of the logarithmic ordinate.
+    """
+    drawn: dict[float, Reference] = {}
+    low, high = np.log10(limits)
+    shift = 0.045 * (high - low)
+    for slope in slopes:
+        shown = np.logical_and(slope.fitted, _positive(slope.values))
+        if math.isnan(slope.expected) or slope.expected in drawn or not shown.any():
+            continue
+        log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
+        ends = np.array([log_h.min(), log_h.max()])
+        # Above the data, not under them.
+        line = log_y.mean() + slope.expected * (ends - log_h.mean()) + shift
+        order = power("h", format_order(slope.expected))
+        drawn[slope.expected] = Reference(10**ends, 10**line, order)
+    return tuple(drawn.values())
+
+
+def through(slope: "Slope") -> tuple[Reference, ...]:
+    """The predicted slope through the middle of a series; none where there is none."""
+    shown = _positive(slope.values)
+    if math.isnan(slope.expected) or not shown.any():
+        return ()
+    log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
+    line = log_y.mean() + slope.expected * (log_h - log_h.mean())
+    return (Reference(slope.h[shown], 10**line),)
+
+
+def beside(text: str, slopes: Sequence["Slope"]) -> tuple[Name, ...]:
+    """A name right of the last points of series that belong together."""
+    last = np.array([slope.values[np.argmax(slope.h)] for slope in slopes])
+    last = last[_positive(last)]
+    if len(last) == 0:
+        return ()
+    right = max(float(slope.h.max()) for slope in slopes)
+    return (Name(right, float(np.exp(np.mean(np.log(last)))), text),)
+
+
+def in_words(name: str, slope: "Slope") -> str:
+    """A series in words: its name, and its slope or else its values at either end."""
+    text = f"{quantity(slope)}, {name}"
+    if not math.isnan(slope.expected):
+        return f"{text}: slope {format_fit(slope.fit)}, predicted {format_order(slope.expected)}"
+    ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
+    return f"{text}: " + ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
+
+
+def quantity(series: "Slope | Curve") -> str:
+    """What a series measures, in the field's symbols."""
+    return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"
+
+
+def _positive(values: Array) -> Mask:
+    return np.asarray(np.isfinite(values) & (values > 0))
+
+
+def _linear_limits(slopes: Sequence["Slope"]) -> tuple[float, float] | None:
+    """A share from 0 to 1, a count from 0 to its largest."""
+    values = np.concatenate([slope.values for slope in slopes])
+    if slopes[0].record.share:
+        return from_zero(1.0)
+    most = float(np.max(values[np.isfinite(values)], initial=0.0))
+    return from_zero(1.1 * most) if most > 0 else None
+
+
+def _solver_limits(slopes: Sequence["Slope"]) -> tuple[Level, ...]:
+    """What the open markers of cells that stagnated are: as many iterations as were allowed."""
+    found = [
+        float(value)
+        for slope in slopes
+        for value, status in zip(slope.values, slope.statuses, strict=True)
+        if status == "stagnated" and slope.record.at_limit and math.isfinite(value)
+    ]
+    return tuple(Level(y, f"no convergence in {y:.0f} iterations") for y in dict.fromkeys(found))
