@@ -7,7 +7,7 @@ table of expected numbers.  Where theory predicts none, the series is shown.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from newmark_cli.arrays import Array
+from newmark_cli.arrays import Array, Mask
 from newmark_cli.errors import InputError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import UNKNOWNS
+from newmark_cli.newmark.scheme import COMPENSATED, PRECISIONS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, power_law
-from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
+from newmark_cli.report.verdicts import (
+    INCOMPLETE,
+    PASS,
+    SHOWN,
+    Evidence,
+    Judgement,
+    judge,
+    local_orders,
+)
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, results
 from newmark_cli.study.axes import SeriesKey
@@ -36,6 +45,7 @@ COLUMNS = axes.appended(
         (0, "figure"),
         *((axis.since[1], axis.name) for axis in axes.series_axes() if axis.column),
         *((0, name) for name in ("slope", "stderr", "points", "expected", "tolerance", "verdict")),
+        *((3, name) for name in ("h_from", "h_to", "local_orders", "reason")),
     )
 )
 
@@ -52,12 +62,12 @@ class Slope:
         values: (points,) the statistic that is drawn; where a Krylov solver
             stagnated, the number of iterations that it was allowed.
         statuses: Status of the cell behind each point.
-        fitted: (points,) which of them the fit is for: of an error those above
-            the rounding floor, of all else every one.
+        fitted: (points,) which of them the fit is for; see `newmark_cli.report.verdicts`.
         fit: Power law through them.
         expected: Predicted order; NaN where theory says nothing.
         tolerance: Largest |fit.slope − expected|; NaN likewise.
-        verdict: pass, miss, incomplete (a cell is not ok, or has no value), or shown.
+        verdict: One of the words of `newmark_cli.report.verdicts`.
+        reason: What else there is to say, in a sentence; may be empty.
     """
 
     figures: tuple[str, ...]
@@ -66,11 +76,18 @@ class Slope:
     h: Array
     values: Array
     statuses: tuple[str, ...]
-    fitted: Array
+    fitted: Mask
     fit: Fit
     expected: float
     tolerance: float
     verdict: str
+    reason: str = ""
+
+    @property
+    def local_orders(self) -> Array:
+        """(points − 1,) orders between successive step sizes, the largest first."""
+        order = np.argsort(-self.h, kind="stable")
+        return local_orders(self.h[order], self.values[order])
 
     def __getattr__(self, name: str) -> str:
         if name == "key":
@@ -92,6 +109,10 @@ class Slope:
             "expected": self.expected,
             "tolerance": self.tolerance,
             "verdict": self.verdict,
+            "h_from": self.h[self.fitted].max(initial=-np.inf) if self.fitted.any() else None,
+            "h_to": self.h[self.fitted].min() if self.fitted.any() else None,
+            "local_orders": " ".join(f"{order:.3g}" for order in self.local_orders),
+            "reason": self.reason,
             **self.key.named(),
         }
 
@@ -180,25 +201,11 @@ def _slope(
     values = record.drawn(rows)
     figures = tuple(_drawing(tuple(FIGURES)).get(key, ()))
     expected = _predicted(key, path)
-    fitted = np.full(len(h), True)
-    if record.kind == "truncation" and record.predicts:
-        fitted = h >= h[np.argmin(np.where(np.isfinite(values), values, np.inf))]
-        points = int(np.count_nonzero(fitted))
-        if points < 3:
-            expected = np.nan
     statuses = tuple(rows["status"])
     if not set(statuses) <= {"ok"} and set(statuses) <= set(accepted):
         expected = np.nan  # a cell that was expected to end like this measured something else
-    fit = power_law(h[fitted], values[fitted])
-    tolerance, verdict = np.nan, SHOWN
-    if not np.isnan(expected):
-        tolerance = _tolerance(record, bool(key.start), figures)
-        # An exact zero at every h is within any order: a block that this problem lacks.
-        absent = record.may_vanish and bool((values == 0).all())
-        usable = absent or fit.points == points >= 2
-        within = absent or abs(fit.slope - expected) <= tolerance
-        complete = set(statuses) == {"ok"} and usable
-        verdict = (PASS if within else MISS) if complete else INCOMPLETE
+    tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.start), figures)
+    found = _judged(key, record, rows, values, expected, tolerance, points)
     return Slope(
         figures=figures,
         key=key,
@@ -206,12 +213,59 @@ def _slope(
         h=h,
         values=values,
         statuses=statuses,
-        fitted=fitted,
-        fit=fit,
+        fitted=found.fitted,
+        fit=found.fit,
         expected=expected,
         tolerance=tolerance,
-        verdict=verdict,
+        verdict=found.verdict,
+        reason=found.reason,
     )
+
+
+def _judged(
+    key: SeriesKey,
+    record: Record,
+    rows: pd.DataFrame,
+    values: Array,
+    expected: float,
+    tolerance: float,
+    points: int,
+) -> Judgement:
+    """The verdict on the rows of one series, its points in their order."""
+    h = rows["h"].to_numpy(float)
+    everything = np.full(len(h), True)
+    fit = power_law(h, values)
+    if not np.isnan(expected):
+        # An exact zero at every h is within any order: a block that this problem lacks.
+        if record.may_vanish and bool((values == 0).all()):
+            return Judgement(PASS, fit, everything, "exactly 0: the problem lacks this block")
+        ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
+        if ended or len(h) < points:
+            reason = f"cells ended {', '.join(ended)}" if ended else f"{len(h)} of {points} h"
+            return Judgement(INCOMPLETE, fit, everything, reason)
+    if record.at_end and rows["t_end"].nunique() > 1:
+        return Judgement(SHOWN, fit, everything, "taken at different times")
+    if not set(rows["status"]) <= set(record.ok):
+        return Judgement(SHOWN, fit, everything)
+    order = np.argsort(-h, kind="stable")
+    evidence = Evidence(
+        h=h[order],
+        values=values[order],
+        steps=rows["steps"].to_numpy(float)[order],
+        kind=record.kind,
+        quantity=key.quantity,
+        expected=expected,
+        tolerance=tolerance,
+        damped=integrator.parse(key.integrator).damped,
+        unit=float(np.finfo(PRECISIONS[key.precision]).eps),
+        coarse=record.coarse(key),
+        compensated=key.evaluation == COMPENSATED,
+    )
+    found = judge(evidence)
+    fitted = np.empty(len(h), bool)
+    fitted[order] = found.fitted
+    # The fit does not depend on the order of the points but for rounding: keep that of the CSV.
+    return replace(found, fitted=fitted, fit=power_law(h[fitted], values[fitted]))
 
 
 def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:

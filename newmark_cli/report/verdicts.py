@@ -39,6 +39,9 @@ LEAST = 3
 #: How far a local order may be from the order of the middle.  Truncation and condition
 #: numbers are smooth; rms of rounding scatter, by a factor of 2 between two step sizes.
 _LOCAL = {"truncation": 0.25, "rounding": 0.6}
+#: How far above that an alternation which is not damped may carry it; and how far above
+#: the order of the middle the drift of λ may carry corrections and condition numbers.
+_FED, _DRIFT = 100.0, 10.0
 #: Relative error that is no longer a solution.
 _LOST = 0.3
 #: Rounding of a run of N steps, in units of roundoff: factor · N^power.  The powers are
@@ -65,6 +68,7 @@ class Evidence:
         unit: Unit roundoff of the march.
         reference_error: What the reference itself may be off by, relative.
         coarse: Orders that may show where h is too coarse, besides the predicted one.
+        compensated: Whether the evaluation is compensated, which leaves a power of h less.
     """
 
     h: Array
@@ -78,6 +82,7 @@ class Evidence:
     unit: float = 2.0**-52
     reference_error: float = 0.0
     coarse: Collection[float] = ()
+    compensated: bool = False
 
     @property
     def local_orders(self) -> Array:
@@ -87,8 +92,8 @@ class Evidence:
     @property
     def rounding(self) -> Array:
         """(points,) what rounding alone may amount to, for errors and invariants."""
-        power = _ROUNDING_POWER.get(self.quantity, 1.0)
-        level = _ROUNDING_FACTOR * self.unit * np.maximum(self.steps, 1.0) ** power
+        power = _ROUNDING_POWER.get(self.quantity, 1.0) - (self.compensated and 1.0)
+        level = _ROUNDING_FACTOR * self.unit * np.maximum(self.steps, 1.0) ** max(power, 0.5)
         return np.asarray(np.maximum(level, 10 * self.reference_error))
 
 
@@ -197,8 +202,17 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
 
 def _unpredicted(given: Evidence, above: Mask, everything: Mask) -> Judgement:
     """Theory predicts no order; that an error falls with h it does."""
-    falls = len(given.h) < 2 or given.values[-1] < 0.7 * given.values[:-1].min()
+    falls = len(given.h) < LEAST or given.values[-1] < 0.7 * given.values[:-1].min()
     if above[-1] and not falls:
+        for order in given.coarse:
+            near = np.abs(given.local_orders - order) <= _LOCAL["truncation"]
+            for first, last in _runs(near):
+                if last - first + 1 >= LEAST and given.values[-1] < _LOST:
+                    reason = (
+                        f"order {order:g} down to h = {given.h[last]:g}; below it rounding feeds "
+                        "an alternation that is not damped"
+                    )
+                    return _judged(given, SHOWN, _window(given, first, last), reason)
         low = given.rounding[-1]
         reason = (
             f"does not fall with h: {given.values[-1]:.2g} at h = {given.h[-1]:g}, where rounding "
@@ -218,31 +232,36 @@ def _with_tail(given: Evidence, window: Mask, first: int, last: int) -> Judgemen
         tail = values[last + 1 :]
         is_rounding = bool(np.all(tail <= given.rounding[last + 1 :]))
         # An error that alternates is fed by rounding in every step, and never leaves.
-        is_fed = not given.damped and tail.max() < _LOST
+        fed = _FED * given.rounding[last + 1 :]
+        is_fed = not given.damped and bool(np.all(tail <= fed)) and tail.max() < _LOST
         if not (is_rounding or is_fed):
             level = given.rounding[-1]
+            if abs(given.local_orders[-1] - given.expected) <= _LOCAL["truncation"]:
+                reason = f"order {given.expected:g} is lost below h = {h[last]:g} and comes back"
+                return _judged(given, NOT_ASYMPTOTIC, window, reason)
             if tail[-1] < 0.7 * values[last]:
                 reason = f"order {given.expected:g} is lost below h = {h[last]:g}"
                 return _judged(given, MISS, window, reason)
             reason = f"stalls at {tail[-1]:.2g}, where rounding may reach {level:.2g}"
             return _judged(given, NOT_CONVERGING, window, reason)
-        fed = "" if is_rounding else ", which feeds an alternation that is not damped,"
-        parts.append(f"rounding{fed} rules below h = {h[last]:g}")
+        how = "" if is_rounding else ", which feeds an alternation that is not damped,"
+        parts.append(f"rounding{how} rules below h = {h[last]:g}")
     return _judged(given, PASS, window, "; ".join(parts))
 
 
 def _without_middle(given: Evidence, above: Mask, everything: Mask) -> Judgement:
     """No three step sizes show the order: too coarse, too few before rounding, or wrong."""
     h, values, orders = given.h, given.values, given.local_orders
+    count = int(np.argmin(above)) if not above.all() else len(above)
     for i in range(len(orders) - 1):
         pair = orders[i : i + 2]
         agree = np.ptp(pair) <= 0.15 and above[i] and above[i + 1]
+        agree = agree and np.all(np.abs(orders[i + 2 : count - 1] - pair.mean()) <= 0.3)
         if agree and 0.3 < pair.mean() < given.expected - max(
             _LOCAL["truncation"], given.tolerance
         ):
             reason = f"order {pair.mean():.2g} over {_listed(given, i, i + 2)}"
             return _judged(given, MISS, _window(given, i, i + 2), reason)
-    count = int(np.argmin(above)) if not above.all() else len(above)
     if above[-1]:
         smallest = values[:-1].min() if len(values) > 1 else math.inf
         if values[-1] >= _LOST and len(h) >= LEAST:
@@ -296,7 +315,10 @@ def _rounding(given: Evidence, usable: Mask) -> Judgement:
         fit = power_law(h[first : last + 1], values[first : last + 1])
         whole = (first, last) == (0, points - 1)
         steady = np.all(np.abs(orders[first:last] - given.expected) <= _LOCAL["rounding"])
-        if abs(fit.slope - given.expected) <= given.tolerance and (whole or steady):
+        beyond = values[last + 1 :] <= _DRIFT * fit(h[last + 1 :])
+        if abs(fit.slope - given.expected) <= given.tolerance and (
+            whole or (steady and beyond.all())
+        ):
             if first > 0:
                 parts.append(f"order shows from h = {h[first]:g}")
             if last < points - 1:
@@ -305,11 +327,12 @@ def _rounding(given: Evidence, usable: Mask) -> Judgement:
     fit = power_law(h, values)
     # A trend that scatter hides is no trend: its error is as large as what it misses.
     hidden = abs(fit.slope - given.expected) <= 1.5 * fit.stderr and fit.stderr > given.tolerance
-    settles = points == LEAST and abs(orders[-1] - given.expected) <= _LOCAL["rounding"]
-    if hidden or (settles and abs(orders[0] - given.expected) > _LOCAL["rounding"]):
+    last, before = (abs(order - given.expected) for order in (orders[-1], orders[-2]))
+    settles = last <= given.tolerance or (points == LEAST and last <= _LOCAL["rounding"] < before)
+    if hidden or settles:
         parts.append(
             f"scatter of ± {fit.stderr:.2g} hides the order" if hidden
-            else "only the last two step sizes agree with the order"
+            else "only the last two step sizes have the order"
         )  # fmt: skip
         return _judged(given, NOT_ASYMPTOTIC, usable, "; ".join(parts))
     return _judged(given, MISS, usable, "; ".join(parts))
@@ -339,7 +362,8 @@ def _determined(given: Evidence, usable: Mask) -> Judgement:
             break
         if last == points - 1:
             return _judged(given, PASS, masked(first, last), f"order shows from h = {h[first]:g}")
-        if not given.damped:
+        fit = power_law(h[first : last + 1], values[first : last + 1])
+        if not given.damped and np.all(values[last + 1 :] <= _DRIFT * fit(h[last + 1 :])):
             reason = f"drift of the multipliers enters the matrix below h = {h[last]:g}"
             return _judged(given, PASS, masked(first, last), reason)
     approaching = points > 2 and off[-1] < min(0.8 * off[-2], 1.0)

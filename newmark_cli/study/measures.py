@@ -99,6 +99,8 @@ class Record:
         share: Whether the statistic counts steps, and is drawn as a share of them.
         may_vanish: Whether exact zeros at every h are within any order.
         at_limit: Statistic that is drawn where a Krylov solver has stagnated, if another.
+        at_end: Whether it is taken at t_end, so that all of a series must end together.
+        coarse: Orders that a series may show while h is too coarse, from its key.
     """
 
     name: str
@@ -114,6 +116,8 @@ class Record:
     share: bool = False
     may_vanish: bool = False
     at_limit: str | None = None
+    at_end: bool = False
+    coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
 
     def drawn(self, rows: "pd.DataFrame") -> Array:
         """Values as they are drawn and fitted, one for each row of a study's CSV."""
@@ -288,6 +292,13 @@ class _Conditions(Observer):
         return [Measurement("jacobian", "condition", "primary", values)]
 
 
+def _coarse_orders_of_condition(key: SeriesKey) -> tuple[float, ...]:
+    """Orders of C while terms that do not rule for h → 0 are still the largest of J̄ and J̄⁻¹."""
+    jacobian, inverse = _orders_of(key).scaled(_scaling_of(key))
+    products = {float(a + b) for a in jacobian.ravel() for b in inverse.ravel()}
+    return tuple(sorted(order for order in products if np.isfinite(order)))
+
+
 CONDITION = Measure(
     "condition",
     "condition number of the scaled Jacobian",
@@ -301,6 +312,7 @@ CONDITION = Measure(
             # Condition numbers are not noisy; along a run they still vary with the motion.
             0.05,
             0.02,
+            coarse=_coarse_orders_of_condition,
         ),
     ),
     _Conditions,
@@ -424,6 +436,9 @@ ERROR = Measure(
             _order_of_error,
             0.2,
             kind="truncation",
+            at_end=True,
+            # From rest λ of undamped integrators has the order too, until it alternates.
+            coarse=lambda key: (float(integrator.parse(key.integrator).order),),
         ),
     ),
     _Errors,
