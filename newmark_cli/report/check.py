@@ -1,6 +1,7 @@
 """What `check` says: slopes beside predictions, and the claims of the figures."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,7 @@ from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.kinds import Figure
 from newmark_cli.report.slopes import Slope, in_figure_order
 from newmark_cli.report.traces import quantity
-from newmark_cli.report.verdicts import PASS, SHOWN
+from newmark_cli.report.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,11 @@ def judge(slopes: Sequence[Slope]) -> list[Judged]:
 
 
 def all_hold(slopes: Sequence[Slope], judged: Sequence[Judged]) -> bool:
-    """Whether there are slopes, none is other than predicted, and every claim holds."""
+    """Whether something was judged, no series fails, and every claim holds."""
+    decided = any(slope.verdict == PASS for slope in slopes) or bool(judged)
     return (
-        bool(slopes)
-        and all(slope.verdict in (PASS, SHOWN) for slope in slopes)
+        decided
+        and not any(slope.fails for slope in slopes)
         and all(entry.finding.verdict == PASS for entry in judged)
     )
 
@@ -70,7 +72,7 @@ def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
 def chosen(slopes: Sequence[Slope], everything: bool) -> list[Slope]:
     """Slopes to print: those of the paper's figures, then what is not as predicted, or all."""
     first = in_paper(slopes)
-    rest = [s for s in slopes if everything or s.verdict not in (PASS, SHOWN)]
+    rest = [s for s in slopes if everything or not (s.verdict in (PASS, SHOWN) or s.accepted)]
     return first + [slope for slope in rest if slope not in first]
 
 
@@ -150,10 +152,40 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def summary(slopes: Sequence[Slope], judged: Sequence[Judged]) -> str:
-    """How many slopes are as predicted, and how many claims hold."""
-    checked = [slope.verdict for slope in slopes if slope.verdict != SHOWN]
-    text = f"{checked.count(PASS)} of {len(checked)} slopes as predicted"
+    """How many slopes are as predicted, what became of the others, and how many claims hold."""
+    counted = Counter(slope.verdict for slope in slopes if not slope.accepted)
+    decided = sum(counted[word] for word in (PASS, *FAILING))
+    parts = [f"{counted[PASS]} of {decided} slopes as predicted"]
+    parts += [f"{counted[word]} {word}" for word in (NOT_CONVERGING, *UNDECIDED) if counted[word]]
     if judged:
         held = [entry.finding.verdict for entry in judged].count(PASS)
-        text += f", {held} of {len(judged)} claims hold"
+        parts.append(f"{held} of {len(judged)} claims hold")
+    text = ", ".join(parts)
+    if not counted[PASS] and not judged and not any(slope.fails for slope in slopes):
+        text += ": nothing could be judged"
     return text
+
+
+def remarks(slopes: Iterable[Slope]) -> list[str]:
+    """A line for each series that is not as predicted: its local orders, and why.
+
+    Args:
+        slopes: The series; those as predicted, and shown ones, have no line.
+    """
+    lines = []
+    for slope in slopes:
+        if slope.verdict not in (PASS, SHOWN) and not slope.accepted:
+            where = f"{_where(slope)} {_variant(slope)}, {quantity(slope)}"
+            orders = format_orders(slope)
+            said = (f"local orders {orders}" if orders else "", slope.reason)
+            told = "; ".join(filter(None, said))
+            lines.append(f"{slope.verdict}: {where}: {told or 'no reason known'}")
+    return lines
+
+
+def format_orders(slope: Slope) -> str:
+    """Local orders from the largest step size to the smallest, for people."""
+    return " ".join(
+        "–" if math.isnan(order) else f"{order:.2f}".replace("-", "−")
+        for order in slope.local_orders
+    )

@@ -68,7 +68,7 @@ class Evidence:
         unit: Unit roundoff of the march.
         reference_error: What the reference itself may be off by, relative.
         coarse: Orders that may show where h is too coarse, besides the predicted one.
-        compensated: Whether the evaluation is compensated, which leaves a power of h less.
+        compensated: Whether the evaluation is compensated.
     """
 
     h: Array
@@ -92,8 +92,10 @@ class Evidence:
     @property
     def rounding(self) -> Array:
         """(points,) what rounding alone may amount to, for errors and invariants."""
-        power = _ROUNDING_POWER.get(self.quantity, 1.0) - (self.compensated and 1.0)
-        level = _ROUNDING_FACTOR * self.unit * np.maximum(self.steps, 1.0) ** max(power, 0.5)
+        power = _ROUNDING_POWER.get(self.quantity, 1.0)
+        if self.compensated and self.quantity in ("lambda", "multiplier"):
+            power -= 1  # the floor of λ is ε/h, not ε/h²
+        level = _ROUNDING_FACTOR * self.unit * np.maximum(self.steps, 1.0) ** power
         return np.asarray(np.maximum(level, 10 * self.reference_error))
 
 
@@ -232,8 +234,9 @@ def _with_tail(given: Evidence, window: Mask, first: int, last: int) -> Judgemen
         tail = values[last + 1 :]
         is_rounding = bool(np.all(tail <= given.rounding[last + 1 :]))
         # An error that alternates is fed by rounding in every step, and never leaves.
-        fed = _FED * given.rounding[last + 1 :]
-        is_fed = not given.damped and bool(np.all(tail <= fed)) and tail.max() < _LOST
+        fed = bool(np.all(tail <= _FED * given.rounding[last + 1 :]))
+        grows = given.local_orders[-1] <= -0.5
+        is_fed = not given.damped and (fed or grows) and tail.max() < _LOST
         if not (is_rounding or is_fed):
             level = given.rounding[-1]
             if abs(given.local_orders[-1] - given.expected) <= _LOCAL["truncation"]:

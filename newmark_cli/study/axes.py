@@ -226,7 +226,7 @@ class Cell:
         default=lambda: _keys().KrylovConfig(),
     )
     accept: tuple[str, ...] = setting(
-        "statuses of cells that are what the study is about, not failures",
+        "statuses of cells that are what the study is about, not failures; not_converging: series",
         column=False,
         computed=False,
         compare=False,

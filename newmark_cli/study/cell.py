@@ -8,6 +8,8 @@ from newmark_cli.newmark.statistics import Measurement
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed")
+#: Verdict on a series that a study may be about, besides statuses of its cells.
+NOT_CONVERGING = "not_converging"
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Tolerance,
 )
-from newmark_cli.study.cell import STATUSES
+from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -445,7 +445,7 @@ LinearSolvers = Annotated[
     AfterValidator(_auto_alone),
     Shown(_written_solvers),
 ]
-Accepted = OneOrMore[Annotated[str, _Known("status", STATUSES[1:])]]
+Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
 Integrators = OneOrMore[IntegratorConfig]
 
 

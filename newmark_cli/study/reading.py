@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from newmark_cli.study import axes
-from newmark_cli.study.cell import STATUSES
+from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.results import COLUMNS, NUMBERS, ResultsError
 
 #: Axes that a CSV has a column for, besides the step size.
@@ -123,13 +123,13 @@ def read_study(path: Path) -> pd.DataFrame:
 
 
 def accepted_statuses(path: Path) -> tuple[str, ...]:
-    """Statuses that the study of a CSV is about, by the config that stands beside it."""
+    """Statuses and verdicts that a study is about, by the config next to its CSV."""
     config = _record(path).get("config")
     cases = config.get("cases") if isinstance(config, dict) else None
     accepted: list[str] = []
     for case in cases if isinstance(cases, list) else []:
         given = case.get("accept") if isinstance(case, dict) else None
-        accepted += [status for status in given or [] if status in STATUSES]
+        accepted += [word for word in given or [] if word in (*STATUSES, NOT_CONVERGING)]
     return tuple(dict.fromkeys(accepted))
 
 
