@@ -301,12 +301,9 @@ def computed(cell: Cell) -> dict[str, Any]:
 
 def described(cell: Cell) -> str:
     """A cell in a line: what tells it from others, without what goes without saying."""
-    parts = []
-    for each in sorted(cell_axes(), key=lambda each: each.name in ("h", "steps")):
-        if each.cell and each.name != "h":
-            text = str(each.write(cell))
-            parts.append("" if text == each.usual and each.name != "integrator" else text)
-    return " ".join([*filter(None, parts), f"h={cell.h:g}", f"steps={cell.steps}"])
+    told = [(each.write(cell), each.usual) for each in cell_axes() if each.cell and each.series]
+    parts = [str(given) for given, usual in told if given != usual]
+    return " ".join([*parts, f"h={cell.h:g}", f"steps={cell.steps}"])
 
 
 def grid(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
