@@ -142,10 +142,11 @@ REPEAT = (
 
 def test_a_new_axis_touches_one_file(cli, quick, changed, committed_folder):
     """Its key, column, series, slopes and lines follow from the declaration."""
-    quick.write_text(quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-1, 3e-2, 1e-2]"))
-    quick.write_text(quick.read_text() + 'repeat: ["1", second]\n')
+    text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 1e-3, 1e-4]")
+    text = text.replace("t_end: 1.0", "t_end: 0.1") + "measure: condition\n"
+    quick.write_text(text + 'repeat: ["1", second]\n')
     told = changed(*REPEAT, "run", "quick.yaml", "-v").stderr
-    assert "pendulum u-lambda optimal second h=0.01 steps=100" in told
+    assert "pendulum u-lambda optimal second h=0.001 steps=100" in told
     with (cli.folder / "results/quick.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat"
