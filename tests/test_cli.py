@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -16,12 +17,14 @@ from warm import SCRIPT
 from newmark_cli import __version__
 from newmark_cli.cli import cli as command_line
 from newmark_cli.cli import main
+from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import config, results
+from newmark_cli.study.measures import MEASURES
 
 COMMANDS = tuple(command_line.commands)
 
@@ -226,11 +229,15 @@ def test_names_of_shipped_configs_are_not_taken_from_the_folder(cli):
 
 
 def test_list_names_everything(cli):
-    """Problems, forms, integrators, variants, configs, figures."""
+    """Problems, families, forms, integrators, scalings, measures, configs, figures."""
     text = cli("list").stdout
-    names = (*PROBLEMS, *FORMS, *INTEGRATORS, *VARIANTS, *config.shipped(), *map(str, FIGURES))
+    names = (
+        *PROBLEMS, *FAMILIES, *FORMS, *INTEGRATORS, *VARIANTS, *MEASURES,
+        *config.shipped(), *map(str, FIGURES),
+    )  # fmt: skip
     for name in names:
-        assert f"\n  {name} " in text or f"\n  {name}\n" in text
+        # Each has a text of its own.
+        assert re.search(rf"\n  {name} +\S+", text), name
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -239,6 +246,19 @@ def test_help_has_an_example(cli, command):
     text = cli(command, "--help").stdout
     assert "Example:" in text
     assert f"newmark-study {command}" in text
+
+
+def test_list_builds_nothing():
+    """It imports neither numba nor what builds mechanisms, and does not wait for them."""
+    code = (
+        "import sys\nfrom newmark_cli.cli import main\n"
+        "try:\n    main(['list'])\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        "heavy = {'pandas', 'scipy', 'numba', 'matplotlib', 'newmark_cli.mechanisms.planar'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "pendulum" in done.stdout
+    assert done.stdout.endswith("HEAVY []\n"), done.stdout + done.stderr
 
 
 def test_help_is_light():

@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Sequence
+import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -202,50 +203,41 @@ def schema(kind: str) -> int:
     return 0
 
 
+#: What the entries of a section of `list` mean.
+_EXPLAINED = {
+    "problems": "n coordinates, m constraints",
+    "forms": "rows: D dynamics, V and K updates of v and u, C constraints",
+}
+
+
 @click.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def list_(as_json: bool) -> int:
-    """List problems, forms, integrators, variants, configs and figures.
+    """List problems, forms, integrators, scalings, measures, configs and figures.
+
+    Says in one line what each of them is.
 
     \b
     Example:
       newmark-study list
     """
-    from newmark_cli.mechanisms.families import FAMILIES
-    from newmark_cli.mechanisms.registry import PROBLEMS
-    from newmark_cli.newmark.forms import FORMS
-    from newmark_cli.newmark.integrator import INTEGRATORS, parameters
-    from newmark_cli.newmark.scaling import VARIANTS
     from newmark_cli.report.figures import FIGURES
-    from newmark_cli.study import config
+    from newmark_cli.study import catalogue
 
-    sections: dict[str, Sequence[tuple[str, str]]] = {
-        "problems": [(name, "") for name in PROBLEMS],
-        "families of problems": [
-            (name, f"{family.title}; size: {', '.join(family.parameters)}")
-            for name, family in FAMILIES.items()
-        ],
-        "forms": [
-            (f.name, f"unknowns {', '.join(f.unknowns)}; rows {', '.join(f.rows)}")
-            for f in FORMS.values()
-        ],
-        "integrators": [
-            (name, f"parameters: {', '.join(parameters(name))}" if parameters(name) else "")
-            for name in INTEGRATORS
-        ],
-        "preconditioning": [
-            (name, " and ".join(sides) or "no scaling") for name, sides in VARIANTS.items()
-        ],
-        "configs": [(name, config.load_shipped(name).description) for name in config.shipped()],
-        "figures": [(figure.name, figure.title) for figure in FIGURES.values()],
-    }
+    sections = catalogue.sections()
+    sections["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
     if as_json:
-        click.echo(as_json_text({title: dict(entries) for title, entries in sections.items()}))
+        click.echo(as_json_text(sections))
         return 0
+    # In a pipe an entry stays a line, for grep.
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    width = max(len(name) for entries in sections.values() for name in entries)
     for title, entries in sections.items():
-        click.echo(f"{title}:")
-        for name, text in entries:
-            click.echo(f"  {name:<16} {text}".rstrip())
+        explained = f" ({_EXPLAINED[title]})" if title in _EXPLAINED else ""
+        click.echo(f"{title}{explained}:")
+        for name, text in entries.items():
+            begin = f"  {name:<{width}} "
+            click.echo(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
     return 0
 
 
