@@ -16,7 +16,7 @@ from warm import SCRIPT
 
 from newmark_cli import __version__
 from newmark_cli.cli import cli as command_line
-from newmark_cli.cli import main
+from newmark_cli.cli import main, running
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
@@ -207,6 +207,35 @@ def test_many_threads_in_a_fresh_process(cli):
     cli.write("s.yaml", QUICK.replace("u-lambda", "[u-lambda, v-a-lambda]"))
     for _ in range(4):
         assert "8 ok" in cli("run", "s.yaml", "--jobs", 8).stdout
+
+
+def test_reproduce_keeps_the_slopes_of_other_studies(
+    tmp_path, committed_folder, monkeypatch, capsys
+):
+    """slopes.csv is that of `check`; output and exit code are about what was reproduced."""
+    for name in (*config.REPRODUCED, "multipliers"):
+        shutil.copy(committed_folder / f"{name}.csv", tmp_path)
+    # A study that would fail the check.
+    text = (tmp_path / "multipliers.csv").read_text()
+    (tmp_path / "multipliers.csv").write_text(text.replace(",ok,", ",not_converged,"))
+    monkeypatch.setattr(running, "_run", lambda *_: 0)
+    monkeypatch.setattr("newmark_cli.report.plot.plot", lambda *_: [])
+
+    def called(command):
+        code = command_line.main([command, "--results", str(tmp_path)], standalone_mode=False)
+        return code, capsys.readouterr().out
+
+    code, told = called("reproduce")
+    assert code == 0
+    assert "slopes as predicted" in told
+    assert "multipliers" not in told
+    written = (tmp_path / "slopes.csv").read_bytes()
+    code, told = called("check")
+    assert code == 1
+    assert "incomplete" in told
+    assert (tmp_path / "slopes.csv").read_bytes() == written
+    with (tmp_path / "slopes.csv").open() as file:
+        assert {row["study"] for row in csv.DictReader(file)} == {*config.REPRODUCED, "multipliers"}
 
 
 def test_failed_cells_fail_the_check(cli):

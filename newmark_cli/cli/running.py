@@ -134,14 +134,18 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
     from newmark_cli.report.kinds import Results
+    from newmark_cli.study import reading
 
     found = slopes.collect(folder, studies)
     files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
     click.echo(f"{len(files)} files in {folder / 'figures'}")
-    slopes.write(folder, found)
     click.echo()
     show_tables(folder, tabling.build(found))
     show_claims(found)
+    # slopes.csv is about all that is in the folder; what is printed, and the exit code,
+    # only about what was run.
+    others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
+    slopes.write(folder, found + slopes.collect(folder, others))
     return code or verdict(found)
 
 

@@ -318,10 +318,10 @@ def _latex_orders(entries: Sequence[Entry]) -> str:
     for form in FORMS:
         row = [_latex_form(form)]
         for name, orders in predicted.items():
-            entry = cells.get((name, form))
+            cell = cells.get((name, form))
             if len(orders) > 1:
-                row.append(f"${entry.predicted:g}$" if entry else "--")
-            row.append(_latex_fit(entry) if entry else "--")
+                row.append(f"${cell.predicted:g}$" if cell else "--")
+            row.append(_latex_fit(cell) if cell else "--")
         rows.append(row)
     table, problem = entries[0].table, entries[0].problem
     caption = (
