@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 
+import click
 import pytest
 from conftest import QUICK, CommandLine
 from warm import SCRIPT
@@ -271,10 +272,21 @@ def test_list_names_everything(cli):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_an_example(cli, command):
-    """Every command explains itself."""
+    """Every command explains itself; its example is a line of its own, to be copied."""
     text = cli(command, "--help").stdout
-    assert "Example:" in text
-    assert f"newmark-study {command}" in text
+    assert re.search(rf"\n\n  Example:\n    newmark-study {command}\b.*\n\nOptions:", text)
+    assert r"\b" not in text
+    # Every option says what it does.
+    for option in command_line.commands[command].params:
+        assert isinstance(option, click.Argument) or option.help, option.name
+
+
+def test_list_of_commands_is_whole(cli):
+    """In 80 columns no command's line is cut off."""
+    text = cli("--help").stdout
+    assert "..." not in text.partition("Commands:")[2]
+    for name in COMMANDS:
+        assert re.search(rf"^  {name} +[A-Z].*\.$", text, re.MULTILINE), name
 
 
 def test_list_builds_nothing():

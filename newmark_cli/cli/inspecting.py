@@ -29,27 +29,27 @@ if TYPE_CHECKING:
     "form",
     metavar="FORM",
     shell_complete=complete("forms"),
-    help="One form; all seven when omitted.",
+    help="One form; all seven by default.",
 )
 @click.option(
     "--preconditioning",
     "variant",
     metavar="VARIANT",
     shell_complete=complete("preconditioning"),
-    help="One variant; the paper's four when omitted.",
+    help="One scaling; the paper's four by default.",
 )
 @click.option(
     "--evaluation",
     type=click.Choice(["direct", "compensated"]),
     default=None,
-    help="How residuals are evaluated; direct when omitted.",
+    help="How residuals are evaluated; direct by default.",
 )
 @click.option(
     "--config",
     "file",
     metavar="CONFIG",
     shell_complete=complete_config,
-    help="Forms and scalings of a config.",
+    help="Take the forms and scalings of a config.",
 )
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
@@ -63,10 +63,11 @@ def orders(
     as_json: bool,
     allow_code: bool,
 ) -> int:
-    """Predict orders in h: blocks of J and its inverse, corrections, condition number.
+    """Predict orders in h: of J, its inverse, corrections and C.
 
-    Laid out as in Sections 3 and 4 of the paper.  With --derive, finds the least
-    powers of h that make every block O(1), and compares them with Table 2.
+    Laid out as in Sections 3 and 4 of the paper; C is the condition number.  With
+    --derive, finds the least powers of h that make every block O(1), and compares
+    them with Table 2.
 
     \b
     Example:
@@ -93,7 +94,7 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    Prints a line for each file; exits with 2 when one is not valid.
+    Prints a line for each file.  Exits with 2 if a file is not valid.
 
     \b
     Example:
@@ -114,13 +115,15 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
 @click.command()
 @click.argument("problem", metavar="PROBLEM", shell_complete=complete("problems", files=True))
 @results_folder
-@click.option("--at", "time", type=float, default=0.0, metavar="T", help="Time of the drawing (s).")
+@click.option(
+    "--at", "time", type=float, default=0.0, metavar="T", help="Draw the mechanism at time T (s)."
+)
 @click.option(
     "--h",
     "step",
     type=float,
     metavar="H",
-    help="Step size (s); when omitted, halved until nothing visible changes.",
+    help="Step size (s); by default it is halved until nothing visible changes.",
 )
 @click.option(
     "--integrator",
@@ -137,7 +140,14 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     metavar="FILE.gif",
     help="Write the motion from 0 to T as a looping GIF.",
 )
-@click.option("--frames", type=click.IntRange(2, 1000), default=60, show_default=True)
+@click.option(
+    "--frames",
+    type=click.IntRange(2, 1000),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Number of frames of --animate.",
+)
 def draw(
     problem: str,
     folder: Path,
@@ -147,11 +157,12 @@ def draw(
     animated: Path | None,
     frames: int,
 ) -> int:
-    """Draw a mechanism: a shipped problem, a mechanism file, or a family's member.
+    """Draw a mechanism, at its start or after a motion.
 
-    Writes DIR/figures/<problem>.png and .svg.  The motion up to T is computed with
-    numerical damping and compared with a coarser one; where they visibly differ, a
-    warning says so.
+    PROBLEM is a shipped problem, a mechanism file, or a member of a family, such
+    as 'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg.  The motion
+    up to T is computed with numerical damping and compared with a coarser one; if
+    they differ visibly, a warning says so.
 
     \b
     Example:
@@ -191,7 +202,9 @@ def draw(
 @click.command()
 @click.argument("kind", type=click.Choice(["config", "mechanism"]), default="config")
 def schema(kind: str) -> int:
-    """Print the JSON Schema of study configs, or of mechanism files, for editors.
+    """Print the JSON Schema of configs or of mechanism files.
+
+    Editors complete and check such files with it.
 
     \b
     Example:
@@ -213,9 +226,10 @@ _EXPLAINED = {
 @click.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def list_(as_json: bool) -> int:
-    """List problems, forms, integrators, scalings, measures, configs and figures.
+    """List all that a config can name, and the figures.
 
-    Says in one line what each of them is.
+    Lists problems, forms, integrators, scalings, measures, shipped configs and
+    figures, each with one line that says what it is.
 
     \b
     Example:
