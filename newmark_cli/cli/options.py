@@ -35,7 +35,7 @@ results_folder = click.option(
 
 
 allow_code_option = click.option(
-    "--allow-code", is_flag=True, help="Let configs name problems in Python, which runs them."
+    "--allow-code", is_flag=True, help="Allow problems in Python; loading them runs their code."
 )
 
 
@@ -44,7 +44,7 @@ jobs_option = click.option(
     type=click.IntRange(1, 1024),
     default=None,
     metavar="N",
-    help="Threads, or processes for plain Python; as many as processors when omitted.",
+    help="Threads, or processes for problems in plain Python; by default one per processor.",
 )
 
 
@@ -69,29 +69,31 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
     for option in reversed(
         (
             jobs_option,
-            click.option("--force", is_flag=True, help="Compute cells again that are kept."),
+            click.option("--force", is_flag=True, help="Recompute cached cells."),
             click.option(
                 "--fail-fast/--keep-going",
-                help="End the run with the first cell that does not end well; default: go on.",
+                help="Stop at the first cell that fails, or run the others too (default).",
             ),
             click.option(
                 "--timeout",
                 type=click.FloatRange(0, 1e9, min_open=True),
                 metavar="SECONDS",
-                help="Longest time of a cell; it then counts as failed.",
+                help="Time limit per cell; a cell that exceeds it counts as failed.",
             ),
             click.option(
                 "--executor",
                 type=click.Choice(["local", "dask"]),
                 default="local",
                 show_default=True,
-                help="Who runs the cells: this machine, or the workers of a dask scheduler.",
+                help="Run cells on this machine, or on the workers of a dask scheduler.",
             ),
             click.option(
-                "--scheduler", metavar="ADDRESS", help="Of dask; workers of its own without one."
+                "--scheduler",
+                metavar="ADDRESS",
+                help="Address of the dask scheduler; by default, workers start on this machine.",
             ),
-            click.option("-q", "--quiet", is_flag=True, help="Say nothing but what is wrong."),
-            click.option("-v", "--verbose", is_flag=True, help="A line for every cell."),
+            click.option("-q", "--quiet", is_flag=True, help="Print errors only."),
+            click.option("-v", "--verbose", is_flag=True, help="Print a line for every cell."),
         )
     ):
         gathered = option(gathered)

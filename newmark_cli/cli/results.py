@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 @click.argument("figures", nargs=-1, metavar="[FIGURE...]", shell_complete=complete("figures"))
 @results_folder
 def plot(figures: tuple[str, ...], folder: Path) -> int:
-    """Draw figures, by default all that the CSVs in DIR are enough for.
+    """Draw figures from the CSVs in DIR.
 
-    Writes DIR/figures/figure-<n>.png and .svg, and DIR/slopes.csv.
+    By default draws every figure that has its data in DIR.  Writes
+    DIR/figures/figure-<n>.png and .svg, and DIR/slopes.csv.
 
     \b
     Example:
@@ -48,15 +49,20 @@ def plot(figures: tuple[str, ...], folder: Path) -> int:
 
 @click.command()
 @results_folder
-@click.option("--all", "show_all", is_flag=True, help="Show every slope, not figures and misses.")
-@click.option("--json", "as_json", is_flag=True, help="Print every slope as JSON.")
-@click.option("--markdown", is_flag=True, help="Print the table as Markdown.")
+@click.option(
+    "--all",
+    "show_all",
+    is_flag=True,
+    help="Show every slope, not only those of figures and misses.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print every slope and claim as JSON.")
+@click.option("--markdown", is_flag=True, help="Print the tables as Markdown.")
 def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
-    """Check every fitted slope in DIR against its predicted order, and the claims.
+    """Check fitted slopes against predicted orders, and the claims.
 
-    Writes DIR/slopes.csv.  Exits with 1 when a slope misses its prediction by
-    more than its tolerance, or cannot be fitted, or when a claim of a figure
-    fails whose study is in DIR.
+    Reads every study in DIR and writes DIR/slopes.csv.  Exits with 1 if a slope
+    cannot be fitted or misses its prediction by more than its tolerance, or if
+    one of the claims about these studies fails.
 
     \b
     Example:
@@ -78,10 +84,10 @@ def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
 @click.command()
 @results_folder
 def tables(folder: Path) -> int:
-    """Tables 1 and 2 of the paper, every entry predicted beside measured.
+    """Make Tables 1 and 2 of the paper, predicted and measured.
 
     Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
-    and .tex.  Exits with 1 when an entry is not as predicted.
+    and .tex.  Exits with 1 if an entry is not as predicted.
 
     \b
     Example:
@@ -101,9 +107,9 @@ def tables(folder: Path) -> int:
 @click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
 @click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
 def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
-    """Say where results come from: code, versions, machine, wall times, checksums.
+    """Show where results come from: code, versions, machine, times.
 
-    Reads DIR/<study>.json, by default of every study in DIR.
+    Reads DIR/<study>.json, by default for every study in DIR.
 
     \b
     Example:
@@ -128,9 +134,9 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
 @click.command()
 @results_folder
 def verify(folder: Path) -> int:
-    """Compare the CSVs in DIR with the checksums that were recorded beside them.
+    """Compare the CSVs in DIR with their recorded checksums.
 
-    Prints a line for each file; exits with 1 when one differs, or is missing, or
+    Prints a line for each file.  Exits with 1 if a file differs, is missing or
     has no record.
 
     \b
@@ -153,15 +159,20 @@ def verify(folder: Path) -> int:
     type=click.FloatRange(0, 1, max_open=True),
     default=1e-6,
     show_default=True,
-    help="Relative tolerance of values that rounding does not rule.",
+    help="Relative tolerance of values that are not dominated by rounding.",
 )
-@click.option("--all", "everything", is_flag=True, help="Show every difference, not the first.")
+@click.option(
+    "--all",
+    "everything",
+    is_flag=True,
+    help="Show every difference, not only the first ten of each kind.",
+)
 def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
-    """Compare two results folders: cells, values, slopes, verdicts, environments.
+    """Compare two results folders: cells, values, slopes, verdicts.
 
-    Values that rounding rules (corrections, errors, residuals) agree within a
-    factor, since they differ from one machine to another.  Exits with 1 when a
-    slope or a claim has another verdict in B than in A.
+    Values at rounding level (corrections, errors, residuals) differ from machine
+    to machine, and are compared within a factor of ten.  Exits with 1 if the
+    verdict on a slope or a claim differs between A and B.
 
     \b
     Example:
@@ -182,12 +193,13 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="The page; DIR/report.html when omitted.",
+    help="File to write; DIR/report.html by default.",
 )
 def report(folder: Path, output: Path | None) -> int:
-    """Write the results in DIR as one page: claims, figures, tables, provenance.
+    """Write the results in DIR as one HTML page.
 
-    The HTML needs no other file and no network.  Needs the extra `report`.
+    The page has the claims, figures, tables and provenance, and needs no other
+    file and no network.  To write it, install the extra `report`.
 
     \b
     Example:

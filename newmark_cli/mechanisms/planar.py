@@ -209,6 +209,7 @@ class Mechanism(StrictModel):
     )
 
     title: str = Field("", description="heads drawings")
+    description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
     points: Annotated[dict[str, Point], also(not_=_ALL_FIXED)] = Field(
         description="fixed points, and moving ones, whose coordinates are the unknowns"

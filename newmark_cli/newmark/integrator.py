@@ -14,7 +14,7 @@ core knows an integrator: another of the family is another set of coefficients
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -125,6 +125,10 @@ class Newmark:
         IntegratorError: For other β, γ.
     """
 
+    description: ClassVar[str] = (
+        "Newmark's scheme; beta > 0 and gamma >= 1/2, "
+        "by default 1/4 and 1/2, which is the trapezoidal rule"
+    )
     beta: float = 0.25
     gamma: float = 0.5
 
@@ -185,6 +189,10 @@ class GeneralizedAlpha:
         IntegratorError: For other ρ∞.
     """
 
+    description: ClassVar[str] = (
+        "generalized-α method, order 2; "
+        "rho from 0, the strongest damping, to 1, the trapezoidal rule"
+    )
     rho: float
 
     def __post_init__(self) -> None:
@@ -233,6 +241,10 @@ class HHT:
         IntegratorError: For other α.
     """
 
+    description: ClassVar[str] = (
+        "Hilber, Hughes and Taylor's method, order 2; "
+        "alpha from 0, the trapezoidal rule, to 1/3, the strongest damping"
+    )
     alpha: float
 
     def __post_init__(self) -> None:
@@ -278,6 +290,8 @@ def _alpha_symbols(
 class BDF1:
     """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
 
+    description: ClassVar[str] = "implicit Euler method, order 1; no parameters"
+
     @property
     def label(self) -> str:
         """The method."""
@@ -321,6 +335,8 @@ class BDF2:
 
     The step before the first is a Taylor expansion backwards from the start.
     """
+
+    description: ClassVar[str] = "two-step backward differences, order 2; no parameters"
 
     @property
     def label(self) -> str:

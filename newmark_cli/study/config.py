@@ -24,7 +24,6 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.spec import ProblemSpec
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import (
@@ -35,7 +34,6 @@ from newmark_cli.newmark.linear.choice import (
     SPARSE,
     choose,
 )
-from newmark_cli.newmark.linear.krylov import is_symmetric
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
@@ -141,6 +139,8 @@ class _Rules(StrictModel):
                     raise misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
     def _require_symmetric(self, label: str, problem: Problem) -> None:
+        from newmark_cli.newmark.linear.krylov import is_symmetric
+
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
@@ -411,6 +411,8 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
     """
     document = documents.read(path, name)
     if isinstance(document.data, dict) and "points" in document.data:
+        from newmark_cli.mechanisms import planar
+
         problem = planar.built(name, document)
         return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
     study = parse(document, Surroundings(path.parent, allow_code))
