@@ -55,7 +55,7 @@ BEYOND = [
         [(QUICK, "pendulum", '{python: "a.py:f"}')],
     ),
     (
-        r"cannot be read|is no file name|driven\.yaml, line|hoist\.yaml, line",
+        r"cannot be read|is not a file name|driven\.yaml, line|hoist\.yaml, line",
         "what a config names is in other files",
         [(QUICK, "pendulum", "nowhere.yaml"), (QUICK, "pendulum", "broken/driven.yaml")],
     ),

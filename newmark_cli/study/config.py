@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from itertools import chain, product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -19,6 +19,7 @@ from pydantic import (
     PlainSerializer,
     Strict,
     TypeAdapter,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
@@ -26,7 +27,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from newmark_cli import documents
 from newmark_cli.documents import (
@@ -74,7 +75,7 @@ from newmark_cli.newmark.scheme import (
     Tolerance,
 )
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
+from newmark_cli.spelling import closest, nearest
 from newmark_cli.study.cell import STATUSES, Cell
 
 MEASURES = (
@@ -97,12 +98,19 @@ _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
-def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
+def _one_or_more(
+    value: Any, validate: Callable[[Any], tuple[Any, ...]], info: ValidationInfo
+) -> tuple[Any, ...]:
     """A value or a list of values, each once."""
     given = value if isinstance(value, list) else [value]
     if len(given) > _MOST_ITEMS:
         raise ValueError(f"at most {_MOST_ITEMS} values, given {len(given)}")
-    values = validate(given)
+    try:
+        values = validate(given)
+    except ValidationError:
+        # Not before: the name of a file may have a comma in it.
+        documents.require_brackets(value, info)
+        raise
     seen = set()
     for item in values:
         # A scaling of one's own has no hash.
@@ -223,6 +231,16 @@ class OwnScaling(StrictModel):
         return Preconditioning(self.name, left, right, own=True)
 
 
+#: Values of parameters in the examples of error messages.
+_EXAMPLES = {"beta": 0.25, "gamma": 0.5, "rho": 0.9, "alpha": 0.1}
+
+
+def _example(method: str) -> str:
+    """How a config spells an integrator."""
+    given = "".join(f", {name}: {_EXAMPLES[name]:g}" for name in parameters(method))
+    return f"{{method: {method}{given}}}"
+
+
 class IntegratorConfig(StrictModel):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
@@ -260,21 +278,49 @@ class IntegratorConfig(StrictModel):
         handler.resolve_ref_schema(reference)["allOf"] = rules
         return reference
 
+    @model_validator(mode="before")
+    @classmethod
+    def _spelled(cls, data: Any) -> Any:
+        """Other spellings are refused with the right one."""
+        if isinstance(data, str):
+            method = closest(data, INTEGRATORS) or "generalized-alpha"
+            text = f"must be a mapping such as {_example(method)}, given {data[:60]!r}"
+            raise documents.refused(IntegratorError(text))
+        return data
+
+    @classmethod
+    def unknown_key(cls, key: str) -> str:
+        """Also where the name of a method stands as a key."""
+        method = closest(key, INTEGRATORS)
+        if method is not None:
+            return f"unknown key; write {_example(method)}"
+        named = [method for method in INTEGRATORS if closest(key, parameters(method))]
+        example = _example(named[0] if named else "generalized-alpha")
+        return f"{super().unknown_key(key)}; for example {example}"
+
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
         given = self._parameters()
         allowed = parameters(self.method)
-        for name in given:
-            if name not in allowed:
-                has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
-                raise misfit(name, f"{name}: is no parameter of {self.method}, which {has}")
+        example = f"for example {_example(self.method)}"
+        has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
+        owners = {name: method for method in INTEGRATORS for name in parameters(method)}
+        documents.together(
+            misfit(
+                name,
+                f"is not a parameter of {self.method}, which {has}; it belongs to "
+                f"{owners[name]}: {_example(owners[name])}",
+            )
+            for name in given
+            if name not in allowed
+        )
         try:
             self.integrator()
         except TypeError:
             missing = [name for name in allowed if name not in given]
-            raise misfit("method", f"{self.method} needs {', '.join(missing)}") from None
+            raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
         except IntegratorError as error:
-            raise misfit(str(error).split()[0], str(error)) from None
+            raise misfit(str(error).split()[0], f"{error}; {example}") from None
         return self
 
     def _parameters(self) -> dict[str, float]:
@@ -331,15 +377,17 @@ def _preconditioning(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a config's meaning depends on beside its text.
+    """What a config's meaning depends on besides its text.
 
     Attributes:
         folder: Where files that it names are looked for.
         allow_code: Whether problems in Python may be loaded.
+        refused: Problems whose mistakes are reported already.
     """
 
     folder: Path = Path()
     allow_code: bool = False
+    refused: set[ProblemSpec] = field(default_factory=set, compare=False)
 
 
 def _problem(value: Any, info: ValidationInfo) -> ProblemSpec:
@@ -362,7 +410,7 @@ def _problem(value: Any, info: ValidationInfo) -> ProblemSpec:
         sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
     if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
-        return _loaded(MechanismFile((around.folder / value).absolute(), value))
+        return _loaded(MechanismFile((around.folder / value).absolute(), value), around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
@@ -383,14 +431,18 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
     if not around.allow_code:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
-    return _loaded(PythonFactory(path, factory, tuple(arguments.items()), str(value["python"])))
+    given = tuple(arguments.items())
+    return _loaded(PythonFactory(path, factory, given, str(value["python"])), around)
 
 
-def _loaded(spec: ProblemSpec) -> ProblemSpec:
+def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
     """The problem, once it has shown that it can be used."""
+    if spec in around.refused:
+        raise documents.reported()
     try:
         spec.load()
     except InputError as error:
+        around.refused.add(spec)
         raise documents.refused(error) from None
     return spec
 
@@ -522,48 +574,53 @@ class Case(StrictModel):
     def _consistent(self) -> "Case":
         if self.count > _MOST_CELLS:
             raise ValueError(_TOO_MANY_CELLS)
+        documents.together(self._misfits())
+        return self
+
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        """Keys that do not fit each other."""
         if (self.t_end is None) == (self.steps is None):
             given = "both" if self.steps is not None else "neither"
-            raise misfit("t_end", f"needs either t_end or steps, given {given}")
+            yield misfit("t_end", f"needs either t_end or steps, given {given}")
         if self.t_end is not None:
             for h in self.h:
                 if h > self.t_end * (1 + 1e-9):
-                    raise misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
+                    yield misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
                 if self.t_end / h > _MOST_STEPS:
-                    raise misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
+                    yield misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
                 steps = self.t_end / h
                 if "error" in self.measure and abs(steps - round(steps)) > 1e-6:
-                    raise misfit(
+                    yield misfit(
                         "h", f"errors are measured at t_end: no whole number of steps, given {h:g}"
                     )
         along = [measure for measure in self.measure if measure in ALONG_STEPS]
         if self.steps == 0 and along:
-            raise misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
+            yield misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
         if self.stop is not None and "correction" in self.measure:
-            raise misfit(
+            yield misfit(
                 "measure" if "measure" in self.model_fields_set else "stop",
                 "with a tolerance Newton stops before rounding does; no correction "
                 "can be a 'measure'",
             )
         if self.stop is None and "tolerance" in self.measure:
-            raise misfit("measure", "tolerance needs 'stop'")
+            yield misfit("measure", "tolerance needs 'stop'")
         if "krylov" in self.measure and not set(self.linear_solver) <= {GMRES, MINRES}:
-            raise misfit("measure", f"krylov needs linear_solver {GMRES} or {MINRES}")
+            yield misfit("measure", f"krylov needs linear_solver {GMRES} or {MINRES}")
         labels = [variant.label for variant in self.variants()]
         if len(set(labels)) < len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
-            raise misfit("preconditioning", f"given twice: {twice}")
+            yield misfit("preconditioning", f"given twice: {twice}")
         for name in self.form:
             for variant in self.variants():
                 try:
                     variant.scaling(FORMS[name])
                 except ScalingError as error:
-                    raise misfit("preconditioning", f"{variant.name}: {error}") from None
-        self._require_fit()
-        return self
+                    yield misfit("preconditioning", f"{variant.name}: {error}")
+                    return
+        yield from self._unfit()
 
-    def _require_fit(self) -> None:
-        """Refuse what a problem is not fit for; loads problems only where it matters."""
+    def _unfit(self) -> Iterator[PydanticCustomError]:
+        """What a problem is not fit for; loads problems only where it matters."""
         if not (
             COMPENSATED in self.evaluation
             or MINRES in self.linear_solver
@@ -573,31 +630,32 @@ class Case(StrictModel):
         for spec in self.problem:
             traits = spec.traits()
             if COMPENSATED in self.evaluation and not traits.sample.quadratic:
-                raise misfit(
+                yield misfit(
                     "evaluation",
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
             if MINRES in self.linear_solver:
-                self._require_symmetric(spec.label, traits.sample)
+                yield from self._asymmetric(spec.label, traits.sample)
             if "float32" not in self.precision:
                 continue
             if not traits.sample.single:
-                raise misfit("precision", f"{spec.label} is computed in float64 only")
+                yield misfit("precision", f"{spec.label} is computed in float64 only")
             for form, solver in product(self.form, self.linear_solver):
                 if choose(solver, traits, FORMS[form]) != DENSE:
-                    raise misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
+                    yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
-    def _require_symmetric(self, label: str, problem: Problem) -> None:
+    def _asymmetric(self, label: str, problem: Problem) -> Iterator[PydanticCustomError]:
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
             try:
                 symmetric = is_symmetric(problem, scheme)
             except ArithmeticError:
-                raise misfit("h", f"too large or too small, given {self.h[0]:g}") from None
+                yield misfit("h", f"too large or too small, given {self.h[0]:g}")
+                return
             if not symmetric:
-                raise misfit(
+                yield misfit(
                     "linear_solver",
                     f"{MINRES}: the matrix of {label}, {form}, {variant.name} is not "
                     f"symmetric; take {GMRES}",
@@ -718,7 +776,7 @@ def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study
         allow_code: Whether problems in Python may be loaded.
 
     Raises:
-        DocumentError: Names file, line and key of the first mistake.
+        DocumentError: For every mistake, each with file, line and key.
     """
     return parse(documents.read(path, name), Surroundings(path.parent, allow_code))
 
@@ -728,29 +786,45 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
-    allowed = (*_STUDY_KEYS, *Case.model_fields)
-    for key in data:
-        if key not in allowed:
-            raise document.error((key,), f"unknown key{nearest(key, allowed)}")
-    shared = {key: value for key, value in data.items() if key not in _STUDY_KEYS}
-    given = data.get("cases", [{}])
-    if not isinstance(given, list) or not given:
-        raise document.error(("cases",), "must be a list of cases, at least one")
     around = around or Surroundings()
+    mistakes = documents.Mistakes()
+    allowed = (*_STUDY_KEYS, *Case.model_fields)
+    shared = {key: value for key, value in data.items() if key in Case.model_fields}
+    head = {key: data[key] for key in ("study", "description") if key in data}
+    unknown = [key for key in data if key not in allowed]
+    for key in unknown[: documents.MOST_REPORTED]:
+        mistakes.note(document.error((key,), f"unknown key{nearest(key, allowed)}"))
+        # What was meant by a misspelled key is not missing.
+        meant = closest(key, allowed)
+        if meant is not None and meant not in data:
+            (shared if meant in Case.model_fields else head)[meant] = documents.REPORTED
+    given = data.get("cases", [] if "cases" in head else [{}])
+    if "cases" in data and (not isinstance(given, list) or not given):
+        mistakes.note(document.error(("cases",), "must be a list of cases, at least one"))
+        given = []
     if len(given) > MOST_CASES:
         raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(given)}")
     if "cases" in data:
         # Also what every case replaces: a mistake is a mistake where nobody looks.
-        documents.validate(document, _Shared, shared, context=around)
-    cases: list[Case] = []
+        try:
+            documents.validate(document, _Shared, shared, context=around)
+        except DocumentError as error:
+            mistakes.note(error)
+            wrong = {mistake.path[0] for mistake in error.mistakes if mistake.path}
+            shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
+    cases: dict[int, Case] = {}
     for i, case in enumerate(given):
-        cases.append(_case(document, shared, case, i, around))
-        if sum(case.count for case in cases) > _MOST_CELLS:
-            raise document.error(("cases",), _TOO_MANY_CELLS)
-    head = {key: data[key] for key in ("study", "description") if key in data}
-    study = documents.validate(document, Study, {**head, "cases": cases})
-    _refuse_repeated_cells(document, study)
-    _refuse_repeated_labels(document, study)
+        with mistakes.gathered():
+            cases[i] = _case(document, shared, case, i, around)
+        if sum(case.count for case in cases.values()) > _MOST_CELLS:
+            mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
+            break
+    with mistakes.gathered():
+        study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels):
+        with mistakes.gathered():
+            refuse(document, cases)
+    mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
     return study
 
 
@@ -770,10 +844,10 @@ def _case(
     return documents.validate(document, Case, {**shared, **given}, locate, around)
 
 
-def _refuse_repeated_cells(document: Document, study: Study) -> None:
+def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
     """Grids have a cell in common if they share a value along every axis."""
     known: list[list[frozenset[Any]]] = []
-    for case in study.cases:
+    for case in cases.values():
         axes = case.axes()
         for others in known:
             if not any(other.isdisjoint(axis) for other, axis in zip(others, axes, strict=True)):
@@ -789,10 +863,10 @@ def _refuse_repeated_cells(document: Document, study: Study) -> None:
         known.append([frozenset(axis) for axis in axes])
 
 
-def _refuse_repeated_labels(document: Document, study: Study) -> None:
+def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> None:
     """Problems that the CSV could not tell apart."""
     known: dict[str, ProblemSpec] = {}
-    for i, case in enumerate(study.cases):
+    for i, case in cases.items():
         for spec in case.problem:
             if known.setdefault(spec.label, spec) != spec:
                 path = ("cases", i, "problem") if "cases" in document.data else ("problem",)
@@ -864,7 +938,7 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
         allow_code: Whether problems in Python may be loaded.
 
     Raises:
-        DocumentError: For the first mistake.
+        DocumentError: For every mistake.
     """
     document = documents.read(path, name)
     if isinstance(document.data, dict) and "points" in document.data:
