@@ -80,9 +80,7 @@ class DocumentError(InputError):
         more: Number of mistakes beyond those.
     """
 
-    def __init__(
-        self, text: str, mistakes: Sequence[Mistake] | None = None, more: int = 0
-    ) -> None:
+    def __init__(self, text: str, mistakes: Sequence[Mistake] | None = None, more: int = 0) -> None:
         super().__init__(text)
         self.mistakes = (Mistake(0, (), text),) if mistakes is None else tuple(mistakes)
         self.more = more
@@ -102,6 +100,11 @@ class Mistakes:
     def __init__(self) -> None:
         self._found: dict[Mistake, None] = {}
         self._more = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether what comes now is only counted."""
+        return len(self._found) >= MOST_REPORTED
 
     def note(self, error: DocumentError) -> None:
         """Take up the mistakes of an error, each once."""

@@ -236,7 +236,9 @@ class HHT:
     alpha: float
 
     def __post_init__(self) -> None:
-        _refuse_outside("alpha", self.alpha, 0, 1 / 3, "above 1/3 the damping does not grow any further")
+        _refuse_outside(
+            "alpha", self.alpha, 0, 1 / 3, "above 1/3 the damping does not grow any further"
+        )
 
     @property
     def label(self) -> str:
