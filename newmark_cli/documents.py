@@ -45,6 +45,17 @@ _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
 #: Mistakes of one document that are reported one by one; of the rest only their number.
 MOST_REPORTED = 50
 
+#: What pydantic says of Python, said of a document.
+_WORDED = tuple(
+    (re.compile(theirs), ours)
+    for theirs, ours in (
+        ("^Input should be a valid tuple", "must be a list"),
+        ("^Input should be a valid dictionary", "must be a mapping of names to values"),
+        ("^Input should be a valid string", "must be text"),
+        ("^Input should be", "must be"),
+        (r"^Tuple should have (.*) after validation, not (\d+)$", r"must have \1, given \2"),
+    )
+)
 #: Custom errors whose text already says what was given.
 _SELF_EXPLAINING = frozenset({"unknown_name", "own"})
 
@@ -336,10 +347,10 @@ def validate(
         details = error.errors(include_url=False)
     # Branches of a union complain about the same key; the first speaks for all of them.
     placed: dict[KeyPath, Mapping[str, Any]] = {}
-    below = {detail["loc"][:-1] for detail in details}
+    above = {detail["loc"][:k] for detail in details for k in range(len(detail["loc"]))}
     for detail in chain.from_iterable(map(_apart, details)):
         # A list is too short for pydantic when its items are wrong.
-        follows = detail["type"] == "too_short" and detail["loc"] in below
+        follows = detail["type"] == "too_short" and detail["loc"] in above
         if not (follows or detail["input"] is REPORTED or detail["type"] == "reported"):
             placed.setdefault(_place(document, detail, locate), detail)
     mistakes = Mistakes()
@@ -516,6 +527,8 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
     """What there is to say of one pydantic error, in one line or several."""
     value, context = detail["input"], detail.get("ctx", {})
     message = detail["msg"].removeprefix("Value error, ")
+    for theirs, ours in _WORDED:
+        message = theirs.sub(ours, message)
     if detail["type"] == "missing":
         message = "missing"
     elif isinstance(value, _Unknown):

@@ -244,10 +244,10 @@ def test_any_object_with_the_attributes_serves(tmp_path):
             "u0 = 'here'",
             "line 12: factory: u0 must be an array of shape (n,), given 'here'",
         ),
-        ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 misses the constraints"),
+        ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 violates the constraints"),
         ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a number, given None"),
         ("    u0 =", "    t0 = 'now'\n    u0 =", "t0 must be a number, given 'now'"),
-        ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 misses the constraints"),
+        ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 violates the constraints"),
         ("v0 = np.array([0.0, 0.0])", "v0 = [0, .nan]".replace(".", "np."), "v0 must be finite"),
         (
             "v0 = np.array([0.0, 0.0])",

@@ -145,7 +145,7 @@ class Slider(StrictModel):
     @model_validator(mode="after")
     def _has_direction(self) -> "Slider":
         if math.hypot(*self.direction) == 0:
-            raise misfit("direction", "a slider needs a direction, given [0, 0]")
+            raise misfit("direction", "must not be [0, 0]: a slider needs a direction")
         return self
 
 
@@ -377,7 +377,7 @@ class _Builder:
         self.document = document
         self.mechanism = mechanism
         self.mistakes = documents.Mistakes()
-        #: Points and bodies with a mistake: what refers to them is no mistake of its own.
+        #: Points and bodies with a mistake: a reference to them is not another mistake.
         self.broken: set[tuple[str, ...]] = set(broken)
         self.moving: dict[str, int] = {}
         self.fixed: dict[str, complex] = {}
@@ -530,7 +530,9 @@ class _Builder:
         first, last = self._ends(start, end, path)
         difference = last.minus(first)
         if not any(name in self.moving for name in difference):
-            raise self.document.error(path, f"joins {start} and {end}, which do not move apart")
+            raise self.document.error(
+                path, f"joins {start} and {end}, which cannot move relative to each other"
+            )
         return difference
 
     def _distance(self, start: str, end: str, length: float, path: KeyPath) -> None:

@@ -61,7 +61,7 @@ def consistent(
     with mistakes.gathered():
         _require_mass(problem, document)
     if problem.m == 0:
-        mistakes.note(document.error((), "no constraint: nothing here is of index 3"))
+        mistakes.note(document.error((), "has no constraints: the problem is not of index 3"))
         mistakes.refuse()
     with mistakes.gathered():
         problem = _fitted(problem, options, document, paths)
@@ -90,7 +90,7 @@ def _fitted(
         mistakes.note(
             document.error(
                 paths[k],
-                f"initial velocities miss this constraint by {missed[k]:.3g} "
+                f"initial velocities violate this constraint by {missed[k]:.3g} "
                 "m/s; correct them or set 'project_velocities: true'",
             )
         )
@@ -111,25 +111,33 @@ def _column_norms(gradient: scipy.sparse.csc_array) -> Array:
 
 def _least_change(gradient: scipy.sparse.csc_array, misfit: Array) -> Array:
     """Smallest d with Gᵀ d = misfit."""
-    return np.asarray(gradient @ _normal_solver(gradient)(misfit))
+    solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(gradient.T @ gradient)).solve
+    return np.asarray(gradient @ solve(misfit))
 
 
-def _normal_solver(
-    gradient: scipy.sparse.csc_array, damping: float = 0.0
-) -> Callable[[Array], Array]:
-    """What solves (GᵀG + damping I) x = rhs; RuntimeError when that is exactly singular."""
-    normal = scipy.sparse.csc_matrix(gradient.T @ gradient)
-    if damping:
-        normal = scipy.sparse.csc_matrix(normal + damping * scipy.sparse.eye_array(normal.shape[0]))
+def _damped_solver(gradient: scipy.sparse.csc_array, damping: float) -> Callable[[Array], Array]:
+    """What solves (GᵀG + damping I) x = rhs."""
+    identity = scipy.sparse.eye_array(gradient.shape[1])
+    normal = scipy.sparse.csc_matrix(gradient.T @ gradient + damping * identity)
     solve: Callable[[Array], Array] = scipy.sparse.linalg.splu(normal).solve
     return solve
+
+
+def _damped_change(gradient: scipy.sparse.csc_array, misfit: Array, damping: float) -> Array:
+    """The d of least |Gᵀ d − misfit|² + damping |d|², from the smaller of GᵀG and GGᵀ."""
+    n, m = gradient.shape
+    if m <= n:
+        return np.asarray(gradient @ _damped_solver(gradient, damping)(misfit))
+    transposed = scipy.sparse.csc_array(gradient.T)
+    return np.asarray(_damped_solver(transposed, damping)(gradient @ misfit))
 
 
 def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -> Array:
     """Positions on the constraints near a guess, by Newton's method of least change."""
     u = problem.u0.copy()
     size = float(np.abs(u).max()) or 1.0
-    for _ in range(_MOST_CORRECTIONS):
+    # With more constraints than coordinates GᵀG is singular everywhere.
+    for _ in range(_MOST_CORRECTIONS if problem.m <= problem.n else 0):
         phi = problem.constraint_values(problem.t0, u)
         try:
             change = _least_change(_gradient(problem, u), phi)
@@ -196,7 +204,7 @@ def _closest(problem: Problem, u: Array) -> Array:
         largest = float(_column_norms(gradient).max()) ** 2 or 1.0
         damping = scale * min(1.0, norm / largest) * largest + 1e-15 * largest
         try:
-            step = gradient @ _normal_solver(gradient, damping)(phi)
+            step = _damped_change(gradient, phi, damping)
         except RuntimeError:
             break
         if not np.all(np.isfinite(step)) or np.abs(step).max() <= 1e-16 * np.abs(u).max():
@@ -273,8 +281,9 @@ def _dependent(gradient: scipy.sparse.csc_array, tolerance: float = _RANK_TOLERA
         rank = int(np.count_nonzero(values > tolerance * values[0]))
         if rank == m:
             return []
-        _, _, vectors = np.linalg.svd(dense)
-        return _shared_in(np.abs(vectors[rank:]).max(axis=0))
+        _, _, vectors = np.linalg.svd(dense, full_matrices=False)
+        # Length of each constraint's share in the null space; what is not in it is here.
+        return _shared_in(np.sqrt(np.maximum(0.0, 1 - (vectors[:rank] ** 2).sum(axis=0))))
     try:
         factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(scaled.T @ scaled))
     except RuntimeError:
@@ -285,7 +294,7 @@ def _dependent(gradient: scipy.sparse.csc_array, tolerance: float = _RANK_TOLERA
         if np.all(pivots >= tolerance**1.5 * pivots.max()):
             return []
     # Inverse iteration ends in the null space.
-    solve = _normal_solver(scaled, 1e-13)
+    solve = _damped_solver(scaled, 1e-13)
     vector = np.random.default_rng(0).normal(size=m)
     for _ in range(4):
         vector = solve(vector)
@@ -303,9 +312,11 @@ def _singular_here(problem: Problem, gradient: scipy.sparse.csc_array) -> bool:
     Where the rank of G is the same all around, constraints can be followed in every
     direction that G allows.  At a singular position they cannot.
     """
+    if problem.m > problem.n:
+        return False
     u = problem.u0
     size = float(np.abs(u).max()) or 1.0
-    solve = _normal_solver(gradient, 1e-13 * float(_column_norms(gradient).max()) ** 2)
+    solve = _damped_solver(gradient, 1e-13 * float(_column_norms(gradient).max()) ** 2)
     random = np.random.default_rng(0)
     for _ in range(3):
         direction = random.normal(size=problem.n)

@@ -465,10 +465,10 @@ def _require_consistent(problem: Problem, gradient: Array, source: _Source) -> N
     misfit = gradient.T @ problem.v0 + rate
     size = float(np.abs(gradient).max())
     if np.abs(phi).max() > _CONSISTENCY * size * max(np.abs(problem.u0).max(), 1e-300):
-        raise source.error("u0", f"misses the constraints by {np.abs(phi).max():.3g}")
+        raise source.error("u0", f"violates the constraints by {np.abs(phi).max():.3g}")
     speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate).max()) / size, 1e-300)
     if np.abs(misfit).max() > _CONSISTENCY * size * speed:
-        raise source.error("v0", f"misses the constraints by {np.abs(misfit).max():.3g}")
+        raise source.error("v0", f"violates the constraints by {np.abs(misfit).max():.3g}")
 
 
 def _called(

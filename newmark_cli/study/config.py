@@ -427,7 +427,7 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
     if not isinstance(arguments, dict):
         raise misfit("args", "must be a mapping of names to values")
     if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
-        raise misfit("args", "values must be numbers, words or truth values")
+        raise misfit("args", "values must be numbers, text, true or false")
     if not around.allow_code:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
@@ -449,7 +449,7 @@ def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
 
 def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
     if AUTO in solvers and {DENSE, SPARSE} & set(solvers):
-        raise ValueError(f"{AUTO} becomes {DENSE} or {SPARSE}: given twice")
+        raise ValueError(f"{AUTO} stands for {DENSE} or {SPARSE}, which is then given twice")
     return solvers
 
 
@@ -590,17 +590,15 @@ class Case(StrictModel):
                     yield misfit("h", f"more than {_MOST_STEPS} steps to t_end, given {h:g}")
                 steps = self.t_end / h
                 if "error" in self.measure and abs(steps - round(steps)) > 1e-6:
-                    yield misfit(
-                        "h", f"errors are measured at t_end: no whole number of steps, given {h:g}"
-                    )
+                    yield misfit("h", f"errors need a whole number of steps to t_end, given {h:g}")
         along = [measure for measure in self.measure if measure in ALONG_STEPS]
         if self.steps == 0 and along:
             yield misfit("steps", f"no {along[0]} without steps; set 'measure: condition'")
         if self.stop is not None and "correction" in self.measure:
             yield misfit(
                 "measure" if "measure" in self.model_fields_set else "stop",
-                "with a tolerance Newton stops before rounding does; no correction "
-                "can be a 'measure'",
+                "with 'stop' Newton's iteration ends at a tolerance, not at rounding; 'measure' "
+                "cannot have correction",
             )
         if self.stop is None and "tolerance" in self.measure:
             yield misfit("measure", "tolerance needs 'stop'")
