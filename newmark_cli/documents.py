@@ -244,10 +244,8 @@ def require_brackets(value: Any, info: ValidationInfo) -> None:
         PydanticCustomError: Says how to write the list.
     """
     if isinstance(value, str) and "," in value:
-        written = f"{info.field_name}: [{_cut(value)}]"
-        raise PydanticCustomError("own", "{message}", {
-            "message": f"write a list in brackets: {written}"
-        })  # fmt: skip
+        message = f"write a list in brackets: {info.field_name}: [{_cut(value)}]"
+        raise PydanticCustomError("own", "{message}", {"message": message})
 
 
 def reported() -> PydanticCustomError:
@@ -266,9 +264,7 @@ def together(misfits: Iterable[PydanticCustomError]) -> None:
         first.setdefault((error.context or {}).get("key"), error)
     if first:
         error, *also = first.values()
-        raise PydanticCustomError(
-            "own", "{message}", {**(error.context or {}), "also": also}
-        )  # fmt: skip
+        raise PydanticCustomError("own", "{message}", {**(error.context or {}), "also": also})
 
 
 def read(path: Path, name: str | None = None) -> Document:

@@ -108,6 +108,15 @@ def test_mistakes_in_a_file_that_a_config_names(cli):
     assert second[2].startswith("bad.yaml, line 33: torques.motor.on: unknown body 'x'")
 
 
+def test_surroundings_do_not_remember(tmp_path):
+    """What was refused in one config is refused in the next with the same words."""
+    around = config.Surroundings(tmp_path)
+    document = documents.parse(QUICK.replace("pendulum", "nowhere.yaml"), "c.yaml")
+    for _ in range(2):
+        with pytest.raises(DocumentError, match=r"line 2: problem: nowhere\.yaml: cannot be read"):
+            config.parse(document, around)
+
+
 def test_every_mistake_of_a_mechanism(cli):
     """Keys, values and references, also of parts next to wrong ones; nothing that follows."""
     text = HOIST

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from itertools import chain, product
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -784,7 +784,8 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
-    around = around or Surroundings()
+    # What is reported already is so for this document only.
+    around = replace(around or Surroundings(), refused=set())
     mistakes = documents.Mistakes()
     allowed = (*_STUDY_KEYS, *Case.model_fields)
     shared = {key: value for key, value in data.items() if key in Case.model_fields}
@@ -823,6 +824,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
+    assert len(study.cases) == len(given)
     return study
 
 
