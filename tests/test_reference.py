@@ -552,5 +552,7 @@ def test_failures_are_not_stored(tmp_path, monkeypatch):
 
 def test_energy_of_a_python_problem_is_checked(tmp_path):
     """It must give one number."""
-    with pytest.raises(ProblemError, match=r"energy has shape \(2,\), expected \(\)"):
+    with pytest.raises(
+        ProblemError, match=r"energy returned an array of shape \(2,\), expected a number"
+    ):
         mine(tmp_path / "mine.py", MINE.replace("v @ v / 2 + weight * u[1]", "v")).load()

@@ -94,18 +94,26 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    Prints a line for each file.  Exits with 2 if a file is not valid.
+    Prints a line for each valid file, and a line for each mistake in the others.
+    Exits with 2 if a file is not valid.
 
     \b
     Example:
       newmark-study validate my-study.yaml my-mechanism.yaml
     """
+    from newmark_cli.documents import DocumentError
     from newmark_cli.study import config
 
     code = 0
     for name in files:
         try:
             click.echo(one_line(config.describe(Path(name), name, allow_code)))
+        except DocumentError as error:
+            for mistake in error.mistakes:
+                complain(mistake.text)
+            if error.more:
+                complain(f"{name}: … and {error.more} more")
+            code = 2
         except InputError as error:
             complain(str(error))
             code = 2
@@ -174,6 +182,8 @@ def draw(
         raise InputError(f"--at: must be zero or positive, given {time:g}")
     if step is not None and not (math.isfinite(step) and 0 < step <= time):
         raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
+    if animated is not None and animated.suffix.lower() != ".gif":
+        raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
         raise InputError("--animate: needs --at T, the end of the motion")
     spec = config.problem_named(problem)

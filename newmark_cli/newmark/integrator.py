@@ -196,7 +196,7 @@ class GeneralizedAlpha:
     rho: float
 
     def __post_init__(self) -> None:
-        _refuse_outside("rho", self.rho, 0, 1, "beyond 1 the scheme amplifies, below 0 it is none")
+        _refuse_outside("rho", self.rho, 0, 1, "above 1 the scheme is unstable")
 
     @property
     def label(self) -> str:
@@ -248,7 +248,9 @@ class HHT:
     alpha: float
 
     def __post_init__(self) -> None:
-        _refuse_outside("alpha", self.alpha, 0, 1 / 3, "beyond 1/3 the damping grows no more")
+        _refuse_outside(
+            "alpha", self.alpha, 0, 1 / 3, "above 1/3 the damping does not grow any further"
+        )
 
     @property
     def label(self) -> str:
@@ -396,7 +398,7 @@ def parse(label: str) -> Integrator:
     """Read a `label`.
 
     Raises:
-        IntegratorError: When it is none.
+        IntegratorError: If the label is not valid.
     """
     method, *given = label.split(" ")
     if method not in INTEGRATORS:
@@ -405,7 +407,7 @@ def parse(label: str) -> Integrator:
     try:
         values = [float(value) for _, _, value in pairs]
     except ValueError:
-        raise IntegratorError(f"integrator {label!r}: parameters are numbers") from None
+        raise IntegratorError(f"integrator {label!r}: parameters must be numbers") from None
     if tuple(name for name, _, _ in pairs) != parameters(method):
         names = ", ".join(parameters(method)) or "none"
         raise IntegratorError(f"integrator {label!r}: its parameters are {names}")

@@ -49,7 +49,7 @@ def run(path: Path, source: bytes, name: str) -> ModuleType:
 
 
 class _AsWritten(SourceFileLoader):
-    """Takes the source alone, and leaves no bytecode in the user's folder."""
+    """Takes only the source, and leaves no bytecode in the user's folder."""
 
     def __init__(self, name: str, path: str, note: Callable[[str, bytes], None]) -> None:
         super().__init__(name, path)
