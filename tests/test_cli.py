@@ -14,7 +14,7 @@ from conftest import QUICK, CommandLine
 from warm import SCRIPT
 
 from newmark_cli import __version__
-from newmark_cli.cli import cli as command_line
+from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.cli import main
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS

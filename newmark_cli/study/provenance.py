@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 import newmark_cli
+from newmark_cli.processors import usable
 from newmark_cli.study.cell import Cell, Outcome
 from newmark_cli.study.config import Study
 
@@ -69,7 +70,7 @@ def record(
             "system": platform.platform(),
             "machine": platform.machine(),
             "processor": processor(),
-            "processors": os.cpu_count(),
+            "processors": usable(),
         },
         "jobs": jobs,
         "rows": rows,
