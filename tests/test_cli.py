@@ -4,7 +4,6 @@ import csv
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -14,8 +13,8 @@ from conftest import QUICK, CommandLine
 from warm import SCRIPT
 
 from newmark_cli import __version__
-from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.cli import main
+from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
@@ -473,15 +472,3 @@ def test_kill_leaves_the_previous_csv_whole(cli):
     process.communicate()
     assert (cli.folder / "results/quick.csv").read_bytes() == before
     assert cli("check", code=1).stderr == ""
-
-
-def test_interrupt(cli):
-    """Ctrl-C ends in one line and code 130."""
-    cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
-    process = cli.start("run", "s.yaml")
-    time.sleep(3)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert error.strip() == "newmark-study: interrupted"
-    assert not (cli.folder / "results/quick.csv").exists()

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
+from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.newmark.forms import FORMS
@@ -197,10 +198,11 @@ def run_studies(
         with _execution(tasks, options, watcher) as finished:
             for i, done in chain(early, finished):
                 cell = planned[i].cell
-                store.keep(cell, done)
-                watcher.finished(cell, done)
-                for place in sharing[cell]:
-                    open_runs.took(place, done)
+                with interrupts.postponed():  # a cell that is kept is counted as kept
+                    store.keep(cell, done)
+                    watcher.finished(cell, done)
+                    for place in sharing[cell]:
+                        open_runs.took(place, done)
                 if options.fail_fast and _is_failure(cell, done.outcome):
                     break
         return open_runs.close()
@@ -394,11 +396,12 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         for file, text in texts.items()
     }
     record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
-    for file, text in reversed(texts.items()):
-        if file.parent != folder:
-            results.make_subfolder(file.parent)
-        results.write_atomically(file, text, make_folder=False)
-    results.write_json(path.with_suffix(".json"), record, make_folder=False)
+    with interrupts.postponed():  # a CSV and its record belong together
+        for file, text in reversed(texts.items()):
+            if file.parent != folder:
+                results.make_subfolder(file.parent)
+            results.write_atomically(file, text, make_folder=False)
+        results.write_json(path.with_suffix(".json"), record, make_folder=False)
     return path
 
 
