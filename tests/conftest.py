@@ -87,6 +87,17 @@ t_end: 1.0
 """
 
 
+#: 24 cells, of which the first to run take longest.
+LONG = """\
+study: long
+problem: pendulum
+form: [u-lambda, v-lambda, a-lambda]
+preconditioning: [none, optimal]
+h: [1e-2, 1e-3, 1e-4, 1e-5]
+t_end: 3.0
+"""
+
+
 #: A problem in plain Python that is well, does not end, ends its process, leaves, or fails.
 SWING = """\
 import os
