@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import click
 
 from newmark_cli import __version__
-from newmark_cli.cli import inspecting, results, running
+from newmark_cli.cli import inspecting, pruning, results, running
 from newmark_cli.cli.options import complain
 from newmark_cli.errors import ExecutorError, InputError
 
@@ -33,6 +33,7 @@ for command in (
     running.run,
     running.merge,
     running.reproduce,
+    pruning.prune,
     results.plot,
     results.check,
     results.tables,
