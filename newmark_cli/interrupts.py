@@ -30,8 +30,8 @@ _AGAIN = 0.1
 _ONE = 1.0
 
 
-class Interrupt(BaseException):
-    """A signal has asked the process to end; no `KeyboardInterrupt`, which libraries handle."""
+class Interrupt(KeyboardInterrupt):
+    """A signal has asked the process to end."""
 
 
 class _State:

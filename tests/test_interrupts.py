@@ -32,6 +32,14 @@ cases:
     form: u-lambda
 """
 CELLS = 24
+ONE = """\
+study: one
+problem: {python: "mine.py:swing"}
+form: u-lambda
+preconditioning: none
+h: 0.1
+t_end: 1.0
+"""
 
 
 def kept(cli):
@@ -64,6 +72,27 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
     done = python(code, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (143, "newmark-study: terminated\n")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("where", ["module", "factory"])
+def test_interrupts_in_the_users_code(cli, where):
+    """They are no fault of the code, wherever it is when they come."""
+    begin = "import os, signal, time\n"
+    lines = ["os.kill(os.getpid(), signal.SIGINT)", "time.sleep(30)", ""]
+    if where == "factory":
+        lines = ["def swing():", *(f"    {line}" for line in lines)]
+    cli.write("mine.py", begin + "\n".join(lines))
+    cli.write("one.yaml", ONE)
+    done = cli("run", "one.yaml", "--allow-code", code=130)
+    assert done.stderr == "newmark-study: interrupted\n"
+
+
+def test_interrupts_that_are_no_signals(cli):
+    """A `KeyboardInterrupt` of the user's code ends the command like Ctrl-C."""
+    cli.write("mine.py", "raise KeyboardInterrupt\n")
+    cli.write("one.yaml", ONE)
+    done = cli("run", "one.yaml", "--allow-code", code=130)
+    assert done.stderr == "newmark-study: interrupted\n"
 
 
 def test_an_interrupt_that_python_swallows_comes_again():

@@ -131,7 +131,7 @@ def _display(total: int) -> "Progress":
         redirect_stdout=False,  # which would make it stderr
         redirect_stderr=False,
     )
-    display.add_task("", total=total, **dict.fromkeys(fields, 0))
+    display.add_task("", total=total, done=0, failed=0, left=0)
     return display
 
 
