@@ -16,6 +16,15 @@ from warm import SCRIPT, Warm
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("project")
 
+# Under nohup, or in the background of a script, the suite ignores signals, and so would
+# every process that it starts.  A handler that does nothing is not inherited.
+for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    if signal.getsignal(ignorable) == signal.SIG_IGN:
+        signal.signal(ignorable, lambda number, frame: None)
+
+#: Signals that end a command, with what it calls them.
+ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+
 
 @dataclass
 class CommandLine:
@@ -75,6 +84,17 @@ form: u-lambda
 preconditioning: [none, optimal]
 h: [1e-1, 1e-2]
 t_end: 1.0
+"""
+
+
+#: 24 cells, of which the first to run take longest.
+LONG = """\
+study: long
+problem: pendulum
+form: [u-lambda, v-lambda, a-lambda]
+preconditioning: [none, optimal]
+h: [1e-2, 1e-3, 1e-4, 1e-5]
+t_end: 3.0
 """
 
 
@@ -153,18 +173,36 @@ def wait_for_cells(folder, count):
     wait_until(lambda: len(list(folder.glob("cells/*.json"))) >= count)
 
 
-def require_interrupts_taken(cli, delays, where, *options):
-    """Ctrl-C for all processes of a run of a cell that hangs, so long (s) after its first line."""
+def require_ended(run, ending, errors, kept, cells):
+    """A run that a signal has ended says so in one line, last on stderr, and by its code."""
+    *_, line = errors.splitlines()
+    assert line == (
+        f"newmark-study: {ENDINGS[ending]}; {kept} of {cells} cells are kept, "
+        "run the same command again to go on"
+    )
+    assert run.returncode == 128 + ending
+
+
+def require_interrupts_taken(cli, moments, where, *options):
+    """Signals for all processes of a run of a cell that hangs.
+
+    Args:
+        cli: The command line.
+        moments: (seconds after the run's first line, signal) pairs.
+        where: That line.
+        options: Of the run.
+    """
     write_swings(cli, "hang")
-    for delay in delays:
+    for delay, ending in moments:
         run = cli.start(
             "run", "swings.yaml", "--allow-code", "-v", *options, start_new_session=True
         )
         assert run.stderr.readline() == where
         time.sleep(delay)
-        os.killpg(run.pid, signal.SIGINT)
+        os.killpg(run.pid, ending)
         _, errors = run.communicate(timeout=60)
-        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
+        assert len(errors.splitlines()) == 1, errors
+        require_ended(run, ending, errors, 0, 1)
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import json
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -16,8 +15,8 @@ from conftest import QUICK, CommandLine
 from warm import SCRIPT
 
 from newmark_cli import __version__
-from newmark_cli.cli import cli as command_line
 from newmark_cli.cli import main, running
+from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
@@ -534,15 +533,3 @@ def test_kill_leaves_the_previous_csv_whole(cli):
     process.communicate()
     assert (cli.folder / "results/quick.csv").read_bytes() == before
     assert cli("check", code=1).stderr == ""
-
-
-def test_interrupt(cli):
-    """Ctrl-C ends in one line and code 130."""
-    cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
-    process = cli.start("run", "s.yaml")
-    time.sleep(3)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert error.strip() == "newmark-study: interrupted"
-    assert not (cli.folder / "results/quick.csv").exists()

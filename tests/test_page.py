@@ -9,7 +9,7 @@ import synthetic
 from click.testing import CliRunner
 from conftest import QUICK
 
-from newmark_cli.cli import cli as command_line
+from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report import check, page, slopes
 from newmark_cli.report.figures import FIGURES
 

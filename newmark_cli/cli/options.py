@@ -2,7 +2,6 @@
 
 import functools
 import math
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import click
 
 from newmark_cli.cli.completion import complete
 from newmark_cli.errors import one_line
+from newmark_cli.processors import usable
 
 complete_config = complete("configs", files=True)
 
@@ -44,7 +44,7 @@ jobs_option = click.option(
     type=click.IntRange(1, 1024),
     default=None,
     metavar="N",
-    help="Threads, or processes for problems in plain Python; by default one per processor.",
+    help="Threads, or processes for problems in plain Python; by default one per usable processor.",
 )
 
 
@@ -61,7 +61,7 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
         if timeout is not None and math.isnan(timeout):
             raise click.UsageError("--timeout: must be a number of seconds, given nan")
         how = How(
-            jobs or os.cpu_count() or 1, force, fail_fast, timeout, executor, scheduler, quiet,
+            jobs or usable(), force, fail_fast, timeout, executor, scheduler, quiet,
             verbose,
         )  # fmt: skip
         return command(how=how, **rest)

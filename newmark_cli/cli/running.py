@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from newmark_cli import interrupts
 from newmark_cli.cli.options import (
     How,
     allow_code_option,
@@ -18,6 +19,7 @@ from newmark_cli.cli.options import (
 from newmark_cli.cli.results import show_claims, show_tables, verdict
 
 if TYPE_CHECKING:
+    from newmark_cli.cli.terminal import Counts
     from newmark_cli.running.runner import StudyRun
     from newmark_cli.study.config import Study
 
@@ -162,8 +164,17 @@ def _run(studies: "Sequence[Study]", folder: Path, how: How, shard: tuple[int, i
         how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard
     )
     with terminal.watching(how.quiet, how.verbose) as watcher:
+        interrupts.note(lambda: _kept(watcher, how.force))
         runs = runner.run_studies(studies, folder, options, watcher)
     return _tell(runs, folder, how.quiet)
+
+
+def _kept(counts: "Counts", force: bool) -> str:
+    """What the line of an interrupt says of a run, once it is known what there is to do."""
+    if not counts.total:
+        return ""
+    kept = f"; {counts.kept} of {counts.total} cells are kept"
+    return kept if force else f"{kept}, run the same command again to go on"
 
 
 def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:

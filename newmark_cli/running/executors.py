@@ -5,6 +5,7 @@ keeps nor writes anything.  What goes wrong in a cell is a status of the cell; w
 goes wrong with the executor ends the run.
 """
 
+import ctypes
 import signal
 import threading
 import time
@@ -17,10 +18,11 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 
 import numpy as np
 
+from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.problems.reference import Reference
-from newmark_cli.running.child import end_with_parent
+from newmark_cli.running.child import end_with_parent, leave_signals_to_parent
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute
@@ -50,8 +52,8 @@ _ENDED_WELL = 256
 Execution = Iterator[tuple[int, Done]]
 
 
-class _Stopped(Exception):
-    """The run has ended; raised inside a cell between two stretches."""
+class _Stopped(BaseException):
+    """The run has ended; raised inside a cell, which does not handle it."""
 
 
 class _Overtime(Exception):
@@ -120,7 +122,8 @@ def local(
     """Threads for compiled problems, whose march releases the interpreter lock; processes else.
 
     Leaving the context ends what still runs: threads between two stretches, and
-    processes at once.
+    processes at once.  After an error or an interrupt, threads end as soon as they run
+    Python, so that nobody waits for a compiler.
 
     Args:
         tasks: In the order in which they start.
@@ -129,6 +132,8 @@ def local(
         on_steps: Told, from any thread, how many steps were done.
     """
     stopped = threading.Event()
+    busy: set[int] = set()
+    guard = threading.Lock()
 
     def checked(steps: int) -> None:
         on_steps(steps)
@@ -136,9 +141,16 @@ def local(
             raise _Stopped
 
     def threaded(task: Task) -> Done:
-        if stopped.is_set():
-            raise _Stopped
-        return perform(task, timeout, checked)
+        thread = threading.get_ident()
+        with guard:
+            if stopped.is_set():
+                raise _Stopped
+            busy.add(thread)
+        try:
+            return perform(task, timeout, checked)
+        finally:
+            with guard:
+                busy.discard(thread)
 
     apart = {
         name: task.of(pinned(task.cell.problem))
@@ -154,9 +166,20 @@ def local(
                 if name not in apart
             }
             yield _as_done(futures, tasks, apart, timeout, on_steps)
+        except BaseException:
+            with guard:
+                stopped.set()
+                for thread in busy:
+                    _raise_in(thread, _Stopped)
+            raise
         finally:
             stopped.set()
             threads.shutdown(wait=False, cancel_futures=True)
+
+
+def _raise_in(thread: int, error: type[BaseException]) -> None:
+    """Raise an exception in a thread, at the next instruction of Python that it runs."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
 
 
 def _as_done(
@@ -194,6 +217,10 @@ class _Worker(SpawnProcess):
         code = super().exitcode
         return _ENDED_WELL if code == 0 else code
 
+    def terminate(self) -> None:
+        """End the process, which leaves SIGTERM to the one that has started it."""
+        self.kill()
+
 
 class _Context(SpawnContext):
     """Forked, processes would inherit the locks of threads that do not run in them."""
@@ -215,26 +242,29 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
     try:
         yield start
         pool.close()
+        pool.join()
     except BaseException:
         pool.stop()
-        raise
-    finally:
         pool.join()
+        raise
 
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Ctrl-C waits; threads and processes that start here leave it to this thread for good."""
-    # Started on the way, it would undo what follows.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    """Interrupts wait; threads and processes that start here leave Ctrl-C to this thread."""
+    with interrupts.postponed():
+        # The tracker of semaphores must outlive a hangup; started on the way, it would
+        # undo what follows.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+        try:
+            resource_tracker.ensure_running()
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _prepare() -> None:
-    """Ctrl-C is for the process that has started this one, which is not outlived."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """A process of the pool ends with the one that has started it, and not before."""
+    leave_signals_to_parent()
     end_with_parent()

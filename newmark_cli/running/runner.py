@@ -8,16 +8,17 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
+from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.running import child, executors
+from newmark_cli.running import child, executors, prune
 from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
-from newmark_cli.running.store import Store
+from newmark_cli.running.store import Store, file_name
 from newmark_cli.study import provenance, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
@@ -171,6 +172,8 @@ def run_studies(
     with _held(studies, folder, "run", shard):
         store = Store(folder)
         planned = plan(studies, folder, options.force, options.shard)
+        for i in {one.study for one in planned if one.done is None}:
+            prune.begun(folder, studies[i])
         watcher.planned(planned)
         found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
         open_runs = _OpenRuns(studies, folder, options, planned, writes=not shard)
@@ -198,10 +201,11 @@ def run_studies(
         with _execution(tasks, options, watcher) as finished:
             for i, done in chain(early, finished):
                 cell = planned[i].cell
-                store.keep(cell, done)
-                watcher.finished(cell, done)
-                for place in sharing[cell]:
-                    open_runs.took(place, done)
+                with interrupts.postponed():  # a cell that is kept is counted as kept
+                    store.keep(cell, done)
+                    watcher.finished(cell, done)
+                    for place in sharing[cell]:
+                        open_runs.took(place, done)
                 if options.fail_fast and _is_failure(cell, done.outcome):
                     break
         return open_runs.close()
@@ -241,6 +245,8 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
             sum(one.done is None for one in planned if one.study == s) for s in range(len(studies))
         )
         if any(missing):
+            for study in studies:
+                prune.begun(folder, study)
             return Merged(taken, missing, ())
         open_runs = _OpenRuns(studies, folder, Options(jobs=1), planned, writes=True)
         for i, one in enumerate(planned):
@@ -395,11 +401,15 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         for file, text in texts.items()
     }
     record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
-    for file, text in reversed(texts.items()):
-        if file.parent != folder:
-            results.make_subfolder(file.parent)
-        results.write_atomically(file, text, make_folder=False)
-    results.write_json(path.with_suffix(".json"), record, make_folder=False)
+    for cell, told in zip(cells, record["cells"], strict=True):
+        told["kept_as"] = file_name(cell)
+    with interrupts.postponed():  # a CSV and its record belong together
+        for file, text in reversed(texts.items()):
+            if file.parent != folder:
+                results.make_subfolder(file.parent)
+            results.write_atomically(file, text, make_folder=False)
+        results.write_json(path.with_suffix(".json"), record, make_folder=False)
+        prune.finished(folder, study)
     return path
 
 

@@ -43,6 +43,36 @@ class _Key:
         return "-".join(part[:_DIGITS] for part in (self.cell, self.problem, self.core)) + ".json"
 
 
+@dataclass(frozen=True)
+class Kept:
+    """A file of a finished cell.
+
+    Attributes:
+        labels: What the cell is, by the CSV's columns and more; see `Cell.labels`.
+        core: Digest of the numerical core that has computed it; see `core`.
+    """
+
+    labels: Mapping[str, Any]
+    core: str
+
+
+def file_name(cell: Cell) -> str:
+    """The file that keeps a cell, in the folder of the finished cells."""
+    return _key(cell).file
+
+
+def opened(file: Path) -> Kept | None:
+    """What a file of a finished cell holds; None when it is damaged."""
+    record = sealed.read(file)
+    try:
+        if record is None or _Key(**record["key"]).file != file.name:
+            return None
+        _outcome(record["outcome"])
+        return Kept(dict(record["cell"]), record["key"]["core"])
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        return None
+
+
 class Store:
     """Finished cells below a results folder; threads may share this object."""
 

@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 import newmark_cli
+from newmark_cli.processors import usable
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
@@ -71,7 +72,7 @@ def record(
             "system": platform.platform(),
             "machine": platform.machine(),
             "processor": processor(),
-            "processors": os.cpu_count(),
+            "processors": usable(),
         },
         "jobs": jobs,
         "rows": rows,
