@@ -160,9 +160,11 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
     most = frame.groupby([*alike, "measure", at_start])["h"].transform("nunique")
     accepted = ("ok", *accepted_statuses(path))
     found = []
-    for _, rows in frame.groupby([*SERIES, at_start], sort=False):
-        key = SeriesKey.of({str(name): given for name, given in rows.iloc[0].items()})
-        role = str(rows["role"].iloc[0])
+    for values, rows in frame.groupby([*SERIES, at_start], sort=False):
+        *named, start = values
+        row = dict(zip(SERIES, named, strict=True))
+        key = SeriesKey.of(row | {"steps": 0 if start else 1})
+        role = str(row["role"])
         if key.measure:
             found.append(_slope(key, role, rows, int(most[rows.index[0]]), accepted, path))
         elif not rows["status"].isin(accepted).all():

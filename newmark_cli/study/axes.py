@@ -10,6 +10,7 @@ cell apart), besides the code that gives it a meaning.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -267,16 +268,25 @@ START = Axis(
 )  # fmt: skip
 
 
+@cache
 def cell_axes() -> tuple[Axis, ...]:
     """Every axis and setting of cells, in the order of the declaration."""
     return _axes(Cell)
 
 
+@cache
 def row_axes() -> tuple[Axis, ...]:
     """Axes of the rows of one cell."""
     return _axes(RowAxes)
 
 
+@cache
+def _places() -> dict[str, int]:
+    """Axis → its place among the values of a `SeriesKey`."""
+    return {each.name: place for place, each in enumerate(series_axes())}
+
+
+@cache
 def series_axes() -> tuple[Axis, ...]:
     """Axes that tell series apart."""
     every = (STUDY, *cell_axes(), *row_axes(), START)
@@ -367,11 +377,10 @@ class SeriesKey:
         return cls(tuple(found))
 
     def __getattr__(self, name: str) -> str:
-        if not name.startswith("_"):
-            for each, value in zip(series_axes(), self.values, strict=True):
-                if each.name == name:
-                    return value
-        raise AttributeError(name)
+        place = None if name.startswith("_") else _places().get(name)
+        if place is None:
+            raise AttributeError(name)
+        return self.values[place]
 
     def named(self) -> dict[str, str]:
         """Axis → value."""
