@@ -85,6 +85,17 @@ def test_garbage_is_not_green(expected):
     assert reason == "at h = 0.0001 it is 1.1 times as large as what it is an error of"
 
 
+def test_multipliers_that_alternate_have_their_reason():
+    """The trapezoidal rule, wrong by truncation at every h; with damping the reason is another."""
+    values = [2.135, 2.135, 2.121]
+    for damped in (False, True):
+        verdict, reason = words(
+            evidence(values, expected=NAN, quantity="lambda", damped=damped)
+        )  # fmt: skip
+        assert verdict == NOT_CONVERGING
+        assert ("does not damp multipliers that alternate" in reason) == (not damped)
+
+
 def test_an_error_that_grows_while_h_falls():
     """Far above rounding, predicted or not."""
     for expected in (2.0, NAN):
