@@ -9,6 +9,7 @@ A signal that was ignored when the process started, as under ``nohup``, stays ig
 """
 
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -44,6 +45,7 @@ class _State:
         self.since = 0.0
         self.postponed = 0
         self.settled = False
+        self.threads_left = False
         self.note: Callable[[], str] = str
 
 
@@ -94,6 +96,21 @@ def answer() -> int:
     return _code()
 
 
+def leave_threads() -> None:
+    """There are threads that nobody waits for when the process ends; see `end`."""
+    _state.threads_left = True
+
+
+def end(code: int) -> None:
+    """End the process here if threads would keep it from its end; return if there are none."""
+    if _state.threads_left:
+        gc.collect()  # semaphores of processes that have ended
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+
+
 @contextlib.contextmanager
 def postponed() -> Iterator[None]:
     """Interrupts wait until the end of this context: what is begun in it is completed."""
@@ -102,7 +119,7 @@ def postponed() -> Iterator[None]:
         yield
     finally:
         _state.postponed -= 1
-        _raise()
+        _raise(sys._getframe())
 
 
 def _arrived(number: int, frame: FrameType | None) -> None:
@@ -113,7 +130,7 @@ def _arrived(number: int, frame: FrameType | None) -> None:
             signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
     elif time.monotonic() - _state.since > _ONE:
         _leave()
-    _raise()
+    _raise(frame)
 
 
 def _leave() -> None:
@@ -127,13 +144,23 @@ def _leave() -> None:
 
 
 def _look_again(number: int, frame: FrameType | None) -> None:
-    _raise()
+    _raise(frame)
 
 
-def _raise() -> None:
-    if _state.first is None or _state.settled or _state.postponed or _under_way():
+def _raise(frame: FrameType | None) -> None:
+    if _state.first is None or _state.settled or _state.postponed:
         return
-    raise Interrupt
+    if not _under_way() and not _in_llvm(frame):
+        raise Interrupt
+
+
+def _in_llvm(frame: FrameType | None) -> bool:
+    """Whether memory that is not Python's is being taken or given back: it must be once."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).startswith("llvmlite.binding"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _under_way() -> bool:

@@ -15,8 +15,6 @@ from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells
 from warm import SCRIPT
 
 from newmark_cli import interrupts
-from newmark_cli.running import executors
-from newmark_cli.running.executors import Task
 from newmark_cli.study import config
 
 #: Cells of compiled code on threads, and of plain Python in processes.
@@ -249,28 +247,52 @@ def test_reproduce_tells_too(cli):
     assert errors.count("\n") == 1
 
 
-def test_threads_end_as_soon_as_they_run_python(monkeypatch):
-    """Such as in a compiler: an interrupt waits for no cell that does not look at it."""
-    inside = threading.Barrier(3)
+def test_an_interrupt_does_not_wait_for_threads():
+    """Such as one that compiles: the processes are ended, nothing else is said, and the code."""
+    done = python("""
+    import threading
+    from newmark_cli.running import executors
+    from newmark_cli.study import config
+
+    inside = threading.Event()
 
     def endless(task, timeout, on_steps):
-        inside.wait()
+        inside.set()
         while True:
             time.sleep(0.01)
 
-    monkeypatch.setattr(executors, "perform", endless)
-    cells = config.load_shipped("pendulum-u").cells()[:4]
-    tasks = {i: Task(cell) for i, cell in enumerate(cells)}
-    before = threading.active_count()
-
-    def interrupted():
-        with executors.local(tasks, 2, None, lambda steps: None):
+    def command(arguments):
+        cells = config.load_shipped("pendulum-u").cells()
+        tasks = {i: executors.Task(cell) for i, cell in enumerate(cells)}
+        executors.perform = endless
+        with executors.local(tasks, 2, None, print):
             inside.wait()
-            raise interrupts.Interrupt
+            print("begun")
+            signal.raise_signal(signal.SIGTERM)
 
-    with pytest.raises(interrupts.Interrupt):
-        interrupted()
-    assert threading.active_count() == before
+    import newmark_cli.cli.commands
+    newmark_cli.cli.commands.run = command
+    from newmark_cli.cli import main
+    main()
+    """)
+    assert (done.returncode, done.stdout) == (143, "begun\n")
+    assert done.stderr == "newmark-study: terminated\n"
+
+
+def test_llvm_is_not_interrupted():
+    """Between taking memory from LLVM and noting it, or giving it back: after that."""
+    done = python("""
+    code = "def work(then):\\n    then()\\n    print('completed')\\n"
+    binding = {"__name__": "llvmlite.binding.ffi"}
+    exec(code, binding)
+    interrupts.catch()
+    try:
+        binding["work"](lambda: signal.raise_signal(signal.SIGINT))
+        time.sleep(30)
+    except interrupts.Interrupt:
+        sys.exit(interrupts.answer())
+    """)
+    assert (done.returncode, done.stdout) == (130, "completed\n")
 
 
 def test_the_cursor_comes_back(cli):

@@ -24,6 +24,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if not interrupts.received():
                 raise
             code = interrupts.answer()
+        if arguments is None:
+            interrupts.end(code)
         sys.exit(code)
     finally:
         # The console script's process ends here; another caller's goes on.

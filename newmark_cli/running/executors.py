@@ -5,7 +5,6 @@ keeps nor writes anything.  What goes wrong in a cell is a status of the cell; w
 goes wrong with the executor ends the run.
 """
 
-import ctypes
 import signal
 import threading
 import time
@@ -48,12 +47,15 @@ class Task:
 #: No exit code of a process.
 _ENDED_WELL = 256
 
+#: Seconds that an interrupt waits for threads.
+_PATIENCE = 1.0
+
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
 
 
-class _Stopped(BaseException):
-    """The run has ended; raised inside a cell, which does not handle it."""
+class _Stopped(Exception):
+    """The run has ended; raised inside a cell between two stretches."""
 
 
 class _Overtime(Exception):
@@ -122,8 +124,8 @@ def local(
     """Threads for compiled problems, whose march releases the interpreter lock; processes else.
 
     Leaving the context ends what still runs: threads between two stretches, and
-    processes at once.  After an error or an interrupt, threads end as soon as they run
-    Python, so that nobody waits for a compiler.
+    processes at once.  An interrupt does not wait long for threads, one of which may be
+    compiling: the process then ends without them.
 
     Args:
         tasks: In the order in which they start.
@@ -132,8 +134,6 @@ def local(
         on_steps: Told, from any thread, how many steps were done.
     """
     stopped = threading.Event()
-    busy: set[int] = set()
-    guard = threading.Lock()
 
     def checked(steps: int) -> None:
         on_steps(steps)
@@ -141,45 +141,38 @@ def local(
             raise _Stopped
 
     def threaded(task: Task) -> Done:
-        thread = threading.get_ident()
-        with guard:
-            if stopped.is_set():
-                raise _Stopped
-            busy.add(thread)
-        try:
-            return perform(task, timeout, checked)
-        finally:
-            with guard:
-                busy.discard(thread)
+        if stopped.is_set():
+            raise _Stopped
+        return perform(task, timeout, checked)
 
     apart = {
         name: task.of(pinned(task.cell.problem))
         for name, task in tasks.items()
         if wants_process(task.cell.problem)
     }
-    with ThreadPoolExecutor(max_workers=jobs) as threads, _processes(jobs, len(apart)) as start:
-        try:
-            futures = {start(task, timeout): name for name, task in apart.items()}
+    threads, futures = ThreadPoolExecutor(max_workers=jobs), dict[Future[Done], int]()
+    waits = True
+    try:
+        with _processes(jobs, len(apart)) as start:
+            futures |= {start(task, timeout): name for name, task in apart.items()}
             futures |= {
                 threads.submit(threaded, task): name
                 for name, task in tasks.items()
                 if name not in apart
             }
             yield _as_done(futures, tasks, apart, timeout, on_steps)
-        except BaseException:
-            with guard:
-                stopped.set()
-                for thread in busy:
-                    _raise_in(thread, _Stopped)
-            raise
-        finally:
-            stopped.set()
-            threads.shutdown(wait=False, cancel_futures=True)
-
-
-def _raise_in(thread: int, error: type[BaseException]) -> None:
-    """Raise an exception in a thread, at the next instruction of Python that it runs."""
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error))
+    except KeyboardInterrupt:
+        waits = False
+        raise
+    finally:
+        stopped.set()
+        threads.shutdown(wait=waits, cancel_futures=True)
+        until = time.monotonic() + _PATIENCE
+        while any(future.running() for future, name in futures.items() if name not in apart):
+            if time.monotonic() > until:
+                interrupts.leave_threads()
+                break
+            time.sleep(0.01)
 
 
 def _as_done(
