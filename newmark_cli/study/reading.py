@@ -6,13 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from newmark_cli.study import axes
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.results import COLUMNS, NUMBERS, ResultsError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Axes that a CSV has a column for, besides the step size.
 _AXES = (
@@ -43,7 +44,7 @@ def study_files(folder: Path) -> list[Path]:
 
 def read_csv(
     path: Path, columns: Sequence[str], defaults: Mapping[str, str] = MappingProxyType({})
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """A CSV as text, cell by cell.
 
     Args:
@@ -79,6 +80,8 @@ def read_csv(
             raise ResultsError(
                 f"{path}, line {row}: {len(line)} fields where {len(header)} belong; truncated?"
             )
+    import pandas as pd
+
     frame = pd.DataFrame(lines[1:], columns=list(header))
     for name, text in defaults.items():
         if name not in header:
@@ -86,7 +89,7 @@ def read_csv(
     return frame
 
 
-def read_study(path: Path) -> pd.DataFrame:
+def read_study(path: Path) -> "pd.DataFrame":
     """Rows of one study's CSV.
 
     Args:
