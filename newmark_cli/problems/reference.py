@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError, one_line
+from newmark_cli.errors import InputError
+from newmark_cli.problems import user_code
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
@@ -98,7 +99,7 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     except np.linalg.LinAlgError as error:
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {error}") from None
     except Exception as error:  # of a problem in Python
-        reason = one_line(f"{type(error).__name__}: {error}")
+        reason = user_code.described(error)
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {reason}") from None
     u_error = relative_error(coarse[0], u)
     if u_error > _WORST:
