@@ -49,6 +49,7 @@ class _Bar(Watcher):
         """A line for each cell, when they are asked for."""
         if self._verbose:
             reason = f": {done.outcome.reason}" if done.outcome.reason else ""
+            reason += "".join(f"; measured no error: {why}" for why in done.outcome.lacks)
             click.echo(
                 f"{described(cell)}: {done.outcome.status}{reason}, {done.seconds:.2f} s", err=True
             )

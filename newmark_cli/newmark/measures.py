@@ -93,21 +93,22 @@ def sensitivities(samples: Sequence[Mapping[tuple[str, str], float]]) -> list[Me
     ]
 
 
-def errors(reference: Reference, state: State) -> list[Measurement]:
+def errors(reference: Reference | None, state: State) -> list[Measurement]:
     """Measurements of a final state's errors, largest component over largest component.
 
     Args:
-        reference: The solution at the state's time.
+        reference: The solution at the state's time; None where there is none to be
+            had, and the statistics are empty.
         state: The state.
     """
-    pairs = {
-        "u": (state.fields[0], reference.u),
-        "v": (state.fields[1], reference.v),
-        "lambda": (state.multipliers, reference.multipliers),
-    }
+    found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
+    if reference is not None:
+        found["u"].append(relative_error(state.fields[0], reference.u))
+        found["v"].append(relative_error(state.fields[1], reference.v))
+        found["lambda"].append(relative_error(state.multipliers, reference.multipliers))
     return [
-        Measurement(quantity, "error", "primary", statistics(np.array([relative_error(*pair)])))
-        for quantity, pair in pairs.items()
+        Measurement(quantity, "error", "primary", statistics(np.array(values)))
+        for quantity, values in found.items()
     ]
 
 

@@ -1,7 +1,7 @@
 """One cell of a study: one problem, integrator, form, scaling and step size."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from newmark_cli.arrays import Array
@@ -35,7 +35,8 @@ class Cell:
     evaluation: str = DIRECT
     precision: str = "float64"
     stop: Tolerance | None = None
-    accept: tuple[str, ...] = ()
+    #: Decides what a run complains about; no part of what is computed.
+    accept: tuple[str, ...] = field(default=(), compare=False)
     krylov: Krylov | None = None
 
     @property
@@ -75,6 +76,8 @@ class Outcome:
         reason: Why, where the status is failed.
         met: Steps that met the tolerance; None where rounding stops Newton.
         history: Rows of the time series, see `newmark_cli.study.results.history_rows`.
+        lacks: Why rows of the CSV are empty although the march reached its end: the
+            reason for each thing that was not to be had, such as a reference.
     """
 
     measurements: list[Measurement]
@@ -84,6 +87,7 @@ class Outcome:
     reason: str = ""
     met: int | None = None
     history: Sequence[tuple[int, Array]] = ()
+    lacks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
