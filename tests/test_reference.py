@@ -311,17 +311,6 @@ def test_start_is_its_own_reference():
     assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-14
 
 
-def test_motion_through_a_singular_position_has_none():
-    """Four-bars fold up in the horizontal position, where G loses rank."""
-    subject = FAMILIES["four-bars"].problem("four-bars(windows=2)", {"windows": 2})
-    with pytest.raises(
-        NoReference, match=r"four-bars\(windows=2\): no reference beyond t = 0\.714\d*, "
-    ) as caught:
-        solution(subject, 2.0)
-    assert isinstance(caught.value, InputError)
-    assert "\n" not in str(caught.value)
-
-
 def test_motion_of_too_many_steps_has_none(monkeypatch):
     """Work is bounded; how far it came is said."""
     monkeypatch.setattr(reference, "_MOST_STEPS", 20)
