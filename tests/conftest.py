@@ -98,7 +98,9 @@ t_end: 3.0
 """
 
 
-#: A problem in plain Python that is well, does not end, ends its process, leaves, or fails.
+#: A problem in plain Python that is well, does not end, ends its process, leaves, or fails,
+#: always or as long as there is no file "ready".  With ``steps`` it is well at their times:
+#: where a march looks at it, but not a reference.
 SWING = """\
 import os
 import time
@@ -107,17 +109,19 @@ import numpy as np
 from newmark_cli.problems.python_problem import Definition
 
 
-def swing(what="", after=0.5):
+def swing(what="", after=0.5, steps=0):
     def force(u, v, t):
-        if what == "hang" and t > after:
+        if t <= after or steps and abs(t * steps - round(t * steps)) < 1e-9:
+            return np.array([0.0, -1.0])
+        if what == "hang":
             time.sleep(3600)
-        if what == "exit" and t > after:
+        if what == "exit":
             os._exit(3)
-        if what == "end" and t > after:
+        if what == "end":
             os._exit(0)
-        if what == "leave" and t > after:
+        if what == "leave":
             raise SystemExit(0)
-        if what == "raise" and t > after:
+        if what == "raise" or what == "wait" and not os.path.exists("ready"):
             raise RuntimeError(f"not after {after}")
         return np.array([0.0, -1.0])
 
@@ -149,8 +153,12 @@ def write_swings(cli, *whats):
 
 def require_failed_alone(told, where):
     """What a run of hang, exit and "" says with ``-v`` and a timeout of 8 s."""
-    first, well, ends, hangs = sorted(told.splitlines())
+    first, well, ends, hangs, *complaints = sorted(told.splitlines())
     assert first == where
+    assert complaints == [
+        "newmark-study: swings: 1 of 3 cells failed: its process ended with code 3",
+        "newmark-study: swings: 1 of 3 cells failed: took longer than 8 s",
+    ]
     assert "(what=) " in well
     assert ": ok, " in well
     assert "(what=exit) " in ends

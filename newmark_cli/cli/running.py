@@ -178,7 +178,7 @@ def _kept(counts: "Counts", force: bool) -> str:
 
 
 def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
-    """How studies went, a line each; 1 when a cell did not end well."""
+    """How studies went, a line each, and why cells did not end well; 1 when one did not."""
     for done in runs:
         counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
         spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
@@ -186,6 +186,9 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
         where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
         if not quiet:
             click.echo(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
+    for done in runs:
+        for complaint in done.complaints:
+            complain(f"{done.study}: {complaint}")
     return 0 if all(done.ok for done in runs) else 1
 
 
@@ -197,7 +200,11 @@ def _dry_run(
 
     planned = runner.plan(studies, folder, force, shard)
     for one in planned:
-        state = f"done, {one.done.outcome.status}" if one.done else f"to run: {one.why}"
+        state = f"to run: {one.why}"
+        if one.done:
+            lacks = "".join(f"; measured no error: {why}" for why in one.done.outcome.lacks)
+            again = "; a run tries again" if lacks else ""
+            state = f"done, {one.done.outcome.status}{lacks}{again}"
         click.echo(f"{studies[one.study].study}: {axes.described(one.cell)}: {state}")
     left = sum(one.done is None for one in planned)
     click.echo(f"{left} of {len(planned)} cells to run")

@@ -95,6 +95,7 @@ class Told(Counts):
         super().finished(cell, done)
         if self._verbose:
             reason = f": {done.outcome.reason}" if done.outcome.reason else ""
+            reason += "".join(f"; measured no error: {why}" for why in done.outcome.lacks)
             ended = f"{done.outcome.status}{reason}, {done.seconds:.2f} s"
             self._say(f"{axes.described(cell)}: {ended}")
         self._count()

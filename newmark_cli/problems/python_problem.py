@@ -97,9 +97,9 @@ def load(
     except OSError as error:
         raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
-    with user_code.imports_from(path.parent) as imported:
+    with user_code.imports_from(path.parent, os.path.dirname(file)) as imported:
         with _reported(path, file):
-            module = user_code.run(path, source, module_name)
+            module = user_code.run(path, source, module_name, file)
         if not callable(getattr(module, factory, None)):
             raise ProblemError(f"{file}: has no function {factory!r}")
         with _reported(path, file, f"{factory} failed: "):

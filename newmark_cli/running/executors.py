@@ -20,6 +20,7 @@ import numpy as np
 from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
+from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
 from newmark_cli.running.child import end_with_parent, leave_signals_to_parent
 from newmark_cli.study.axes import Cell
@@ -93,9 +94,10 @@ def perform(
         assert timeout is not None
         outcome = overtime(timeout)
     except np.linalg.LinAlgError as error:
-        outcome = Outcome([], 0, np.nan, "singular", str(error))
+        outcome = Outcome([], 0, np.nan, "singular", user_code.described(error))
     except BaseException as error:  # an exit of the user's code included
-        outcome = Outcome([], 0, np.nan, "failed", f"{type(error).__name__}: {error}")
+        problem = task.cell.problem
+        outcome = failed(user_code.described(error, problem.label if problem.load().code else ""))
     return Done(outcome, time.perf_counter() - start)
 
 

@@ -2,10 +2,10 @@
 
 import contextlib
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 from newmark_cli import interrupts
@@ -73,20 +73,21 @@ class StudyRun:
         study: Its name.
         path: Its CSV; None where cells were skipped.
         statuses: Status of each cell; ``skipped`` where it has not run.
-        failures: Statuses that are neither ok nor accepted by the study.
+        complaints: A line for each distinct way in which cells did not end well, or
+            lack what they were to measure; statuses that the study accepts are none.
         kept: Cells that had been computed before.
     """
 
     study: str
     path: Path | None
     statuses: tuple[str, ...]
-    failures: tuple[str, ...]
+    complaints: tuple[str, ...]
     kept: int
 
     @property
     def ok(self) -> bool:
         """Whether every cell is, or is what the study is about."""
-        return not self.failures
+        return not self.complaints
 
 
 class Watcher:
@@ -171,7 +172,11 @@ def run_studies(
     shard = "{}/{}".format(*options.shard) if options.shard else ""
     with _held(studies, folder, "run", shard):
         store = Store(folder)
-        planned = plan(studies, folder, options.force, options.shard)
+        references = References(folder, partial(_solution, timeout=options.timeout))
+        planned = [
+            _looked_after(one, references, store)
+            for one in plan(studies, folder, options.force, options.shard)
+        ]
         for i in {one.study for one in planned if one.done is None}:
             prune.begun(folder, studies[i])
         watcher.planned(planned)
@@ -184,29 +189,31 @@ def run_studies(
         ):
             return open_runs.close()
 
-        # A cell that two studies share is computed once.
-        sharing: dict[Cell, list[int]] = {}
+        # What two studies share is computed once, whatever each of them accepts.
+        sharing: dict[str, list[int]] = {}
         for i, one in enumerate(planned):
             if i not in found:
-                sharing.setdefault(one.cell, []).append(i)
-        references = References(folder, partial(_solution, timeout=options.timeout))
+                sharing.setdefault(file_name(one.cell), []).append(i)
+        places = {shared[0]: shared for shared in sharing.values()}
         tasks: dict[int, Task] = {}
-        early: list[tuple[int, Done]] = []
-        for cell, places in sorted(sharing.items(), key=lambda item: -_cost(item[0])):
+        missing: dict[int, str] = {}
+        for i in sorted(places, key=lambda i: -_cost(planned[i].cell)):
+            cell = planned[i].cell
             try:
-                tasks[places[0]] = Task(cell, _reference(cell, references))
+                tasks[i] = Task(cell, _reference(cell, references))
             except NoReference as error:
-                early.append((places[0], Done(executors.failed(str(error)), 0.0)))
-                watcher.steps(cell.weight)
+                tasks[i], missing[i] = Task(cell), str(error)
         with _execution(tasks, options, watcher) as finished:
-            for i, done in chain(early, finished):
-                cell = planned[i].cell
+            for i, result in finished:
+                done = _without_reference(result, missing[i]) if i in missing else result
                 with interrupts.postponed():  # a cell that is kept is counted as kept
-                    store.keep(cell, done)
-                    watcher.finished(cell, done)
-                    for place in sharing[cell]:
+                    store.keep(planned[i].cell, done)
+                    watcher.finished(planned[i].cell, done)
+                    for place in places[i]:
                         open_runs.took(place, done)
-                if options.fail_fast and _is_failure(cell, done.outcome):
+                if options.fail_fast and any(
+                    _is_failure(planned[place].cell, done.outcome) for place in places[i]
+                ):
                     break
         return open_runs.close()
 
@@ -289,6 +296,27 @@ def _reference(cell: Cell, references: References) -> Reference | None:
     return references.of(cell.problem, cell.t_end) if "error" in cell.measure else None
 
 
+def _looked_after(one: Planned, references: References, store: Store) -> Planned:
+    """A kept cell that lacks its reference is to run as soon as there is one."""
+    if one.done is None or not one.done.outcome.lacks:
+        return one
+    try:
+        references.of(one.cell.problem, one.cell.t_end)
+    except NoReference as error:
+        done = _without_reference(one.done, str(error))
+        if done.outcome.lacks != one.done.outcome.lacks:
+            store.keep(one.cell, done)
+        return replace(one, done=done)
+    return replace(one, done=None, why="its reference can be computed now")
+
+
+def _without_reference(done: Done, reason: str) -> Done:
+    """A cell whose errors are empty, if it came far enough to measure them, says why."""
+    if not any(found.measure == "error" for found in done.outcome.measurements):
+        return done
+    return replace(done, outcome=replace(done.outcome, lacks=(reason,)))
+
+
 @contextlib.contextmanager
 def _execution(
     tasks: Mapping[int, Task], options: Options, watcher: Watcher
@@ -358,23 +386,34 @@ class _OpenRuns:
         return [self._run(s) for s in range(len(self._studies))]
 
     def _run(self, study: int) -> StudyRun:
-        statuses, failures = [], []
-        for i in self._places[study]:
+        places = self._places[study]
+        statuses = []
+        complaints: Counter[str] = Counter()
+        for i in places:
             done = self._done.get(i)
             statuses.append(done.outcome.status if done else "skipped")
-            if done and _is_failure(self._planned[i].cell, done.outcome):
-                failures.append(done.outcome.status)
+            if done:
+                complaints.update(_complaints(self._planned[i].cell, done.outcome))
         return StudyRun(
             self._studies[study].study,
             self._paths.get(study),
             tuple(statuses),
-            tuple(failures),
-            sum(self._planned[i].done is not None for i in self._places[study]),
+            tuple(f"{count} of {len(places)} cells {how}" for how, count in complaints.items()),
+            sum(self._planned[i].done is not None for i in places),
         )
 
 
+def _complaints(cell: Cell, outcome: Outcome) -> list[str]:
+    """In which ways a cell did not end well, as a sentence whose subject is cells."""
+    said = []
+    if outcome.status not in ("ok", *cell.accept):
+        how = "failed" if outcome.status == "failed" else f"ended with status {outcome.status}"
+        said.append(f"{how}: {outcome.reason}" if outcome.reason else how)
+    return said + [f"measured no error: {reason}" for reason in outcome.lacks]
+
+
 def _is_failure(cell: Cell, outcome: Outcome) -> bool:
-    return outcome.status not in ("ok", *cell.accept)
+    return bool(_complaints(cell, outcome))
 
 
 def _cost(cell: Cell) -> int:

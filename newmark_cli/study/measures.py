@@ -386,30 +386,30 @@ class _Errors(Observer):
         self._found: list[Measurement] = []
 
     def sees(self, march: "March") -> None:
-        assert self._reference is not None
         self._found = errors(self._reference, march.state)
 
     def measured(self) -> list[Measurement]:
         return self._found
 
 
-def errors(reference: "Reference", state: "State") -> list[Measurement]:
+def errors(reference: "Reference | None", state: "State") -> list[Measurement]:
     """Measurements of a final state's errors, largest component over largest component.
 
     Args:
-        reference: The solution at the state's time.
+        reference: The solution at the state's time; None where there is none to be
+            had, and the statistics are empty.
         state: The state.
     """
     from newmark_cli.problems.reference import relative_error
 
-    pairs = {
-        "u": (state.fields[0], reference.u),
-        "v": (state.fields[1], reference.v),
-        "lambda": (state.multipliers, reference.multipliers),
-    }
+    found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
+    if reference is not None:
+        found["u"].append(relative_error(state.fields[0], reference.u))
+        found["v"].append(relative_error(state.fields[1], reference.v))
+        found["lambda"].append(relative_error(state.multipliers, reference.multipliers))
     return [
-        Measurement(quantity, "error", "primary", statistics(np.array([relative_error(*pair)])))
-        for quantity, pair in pairs.items()
+        Measurement(quantity, "error", "primary", statistics(np.array(values)))
+        for quantity, values in found.items()
     ]
 
 

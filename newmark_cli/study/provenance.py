@@ -83,6 +83,7 @@ def record(
                 "steps": cell.steps,
                 "status": outcome.status,
                 **({"reason": outcome.reason} if outcome.reason else {}),
+                **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
                 "wall_seconds": round(taken, 4),
             }
             for cell, outcome, taken in zip(cells, outcomes, seconds, strict=True)
