@@ -1,12 +1,16 @@
 """Running studies: what is kept is not computed again, the rest side by side."""
 
 import contextlib
+import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from newmark_cli import interrupts
 from newmark_cli.errors import InputError
@@ -19,7 +23,7 @@ from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
 from newmark_cli.running.store import Store, file_name
-from newmark_cli.study import provenance, results
+from newmark_cli.study import motion, provenance, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
@@ -442,6 +446,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
     for cell, told in zip(cells, record["cells"], strict=True):
         told["kept_as"] = file_name(cell)
+    if moved := _motions(cells):
+        record["motions"] = moved
     with interrupts.postponed():  # a CSV and its record belong together
         for file, text in reversed(texts.items()):
             if file.parent != folder:
@@ -450,6 +456,24 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         results.write_json(path.with_suffix(".json"), record, make_folder=False)
         prune.finished(folder, study)
     return path
+
+
+def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
+    """Problem → what verdicts must know of its motion, where there is something to know."""
+    longest: dict[ProblemSpec, tuple[float, float]] = {}
+    for cell in cells:
+        if cell.steps > 0:
+            t_end, h = longest.get(cell.problem, (0.0, math.inf))
+            longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
+    with np.errstate(all="ignore"):
+        found = {
+            spec.label: motion.facts(spec.load(), t_end, h) for spec, (t_end, h) in longest.items()
+        }
+    return {
+        label: {"singular": list(facts.singular), "still": facts.still}
+        for label, facts in found.items()
+        if facts != motion.Facts()
+    }
 
 
 def weight(planned: Sequence[Planned]) -> int:

@@ -136,6 +136,20 @@ def accepted_statuses(path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(accepted))
 
 
+def motions(path: Path) -> dict[str, tuple[tuple[float, ...], bool]]:
+    """Problem → times of singular positions (s), and whether nothing moves, as recorded."""
+    recorded = _record(path).get("motions")
+    found = {}
+    for label, facts in recorded.items() if isinstance(recorded, dict) else ():
+        given = facts.get("singular") if isinstance(facts, dict) else None
+        times = given if isinstance(given, list) else []
+        found[str(label)] = (
+            tuple(float(t) for t in times if isinstance(t, int | float)),
+            isinstance(facts, dict) and facts.get("still") is True,
+        )
+    return found
+
+
 def _require_recorded_rows(path: Path, rows: int) -> None:
     """A CSV that was cut at the end of a line tells by what stands beside it."""
     recorded = _record(path).get("rows")
