@@ -61,6 +61,7 @@ class Slope:
         key: What tells it from others; every axis is an attribute, as in the CSV.
         role: As in the CSV.
         h: (points,) step sizes.
+        steps: (points,) steps of the run.
         values: (points,) the statistic that is drawn; where a Krylov solver
             stagnated, the number of iterations that it was allowed.
         statuses: Status of the cell behind each point.
@@ -77,6 +78,7 @@ class Slope:
     key: SeriesKey
     role: str
     h: Array
+    steps: Array
     values: Array
     statuses: tuple[str, ...]
     fitted: Mask
@@ -220,6 +222,7 @@ def _slope(
         key=key,
         role=role,
         h=h,
+        steps=rows["steps"].to_numpy(float),
         values=values,
         statuses=statuses,
         fitted=found.fitted,
@@ -296,6 +299,7 @@ def _failed(key: SeriesKey, role: str) -> Slope:
         key=key,
         role=role,
         h=np.array([]),
+        steps=np.array([]),
         values=np.array([]),
         statuses=(),
         fitted=np.array([], bool),
