@@ -1,9 +1,10 @@
 """Commands that read results: figures, verdicts, tables, provenance."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,34 +17,101 @@ if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
 
 
-@click.command()
-@click.argument("figures", nargs=-1, metavar="[FIGURE...]", shell_complete=complete("figures"))
-@results_folder
-def plot(figures: tuple[str, ...], folder: Path) -> int:
-    """Draw figures from the CSVs in DIR.
+def _formats(context: click.Context, option: click.Parameter, given: str) -> tuple[str, ...]:
+    allowed = ("png", "svg", "pdf")
+    found = tuple(dict.fromkeys(part.strip().lower() for part in given.split(",")))
+    for name in found:
+        if name not in allowed:
+            raise click.BadParameter(f"unknown format {name!r}; allowed: {', '.join(allowed)}")
+    return found
 
-    By default draws every figure that has its data in DIR.  Writes
-    DIR/figures/figure-<n>.png and .svg, and DIR/slopes.csv.
+
+def _size(
+    context: click.Context, option: click.Parameter, given: str | None
+) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)x(\d+\.?\d*|\.\d+)", given.strip().lower())
+    if match is None or not all(1 <= float(side) <= 40 for side in match.groups()):
+        raise click.BadParameter(
+            f"must be a width and a height from 1 to 40 inches, such as 3.5x2.6, given {given!r}"
+        )
+    return float(match[1]), float(match[2])
+
+
+def _chooser(axis: str, metavar: str, about: str) -> Callable[[Callable[..., int]], Any]:
+    return click.option(
+        f"--{axis}", multiple=True, metavar=metavar, help=f"Draw {about} only; may be repeated."
+    )
+
+
+@click.command()
+@click.argument(
+    "names", nargs=-1, metavar="[FIGURE|STUDY...]", shell_complete=complete("figures", "configs")
+)
+@results_folder
+@click.option(
+    "--format",
+    "formats",
+    default="png,svg",
+    show_default=True,
+    callback=_formats,
+    metavar="LIST",
+    help="Formats of the files: some of png, svg and pdf, with commas between them.",
+)
+@click.option("--size", callback=_size, metavar="WxH", help="Size of each figure in inches.")
+@click.option(
+    "--style",
+    "style_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Style file of matplotlib, applied over the project's style.",
+)
+@_chooser("measure", "NAME", "this measure, or work-precision,")
+@_chooser("quantity", "NAME", "this quantity")
+@_chooser("form", "NAME", "this form")
+@_chooser("problem", "NAME", "this problem")
+@_chooser("preconditioning", "NAME", "this scaling")
+@_chooser("integrator", "NAME", "this integrator")
+@click.option(
+    "--all", "everything", is_flag=True, help="Draw all figures of a study, however many."
+)
+def plot(
+    names: tuple[str, ...],
+    folder: Path,
+    formats: tuple[str, ...],
+    size: tuple[float, float] | None,
+    style_file: Path | None,
+    measure: tuple[str, ...],
+    everything: bool,
+    **values: tuple[str, ...],
+) -> int:
+    """Draw figures of the paper and of studies, by default all that the CSVs in DIR allow.
+
+    A study without figures of its own gets one for each problem, form, quantity and
+    measure; its config can define others under 'figures:'.  Writes
+    DIR/figures/figure-<n> or <study>-<what it shows>, and DIR/slopes.csv.
 
     \b
-    Example:
+    Examples:
       newmark-study plot 2 8
+      newmark-study plot my-study --measure error --format pdf --size 5x4
     """
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
     from newmark_cli.report.kinds import Results
 
-    wanted = plotting.named(figures)
+    choice = plotting.Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
-    needed = not figures or any(figure.curves for figure in wanted)
+    needed = bool(choice) or plotting.needs_results(names)
     results = Results(folder, slopes.collect(folder) if needed else [])
-    given, lacking = (wanted, []) if figures else plotting.enough(results)
-    for file in plotting.plot(given, results):
+    chosen = plotting.chosen(names, results, choice)
+    for file in plotting.plot(chosen.figures, results, formats, size, style_file):
         click.echo(file)
     if needed:
         slopes.write(folder, results.slopes)
-    if lacking:
-        complain(plotting.how_to_get(lacking))
+    for note in chosen.notes:
+        complain(note)
     return 0
 
 

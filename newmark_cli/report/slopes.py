@@ -70,6 +70,7 @@ class Slope:
         key: What tells it from others; every axis is an attribute, as in the CSV.
         role: As in the CSV.
         h: (points,) step sizes.
+        steps: (points,) steps of the run.
         values: (points,) the statistic that is drawn; where a Krylov solver
             stagnated, the number of iterations that it was allowed.
         statuses: Status of the cell behind each point.
@@ -86,6 +87,7 @@ class Slope:
     key: SeriesKey
     role: str
     h: Array
+    steps: Array
     values: Array
     statuses: tuple[str, ...]
     fitted: Mask
@@ -233,6 +235,7 @@ def _slope(
         key=key,
         role=role,
         h=h,
+        steps=rows["steps"].to_numpy(float),
         values=values,
         statuses=statuses,
         fitted=found.fitted,
@@ -323,6 +326,7 @@ def _failed(key: SeriesKey, role: str) -> Slope:
         key=key,
         role=role,
         h=np.array([]),
+        steps=np.array([]),
         values=np.array([]),
         statuses=(),
         fitted=np.array([], bool),

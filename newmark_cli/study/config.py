@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
 from itertools import chain, product
@@ -44,9 +44,16 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import closest, nearest
-from newmark_cli.study import axes
+from newmark_cli.study import axes, drawing
 from newmark_cli.study.axes import Axis, Cell
-from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of, scaling_of
+from newmark_cli.study.keys import (
+    MOST_STEPS,
+    Figures,
+    Name,
+    Surroundings,
+    problem_of,
+    scaling_of,
+)
 from newmark_cli.study.measures import MEASURES, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
@@ -235,6 +242,9 @@ class Study(StrictModel):
 
     study: Name = Field(description="names the CSV")
     description: str = Field("", description="one line for `list`")
+    figures: Figures | None = Field(
+        None, description="what `plot` draws of it; default: what its results compare"
+    )
     cases: tuple[Case, ...]
 
     @property
@@ -247,7 +257,7 @@ class Study(StrictModel):
         return [cell for case in self.cases for cell in case.cells()]
 
 
-_STUDY_KEYS = ("study", "description", "cases")
+_STUDY_KEYS = ("study", "description", "figures", "cases")
 
 
 def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study:
@@ -277,7 +287,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     mistakes = documents.Mistakes()
     allowed = (*_STUDY_KEYS, *Case.model_fields)
     shared = {key: value for key, value in data.items() if key in Case.model_fields}
-    head = {key: data[key] for key in ("study", "description") if key in data}
+    head = {key: data[key] for key in ("study", "description", "figures") if key in data}
     unknown = [key for key in data if key not in allowed]
     for key in unknown[: documents.MOST_REPORTED]:
         mistakes.note(document.error((key,), f"unknown key{nearest(key, allowed)}"))
@@ -313,6 +323,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
     assert len(study.cases) == len(given)
+    _require_shown(document, study)
     return study
 
 
@@ -364,6 +375,36 @@ def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> No
                 raise document.error(
                     path, f"two problems would be {spec.label!r} in the CSV; rename a file"
                 )
+
+
+def _require_shown(document: Document, study: Study) -> None:
+    """Figures must be of what the study measures."""
+    cases = study.cases
+    known: dict[str, Collection[str]] = {
+        "measure": {name: None for case in cases for name in case.measure},
+        "problem": {spec.label: None for case in cases for spec in case.problem},
+        "form": {name: None for case in cases for name in case.form},
+    }
+    names: dict[str, int] = {}
+    for i, figure in enumerate(study.figures or ()):
+        given = {
+            "measure": (figure.measure,),
+            "problem": figure.problem or (),
+            "form": figure.form or (),
+        }
+        for key, values in given.items():
+            for value in values:
+                if key == "measure" and set(drawing.needed(value)) & set(known[key]):
+                    continue
+                if value not in known[key]:
+                    raise document.error(
+                        ("figures", i, key),
+                        f"{value!r} is not among the study's{nearest(value, known[key])}",
+                    )
+        if figure.name is not None and names.setdefault(figure.name, i) != i:
+            raise document.error(
+                ("figures", i, "name"), f"{figure.name!r} is the name of another figure"
+            )
 
 
 def shipped_folder() -> Path:

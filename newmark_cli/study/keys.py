@@ -58,7 +58,8 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Tolerance,
 )
-from newmark_cli.spelling import closest
+from newmark_cli.spelling import closest, nearest
+from newmark_cli.study import drawing
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES
 
@@ -67,6 +68,9 @@ _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_ITEMS = 1_000
+_MOST_FIGURES = 100
+# From the beginning to the end of the text: $ would allow a line end behind it.
+_LINE = r"^[^\x00-\x1f\x7f]{1,200}(?![\s\S])"
 
 
 def _one_or_more(
@@ -500,6 +504,89 @@ LinearSolvers = Annotated[
 ]
 Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
 Integrators = OneOrMore[IntegratorConfig]
+
+
+_Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]
+_Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
+
+
+def _one_line(text: str) -> str:
+    if not re.search(_LINE, text):
+        raise ValueError("must be one line of 1 to 200 letters")
+    return text
+
+
+class FigureConfig(StrictModel):
+    """A figure of the study: the rows that it shows, and how it arranges them."""
+
+    measure: Annotated[str, _Known("measure", drawing.SHOWABLE)] = Field(
+        description="what it shows"
+    )
+    quantity: _Quantities | None = Field(
+        None, description="quantities to show; default: all, a figure each"
+    )
+    series: _Compared | None = Field(
+        None, description="axes that tell the series of a panel apart; default: the most varied"
+    )
+    panels: _Compared | None = Field(
+        None, description="axes that tell panels apart; default: what else varies"
+    )
+    problem: OneOrMore[Annotated[str, Strict()]] | None = Field(
+        None, description="problems to show, as in the CSV; default: all, a figure each"
+    )
+    form: Forms | None = Field(None, description="forms to show; default: all, a figure each")
+    title: Annotated[str, Strict(), AfterValidator(_one_line), also(pattern=_LINE)] | None = Field(
+        None, description="title; made from what it shows when omitted"
+    )
+    name: Name | None = Field(None, description="name of its files, behind that of the study")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "FigureConfig":
+        known = drawing.quantities((self.measure,))
+        for quantity in self.quantity or ():
+            if quantity not in known:
+                raise misfit(
+                    "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
+                )
+        for axis in self.panels or ():
+            if axis in (self.series or ()):
+                raise misfit("panels", f"{axis} already tells the series apart")
+        return self
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        rules = []
+        for measure in drawing.SHOWABLE:
+            one = {"enum": [*drawing.quantities((measure,)), None]}
+            rules.append(
+                {
+                    "if": {"properties": {"measure": {"const": measure}}},
+                    "then": {"properties": {"quantity": {"anyOf": [one, _of_array(one)]}}},
+                }
+            )
+        handler.resolve_ref_schema(reference)["allOf"] = rules
+        return reference
+
+
+def _of_array(items: JsonSchema) -> JsonSchema:
+    return {"type": "array", "items": items}
+
+
+def _some(figures: tuple[FigureConfig, ...]) -> tuple[FigureConfig, ...]:
+    if not 1 <= len(figures) <= _MOST_FIGURES:
+        raise ValueError(f"must be 1 to {_MOST_FIGURES} figures, given {len(figures)}")
+    return figures
+
+
+Figures = Annotated[
+    tuple[FigureConfig, ...],
+    AfterValidator(_some),
+    also(minItems=1, maxItems=_MOST_FIGURES),
+]
+
 
 Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
 StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
