@@ -10,6 +10,7 @@ cell apart), besides the code that gives it a meaning.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -91,6 +92,7 @@ def setting(about: str, **rest: Any) -> Any:
     return axis(about=about, series=False, cell=False, many=False, **rest)
 
 
+@cache
 def _axes(of: type) -> tuple[Axis, ...]:
     return tuple(_axis(each.name, dict(each.metadata)) for each in fields(of))
 
@@ -277,6 +279,7 @@ def row_axes() -> tuple[Axis, ...]:
     return _axes(RowAxes)
 
 
+@cache
 def series_axes() -> tuple[Axis, ...]:
     """Axes that tell series apart."""
     every = (STUDY, *cell_axes(), *row_axes(), START)
