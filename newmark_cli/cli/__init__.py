@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import click
 
 from newmark_cli import __version__
-from newmark_cli.cli import inspecting, results, running
+from newmark_cli.cli import inspecting, results, running, showing
 from newmark_cli.cli.options import complain
 from newmark_cli.errors import ExecutorError, InputError
 
@@ -35,6 +35,7 @@ for command in (
     running.merge,
     running.reproduce,
     results.plot,
+    showing.show,
     results.check,
     results.tables,
     results.info,
