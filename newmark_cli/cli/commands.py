@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from newmark_cli import __version__, interrupts
-from newmark_cli.cli import inspecting, pruning, results, running
+from newmark_cli.cli import inspecting, pruning, results, running, showing
 from newmark_cli.cli.options import complain
 from newmark_cli.errors import ExecutorError, InputError
 
@@ -48,6 +48,7 @@ for command in (
     running.reproduce,
     pruning.prune,
     results.plot,
+    showing.show,
     results.check,
     results.tables,
     results.info,

@@ -34,6 +34,11 @@ results_folder = click.option(
 )
 
 
+studies_argument = click.argument(
+    "studies", nargs=-1, metavar="[STUDY...]", shell_complete=complete("configs")
+)
+
+
 allow_code_option = click.option(
     "--allow-code", is_flag=True, help="Allow problems in Python; loading them runs their code."
 )

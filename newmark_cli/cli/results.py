@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import as_json_text, complain, results_folder
+from newmark_cli.cli.options import as_json_text, complain, results_folder, studies_argument
 from newmark_cli.errors import InputError
 
 if TYPE_CHECKING:
     from newmark_cli.report.paper_tables import Entry
     from newmark_cli.report.slopes import Slope
+
+#: Series of which `check` says why they are not as predicted, unless all are asked for.
+REMARKS = 20
 
 
 def _formats(context: click.Context, option: click.Parameter, given: str) -> tuple[str, ...]:
@@ -116,6 +119,7 @@ def plot(
 
 
 @click.command()
+@studies_argument
 @results_folder
 @click.option(
     "--all",
@@ -125,22 +129,30 @@ def plot(
 )
 @click.option("--json", "as_json", is_flag=True, help="Print every slope and claim as JSON.")
 @click.option("--markdown", is_flag=True, help="Print the tables as Markdown.")
-def check(folder: Path, show_all: bool, as_json: bool, markdown: bool) -> int:
+def check(
+    studies: tuple[str, ...], folder: Path, show_all: bool, as_json: bool, markdown: bool
+) -> int:
     """Check fitted slopes against predicted orders, and the claims.
 
-    Reads every study in DIR and writes DIR/slopes.csv.  Exits with 1 if a slope
-    cannot be fitted or misses its prediction by more than its tolerance, or if
-    one of the claims about these studies fails.
+    Prints and judges the studies that are named, by default all in DIR.  Writes
+    DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
+    prediction by more than its tolerance, if a series does not converge or lacks
+    results, if a claim of a figure fails, or if nothing could be judged.  Series
+    whose step sizes are too few or too coarse to tell are warned of.
 
     \b
-    Example:
+    Examples:
+      newmark-study check pendulum-u
       newmark-study check --json
     """
     from newmark_cli.report import check as checking
     from newmark_cli.report import slopes
+    from newmark_cli.study import reading
 
-    found = slopes.collect(folder)
-    slopes.write(folder, found)
+    wanted = reading.named_studies(folder, studies)
+    everything = slopes.collect(folder)
+    slopes.write(folder, everything)
+    found = [slope for slope in everything if slope.study in wanted]
     if as_json:
         judged = checking.judge(found)
         click.echo(as_json_text([s.row() for s in found] + [entry.row() for entry in judged]))
@@ -170,7 +182,7 @@ def tables(folder: Path) -> int:
 
 
 @click.command()
-@click.argument("studies", nargs=-1, metavar="[STUDY...]", shell_complete=complete("configs"))
+@studies_argument
 @results_folder
 @click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
 @click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
@@ -183,8 +195,8 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
     Example:
       newmark-study info pendulum-u --cells
     """
-    from newmark_cli.report import check as checking
     from newmark_cli.report import records
+    from newmark_cli.report.text import text_table
     from newmark_cli.study import reading
 
     files = [folder / f"{name}.csv" for name in studies] or reading.study_files(folder)
@@ -194,26 +206,27 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
         if with_config:
             click.echo("\n" + records.config_text(record).rstrip())
         if with_cells:
-            click.echo("\n" + checking.text_table(records.cell_rows(record)))
+            click.echo("\n" + text_table(records.cell_rows(record)))
         click.echo()
     return 0
 
 
 @click.command()
+@studies_argument
 @results_folder
-def verify(folder: Path) -> int:
-    """Compare the CSVs in DIR with their recorded checksums.
+def verify(studies: tuple[str, ...], folder: Path) -> int:
+    """Compare CSVs with the checksums that were recorded next to them.
 
-    Prints a line for each file.  Exits with 1 if a file differs, is missing or
-    has no record.
+    Verifies the studies that are named, by default all in DIR.  Prints a line for each
+    file; exits with 1 if one differs, is missing, or has no record.
 
     \b
     Example:
-      newmark-study verify --results out
+      newmark-study verify pendulum-u --results out
     """
     from newmark_cli.report import records
 
-    found = records.verify(folder)
+    found = records.verify(folder, studies)
     for entry in found:
         click.echo(f"{entry.path}: {entry.finding}")
     return 0 if all(entry.ok for entry in found) else 1
@@ -280,20 +293,29 @@ def report(folder: Path, output: Path | None) -> int:
 
 
 def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bool = False) -> None:
-    """Print slopes beside predictions, the claims, and how many hold."""
+    """Print slopes next to predictions, the claims, why series fail, and how many hold."""
     from newmark_cli.report import check as checking
+    from newmark_cli.report.text import text_table, wrapped
 
     judged = checking.judge(slopes)
-    tables = [
-        checking.slope_rows(checking.chosen(slopes, show_all)),
-        checking.claim_rows(judged),
-    ]
-    for table in tables:
+    chosen = checking.chosen(slopes, show_all)
+    if markdown:
+        for table in (checking.slope_rows(chosen), checking.claim_rows(judged)):
+            if len(table) > 1:
+                click.echo(checking.markdown_table(table) + "\n")
+        return
+    for table in (checking.slope_lines(chosen), checking.claim_lines(judged)):
         if len(table) > 1:
-            click.echo((checking.markdown_table if markdown else checking.text_table)(table))
-            click.echo()
-    if not markdown:
-        click.echo(checking.summary(slopes, judged))
+            click.echo(text_table(table) + "\n")
+    remarks = checking.remarks(slopes)
+    most = len(remarks) if show_all else REMARKS
+    for line in remarks[:most]:
+        click.echo(wrapped(line))
+    if len(remarks) > most:
+        click.echo(f"… and {len(remarks) - most} more (--all)")
+    if remarks:
+        click.echo()
+    click.echo(wrapped(checking.summary(slopes, judged)))
 
 
 def verdict(found: "Sequence[Slope]") -> int:
@@ -301,6 +323,8 @@ def verdict(found: "Sequence[Slope]") -> int:
     from newmark_cli.report import check as checking
     from newmark_cli.report import paper_tables
 
+    if warning := checking.warning(found):
+        complain(warning)
     if not checking.all_hold(found, checking.judge(found)):
         return 1
     if not any(slope.study == paper_tables.STUDY for slope in found):
@@ -315,11 +339,11 @@ def verdict(found: "Sequence[Slope]") -> int:
 
 def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
     """Print Tables 1 and 2, and write them."""
-    from newmark_cli.report import check as checking
     from newmark_cli.report import paper_tables as tabling
+    from newmark_cli.report.text import text_table
 
     for title, grid in tabling.grids(entries):
-        click.echo(f"{title}\n\n{checking.text_table(grid)}\n")
+        click.echo(f"{title}\n\n{text_table(grid, blocks=True)}\n")
     click.echo(f"{tabling.worst(entries)}\n")
     for file in tabling.write(folder, entries):
         click.echo(file)

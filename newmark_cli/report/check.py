@@ -99,6 +99,55 @@ def slope_rows(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
     ]
 
 
+def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
+    """Rows of the same table for a terminal, headings first.
+
+    The tolerance stands behind the predicted order.  A row of one entry names the figure
+    and study, or the study, problem, form and integrator, of the rows below it.
+    """
+    return _gathered(
+        ("quantity", "variant", "predicted", "fitted", "verdict"),
+        (
+            (
+                _of_figure(slope) if slope.figures else _where(slope),
+                quantity(slope),
+                _variant(slope),
+                format_prediction(slope),
+                format_fit(slope.fit),
+                format_verdict(slope),
+            )
+            for slope in slopes
+        ),
+    )
+
+
+def claim_lines(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
+    """Rows of the table of claims for a terminal, gathered by figure, headings first."""
+    return _gathered(
+        ("claim", "measured", "verdict"),
+        (
+            (f"figure {figure}, {study}: {measured}", *row)
+            for figure, study, measured, *row in claim_rows(judged)[1:]
+        ),
+    )
+
+
+def _of_figure(slope: Slope) -> str:
+    word = "figure" if len(slope.figures) == 1 else "figures"
+    return f"{word} {', '.join(slope.figures)}, {slope.study}"
+
+
+def _gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Headings, and rows without their first entry, which stands once above those it is of."""
+    below: dict[str, list[tuple[str, ...]]] = {}
+    for above, *row in rows:
+        below.setdefault(above, []).append(tuple(row))
+    found = [headings]
+    for above, gathered in below.items():
+        found += [("",), (above,), *gathered]
+    return found
+
+
 def claim_rows(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
     """Rows of the table of claims, headings first."""
     return [
@@ -132,16 +181,6 @@ _SAID = (
 
 def _variant(slope: Slope) -> str:
     return ", ".join([slope.preconditioning, *slope.key.besides(*_SAID)])
-
-
-def text_table(rows: Sequence[Sequence[str]]) -> str:
-    """Columns for a terminal."""
-    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
-    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
@@ -181,6 +220,24 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
             told = "; ".join(filter(None, said))
             lines.append(f"{slope.verdict}: {where}: {told or 'no reason known'}")
     return lines
+
+
+def format_prediction(slope: Slope) -> str:
+    """Predicted order ± tolerance; nothing where theory says nothing."""
+    order = format_order(slope.expected)
+    return f"{order} ± {slope.tolerance:g}" if order else ""
+
+
+def format_verdict(slope: Slope) -> str:
+    """The verdict, and whether the study is about it."""
+    return f"{slope.verdict} (accepted)" if slope.accepted else slope.verdict
+
+
+def warning(slopes: Iterable[Slope]) -> str:
+    """What a check that passes must still say: how many series it could not judge."""
+    counted = Counter(slope.verdict for slope in slopes if not slope.accepted)
+    parts = [f"{counted[word]} {word}" for word in UNDECIDED if counted[word]]
+    return f"warning: not judged: {', '.join(parts)}" if parts else ""
 
 
 def format_orders(slope: Slope) -> str:

@@ -11,6 +11,7 @@ import pandas as pd
 from newmark_cli.report import check, records
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
+from newmark_cli.report.text import text_table
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
@@ -268,7 +269,7 @@ def _table(
     if not entries:
         return title
     rows = [("", *names), *((e.what, e.first, e.second) for e in entries[:most])]
-    lines = [title, *(f"  {line}".rstrip() for line in check.text_table(rows).splitlines())]
+    lines = [title, text_table(rows, indent=2)]
     more = len(entries) - (len(rows) - 1)
     return "\n".join([*lines, f"  {more} more (--all)"] if more else lines)
 

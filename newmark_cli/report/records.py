@@ -11,7 +11,7 @@ import yaml
 
 from newmark_cli.study import axes
 from newmark_cli.study.provenance import checksum
-from newmark_cli.study.reading import NOT_STUDIES, study_files
+from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
 from newmark_cli.study.results import ResultsError
 
 #: What a record does not say.
@@ -182,13 +182,18 @@ class Verified:
     ok: bool
 
 
-def verify(folder: Path) -> list[Verified]:
+def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
     """Compare every CSV of a results folder with the checksum in its record.
 
     ``slopes.csv`` and the tables are not results but follow from them.
 
+    Args:
+        folder: Results folder.
+        names: Names of studies; all when empty.
+
     Raises:
-        ResultsError: When the folder has neither a CSV of a study nor a record.
+        ResultsError: When the folder has neither a CSV of a study nor a record, or no
+            study of a name.
     """
     described = [file.with_suffix(".csv") for file in folder.glob("*.json")]
     records = [path for path in described if known(path)]
@@ -203,7 +208,12 @@ def verify(folder: Path) -> list[Verified]:
     owners |= {path: folder / path.name for path in series}
     for path in list(owners.values()):
         owners |= {folder / name: path for name in checksums(known(path))}
-    return [_verified(folder, path, owners[path]) for path in sorted(owners)]
+    require_known(folder, names, sorted({owner.stem for owner in owners.values()}))
+    return [
+        _verified(folder, path, owners[path])
+        for path in sorted(owners)
+        if owners[path].stem in names or not names
+    ]
 
 
 def _verified(folder: Path, path: Path, owner: Path) -> Verified:

@@ -3,11 +3,12 @@
 import csv
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.results import COLUMNS, NUMBERS, ResultsError
@@ -40,6 +41,28 @@ def study_files(folder: Path) -> list[Path]:
     if not files:
         raise ResultsError(f"{folder}: no results; run 'newmark-study reproduce' or 'run' first")
     return files
+
+
+def named_studies(folder: Path, names: Sequence[str]) -> list[str]:
+    """Names of studies in a results folder: those that are asked for, in the folder's order.
+
+    Args:
+        folder: Results folder.
+        names: Names of studies; all when empty.
+
+    Raises:
+        ResultsError: When there is no such study; offers the nearest name.
+    """
+    found = [file.stem for file in study_files(folder)]
+    require_known(folder, names, found)
+    return [name for name in found if name in names or not names]
+
+
+def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> None:
+    """Refuse the name of a study that a results folder does not have."""
+    for name in names:
+        if name not in known:
+            raise ResultsError(f"{folder}: no results of {name!r}{nearest(name, known)}")
 
 
 def read_csv(

@@ -1,0 +1,62 @@
+"""The command that shows measured values in the terminal."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import as_json_text, results_folder, studies_argument
+
+
+def _chooser(
+    name: str, metavar: str, text: str, *sections: str
+) -> Callable[..., Callable[..., int]]:
+    return click.option(
+        f"--{name}",
+        name,
+        multiple=True,
+        metavar=metavar,
+        shell_complete=complete(*sections),
+        help=f"{text}; may be repeated.",
+    )
+
+
+@click.command()
+@studies_argument
+@_chooser("measure", "M", "Measure, such as correction or condition")
+@_chooser("quantity", "Q", "Quantity, such as u or lambda")
+@_chooser("form", "F", "Form", "forms")
+@_chooser("problem", "P", "Problem", "problems")
+@_chooser("preconditioning", "V", "Variant of preconditioning", "preconditioning")
+@_chooser("integrator", "I", "Integrator, with or without its parameters", "integrators")
+@results_folder
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[str, ...]) -> int:
+    """Show the values of studies: step sizes down, series across.
+
+    Each value has the local order next to it, from the next larger step size to this
+    one.  Below them stand the fitted slope, the step sizes that it is for, the
+    predicted order, the verdict, and its reason.  Without STUDY and options, lists the
+    studies in DIR.
+
+    \b
+    Examples:
+      newmark-study show
+      newmark-study show pendulum-u --quantity lambda --preconditioning none
+    """
+    from newmark_cli.report import showing
+
+    found = showing.read(folder, studies)
+    if not studies and not any(wanted.values()):
+        click.echo(
+            as_json_text([study.row() for study in found]) if as_json else showing.listed(found)
+        )
+        return 0
+    chosen = showing.choose(found, wanted)
+    if as_json:
+        click.echo(as_json_text([study.data() for study in chosen]))
+        return 0
+    matching = [study for study in chosen if study.chosen or study.recovered]
+    click.echo("\n\n".join(showing.as_text(study) for study in matching))
+    return 0
