@@ -207,9 +207,11 @@ def test_a_cell_that_ends_its_worker_fails_alone(cli):
         "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1
     )
     assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
-    (failed,) = [line for line in done.stderr.splitlines() if "failed" in line]
-    assert "failed: ended its workers, whichever it ran on" in failed
+    failed, told = [line for line in done.stderr.splitlines() if "failed" in line]
+    reason = "failed: ended its workers, whichever it ran on"
+    assert reason in failed
     assert "swing(what=exit)" in failed
+    assert told == f"newmark-study: swings: 1 of 2 cells {reason}"
 
 
 def test_a_cell_that_does_not_come_back_fails_alone(cli):
