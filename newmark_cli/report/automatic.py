@@ -20,7 +20,7 @@ from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import LOOKS, Legend, Panel, Sheet, Trace, from_zero, look, spread
 from newmark_cli.report.verdicts import PASS, SHOWN
-from newmark_cli.report.work import Times, WorkPrecisionFigure, wall_times
+from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall_times
 from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
 from newmark_cli.study.measures import RECORDS, symbol
@@ -39,6 +39,8 @@ _PANELS = ("row_block",)
 _ONE_EACH = ("problem", "form", "measure", "quantity", "start")
 #: What comes first where not all figures are drawn.
 _FIRST = ("correction", "condition", "error", WORK_PRECISION)
+#: What comes last there: corrections once more, in other units.
+_LAST = ("physical_correction",)
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
 
@@ -92,11 +94,15 @@ class SeriesFigure:
         ]
         alike = several and _alike(series.values())
         if alike:
-            panels = _with_one_ordinate(panels, list(series.values()))
-        fitted = any(trace.fit for panel in panels for trace in panel.traces)
+            every = list(series.values())
+            panels = [
+                _with_limits(panel, [series[curve.key] for curve in part.curves], every)
+                for panel, part in zip(panels, self.parts, strict=True)
+            ]
+        fitted = any(not np.isnan(slope.expected) for slope in series.values())
         apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
         notes = ["fitted slope"] if fitted and not several else []
-        notes += ["not joined: cells that did not end well"] if apart else []
+        notes += [NOT_JOINED] if apart else []
         return Sheet(
             self.title,
             tuple(panels),
@@ -117,6 +123,8 @@ class SeriesFigure:
         # Fits of many series would cover them.
         fits = several and len(drawn) <= 4
         panel = traces.panel(slopes, drawn, slopes[0].record.linear, part.title, fits)
+        if fits and not slopes[0].record.linear:
+            panel = _with_limits(panel, slopes, slopes)
         if len({slope.quantity for slope in slopes}) > 1:
             panel = replace(panel, y_label=_words(slopes[0].measure))
         if several and not fits:
@@ -142,14 +150,16 @@ def _alike(slopes: Iterable["Slope"]) -> bool:
     return len({(s.problem, s.quantity, s.measure, s.row_block) for s in slopes}) == 1
 
 
-def _with_one_ordinate(panels: Sequence[Panel], slopes: Sequence["Slope"]) -> list[Panel]:
-    """Panels with the same ends of their ordinates, and reference lines as these need them."""
-    if panels[0].y_scale == "linear":
-        tops = [panel.y_limits[1] / 1.07 for panel in panels if panel.y_limits]
-        limits = from_zero(max(tops)) if tops else None
-        return [replace(panel, y_limits=limits) for panel in panels]
-    limits = spread([slope.values for slope in slopes], 0.4 if panels[0].fits else 0.12)
-    return [replace(panel, y_limits=limits) for panel in panels]
+def _with_limits(panel: Panel, slopes: Sequence["Slope"], every: Sequence["Slope"]) -> Panel:
+    """A panel whose ordinate suits several series besides its own, with room for its fits."""
+    if panel.y_scale == "linear":
+        found = [float(np.max(slope.values, initial=0, where=slope.values > 0)) for slope in every]
+        top = 1.0 if slopes[0].record.share else 1.1 * max(found)
+        return replace(panel, y_limits=from_zero(top) if top > 0 else None)
+    lines = sum(bool(trace.fit) for trace in panel.traces) if panel.fits else 0
+    limits = spread([slope.values for slope in every], max(0.12, 0.165 * lines))
+    references = () if limits is None else traces.predicted(slopes, limits)
+    return replace(panel, y_limits=limits, references=references)
 
 
 # -- which figures ------------------------------------------------------------------------------
@@ -191,7 +201,7 @@ def figures(
 
 
 def _rank(kind: str) -> int:
-    order = (*_FIRST, *(name for name in RECORDS if name not in _FIRST))
+    order = (*_FIRST, *(name for name in RECORDS if name not in (*_FIRST, *_LAST)), *_LAST)
     return order.index(kind)
 
 
@@ -386,6 +396,8 @@ def _spelled(axis: str, value: str) -> str:
         return value.partition("[")[0]
     if axis == "row_block":
         return f"row {value} perturbed"
+    if axis == "stop":
+        return value if value == axes.SATURATION else f"tolerance {value}"
     if axis == "start":
         return "at the start" if value else "along the motion"
     if axis == "measure":

@@ -9,7 +9,6 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-from matplotlib.style.core import STYLE_BLACKLIST
 
 from newmark_cli.errors import InputError
 from newmark_cli.study.results import write_atomically
@@ -41,9 +40,9 @@ STYLE: Any = {
 #: No settings.
 NONE: Mapping[str, Any] = MappingProxyType({})
 
-#: Settings that a style file does not decide: those that matplotlib's own styles cannot set,
-#: and the salt of the names inside SVGs, without which no two files are the same.
-_NOT_STYLE = {*STYLE_BLACKLIST, "svg.hashsalt"}
+#: Settings that a style file does not decide: how matplotlib shows windows, which nobody sees
+#: here, and the salt of the names inside SVGs, without which no two files are the same.
+_NOT_STYLE = ("backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt")
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from newmark_cli.report.automatic import Part
     from newmark_cli.report.slopes import Slope
 
+#: What points that stand apart are.
+NOT_JOINED = "not joined: cells that did not end well"
+
 #: Series → wall time (s) of the cell behind each of its points; NaN where it is not known.
 Times = Mapping[SeriesKey, Array]
 
@@ -121,6 +124,13 @@ class WorkPrecisionFigure:
                     y_limits=limits,
                 )
             )
+        notes = ["each from the largest step size to the smallest"]
+        if any(
+            trace.apart is not None and trace.apart.any()
+            for panel in panels
+            for trace in panel.traces
+        ):
+            notes.append(NOT_JOINED)
         alike = len({(slope.problem, slope.quantity) for slope in slopes.values()}) == 1
         if not alike:
             panels = [replace(panel, y_limits=None) for panel in panels]
@@ -128,7 +138,7 @@ class WorkPrecisionFigure:
             self.title,
             tuple(panels),
             self.columns,
-            Legend("each from the largest step size to the smallest"),
+            Legend("; ".join(notes)),
             panel_size=None if len(panels) > 1 else (3.5, 2.5),
             share_y=alike and len(panels) > 1,
             ticks=(8, 8),

@@ -1,0 +1,676 @@
+"""Figures of any study: what results arrange by themselves, and what a config defines."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+from conftest import QUICK
+
+from newmark_cli.errors import InputError
+from newmark_cli.newmark.invariants import INVARIANTS
+from newmark_cli.report import automatic, draw, page, plot
+from newmark_cli.report.figures import FIGURES, TABLED
+from newmark_cli.report.kinds import Results
+from newmark_cli.report.slopes import collect
+from newmark_cli.study import config, drawing, results
+from newmark_cli.study.measures import RECORDS
+
+TRAPEZOIDAL, DAMPED = "newmark beta=0.25 gamma=0.5", "generalized-alpha rho=0.9"
+H = (1e-1, 1e-2, 1e-3, 1e-4)
+
+
+def row(h, value, **columns):
+    """Row of a study `mine`, whatever the columns do not say as usual."""
+    found = dict.fromkeys(results.COLUMNS, "")
+    found |= {
+        "study": "mine", "problem": "hoist.yaml", "integrator": TRAPEZOIDAL, "form": "u-lambda",
+        "preconditioning": "optimal", "evaluation": "direct", "precision": "float64",
+        "linear_solver": "dense-lu", "stop": "saturation", "h": h, "t_end": 1.0,
+        "steps": round(1 / h), "quantity": "u", "measure": "error", "role": "primary", "zeros": 0,
+        "not_converged": 0, "newton_iterations": 3.0, "status": "ok", "met": "",
+    }  # fmt: skip
+    return found | dict.fromkeys(("rms", "max", "median", "last"), value) | columns
+
+
+def table(order=2.0, h=H, **given):
+    """Rows for every combination of the columns' values, each a power law of its own."""
+    lists = {key: value if isinstance(value, list) else [value] for key, value in given.items()}
+    return [
+        row(step, (1 + i) * step**order, **dict(zip(lists, values, strict=True)))
+        for i, values in enumerate(itertools.product(*lists.values()))
+        for step in h
+    ]
+
+
+def written(folder, rows, record=None):
+    """Results with these rows, and a record that says no more than it must."""
+    studies = {}
+    for one in rows:
+        studies.setdefault(one["study"], []).append(one)
+    folder.mkdir(parents=True, exist_ok=True)
+    for study, ours in studies.items():
+        text = results.csv_text(results.COLUMNS, ours)
+        (folder / f"{study}.csv").write_text(text)
+        if record is not None:
+            (folder / f"{study}.json").write_text(json.dumps({"study": study} | record))
+    return Results(folder, collect(folder))
+
+
+def cells(rows, seconds):
+    """Record of the cells of rows: a wall time (s) for each, from the row."""
+    names = (
+        "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
+        "linear_solver", "stop", "h", "steps",
+    )  # fmt: skip
+    return {
+        "cells": [
+            {name: one[name] for name in names} | {"status": "ok", "wall_seconds": seconds(one)}
+            for one in rows
+        ]
+    }
+
+
+def drawn(given, *definitions, **options):
+    """Name of each figure of `mine` → the figure."""
+    found = automatic.figures("mine", given, list(definitions) or None, **options)
+    return {figure.name: figure for figure in found}
+
+
+# -- arranged by themselves -------------------------------------------------------------------
+
+
+def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
+    """Names say which, corrections come first; the scalings are the series, in the CSV's order."""
+    rows = [
+        *table(problem=["hoist.yaml", "pendulum"], quantity=["u", "v"],
+               preconditioning=["optimal", "none"]),
+        *table(0.0, measure="correction", form=["u-lambda", "u-v-lambda"],
+               preconditioning=["optimal", "none"]),
+    ]  # fmt: skip
+    found = drawn(written(tmp_path, rows))
+    assert list(found) == [
+        "mine-hoist-u-lambda-correction-u",
+        "mine-hoist-u-v-lambda-correction-u",
+        "mine-hoist-u-lambda-error-u",
+        "mine-hoist-u-lambda-error-v",
+        "mine-pendulum-u-lambda-error-u",
+        "mine-pendulum-u-lambda-error-v",
+    ]
+    for figure in found.values():
+        (part,) = figure.parts
+        assert [curve.label for curve in part.curves] == ["optimal", "none"]
+    assert found["mine-hoist-u-lambda-error-v"].title == "hoist, (u, λ) form: error of v"
+    assert found["mine-pendulum-u-lambda-error-u"].curves[0].problem == "pendulum"
+
+
+@pytest.mark.parametrize(
+    ("values", "series", "panels", "columns"),
+    [
+        ({}, ["optimal"], [""], 1),
+        ({"integrator": [TRAPEZOIDAL, "bdf2"]}, ["trapezoidal", "BDF2"], [""], 1),
+        (
+            {"integrator": [TRAPEZOIDAL, "bdf2"], "evaluation": ["direct", "compensated"]},
+            ["trapezoidal", "BDF2"], ["direct", "compensated"], 1,
+        ),
+        (
+            {"integrator": [TRAPEZOIDAL, "bdf2"], "preconditioning": ["none", "left"]},
+            ["none", "left"], ["trapezoidal", "BDF2"], 1,
+        ),
+        (
+            {"precision": ["float64", "float32"], "evaluation": ["direct", "compensated"]},
+            ["direct", "compensated"], ["float64", "float32"], 1,
+        ),
+        (
+            {"integrator": [TRAPEZOIDAL, "bdf1", DAMPED], "preconditioning": ["none", "left"],
+             "evaluation": ["direct", "compensated"]},
+            ["trapezoidal", "BDF1", "generalized-α (ρ∞ = 0.9)"],
+            ["none, direct", "none, compensated", "left, direct", "left, compensated"], 2,
+        ),
+    ],
+)  # fmt: skip
+def test_the_axis_with_most_values_is_the_series(tmp_path, values, series, panels, columns):
+    """Then scaling, integrator, evaluation; what else varies tells panels apart."""
+    ((_, figure),) = drawn(written(tmp_path, table(**values))).items()
+    assert [part.title for part in figure.parts] == panels
+    for part in figure.parts:
+        assert [curve.label for curve in part.curves] == series
+    assert figure.columns == columns
+
+
+def test_what_would_be_too_many_panels_becomes_figures(tmp_path):
+    """Three scalings, and eight integrators by precision: a figure for each integrator."""
+    integrators = [f"generalized-alpha rho=0.{i}" for i in range(1, 4)]
+    rows = table(
+        preconditioning=["none", "left", "right", "optimal"], integrator=integrators,
+        precision=["float64", "float32"], evaluation=["direct", "compensated"],
+    )  # fmt: skip
+    found = drawn(written(tmp_path, rows))
+    assert list(found) == [
+        "mine-hoist-u-lambda-error-u-float64", "mine-hoist-u-lambda-error-u-float32",
+    ]  # fmt: skip
+    for figure, precision in zip(found.values(), ("float64", "float32"), strict=True):
+        assert len(figure.parts) == 6
+        assert figure.columns == 2
+        assert {curve.precision for curve in figure.curves} == {precision}
+    assert list(found.values())[1].title == "hoist, (u, λ) form, float32: error of u"
+
+
+def test_series_that_are_no_grid_share_a_panel(tmp_path):
+    """Three cases that differ in two axes at once: one panel, not two with a series each."""
+    rows = [
+        *table(integrator=TRAPEZOIDAL, preconditioning="none"),
+        *table(integrator=DAMPED, preconditioning="optimal"),
+    ]
+    (figure,) = drawn(written(tmp_path, rows)).values()
+    (part,) = figure.parts
+    assert [c.label for c in part.curves] == [
+        "none, trapezoidal", "optimal, generalized-α (ρ∞ = 0.9)",
+    ]  # fmt: skip
+
+
+def test_row_blocks_are_panels_and_the_start_is_apart(tmp_path):
+    """Of sensitivities each row block has a panel; the start and a run never share a figure."""
+    rows = [
+        *table(0.0, measure="sensitivity", row_block=["D", "C"], steps=0),
+        *table(0.0, measure="sensitivity", row_block=["D", "C"]),
+    ]
+    found = drawn(written(tmp_path, rows))
+    assert list(found) == [
+        "mine-hoist-u-lambda-sensitivity-u-start", "mine-hoist-u-lambda-sensitivity-u",
+    ]  # fmt: skip
+    at_start, along = found.values()
+    assert [part.title for part in at_start.parts] == ["row D perturbed", "row C perturbed"]
+    assert {curve.start for curve in at_start.curves} == {"start"}
+    assert {curve.start for curve in along.curves} == {""}
+    assert "at the start" in at_start.title
+    assert "at the start" not in along.title
+
+
+def test_one_step_size_is_not_enough(tmp_path):
+    """A series needs two with a value: zero is one, nothing is none."""
+    rows = [
+        *table(h=(1e-2,), quantity="u"),
+        *table(quantity="v", h=(1e-2, 1e-3)),
+        row(1e-2, 1.0, quantity="lambda"),
+        row(1e-3, np.nan, quantity="lambda", status="not_converged"),
+        row(1e-2, 0.0, measure="invariant", quantity="energy"),
+        row(1e-3, 1e-9, measure="invariant", quantity="energy"),
+    ]
+    assert list(drawn(written(tmp_path, rows))) == [
+        "mine-hoist-u-lambda-error-v", "mine-hoist-u-lambda-invariant-energy",
+    ]  # fmt: skip
+
+
+def test_titles_say_what_all_series_have_in_common(tmp_path):
+    """What does not go without saying stands in the title, a scaling of one's own by its name."""
+    rows = table(
+        integrator="hht alpha=0.1", evaluation="compensated", stop="absolute 1e-08",
+        linear_solver="gmres", preconditioning="half[left D=beta*h^2]",
+        precision=["float64", "float32"],
+    )  # fmt: skip
+    (figure,) = drawn(written(tmp_path, rows)).values()
+    assert figure.title == (
+        "hoist, (u, λ) form, half scaling, HHT (α = 0.1), compensated, gmres, "
+        "tolerance absolute 1e-08: error of u"
+    )
+    assert figure.name == "mine-hoist-u-lambda-error-u"
+
+
+def test_file_names_are_safe_and_different(tmp_path):
+    """Names of problems that differ in signs only get numbers, and no sign is left in them."""
+    problems = ["a.yaml", "a", "A b/c", "dir.py:make(x=1 y=2)"]
+    found = drawn(written(tmp_path, table(problem=problems)))
+    assert list(found) == [
+        "mine-a-u-lambda-error-u", "mine-a-2-u-lambda-error-u", "mine-A-b-c-u-lambda-error-u",
+        "mine-dir.py-make-x-1-y-2-u-lambda-error-u",
+    ]  # fmt: skip
+    assert automatic.free("A", ["a", "a-2"]) == "A-3"
+
+
+# -- sheets -----------------------------------------------------------------------------------
+
+
+def test_sheet_of_a_single_panel(tmp_path):
+    """Points as in the CSV, the predicted slope, and in the legend fits and what is not right."""
+    rows = [
+        *table(preconditioning="optimal", integrator=DAMPED),
+        *table(1.0, preconditioning="none", integrator=DAMPED),
+    ]
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    sheet = figure.sheet(given)
+    (panel,) = sheet.panels
+    optimal, none = panel.traces
+    assert optimal.x.tolist() == sorted(H)
+    assert optimal.y == pytest.approx(np.array(sorted(H)) ** 2)
+    assert optimal.fit == "2.00 ± 0.00"
+    assert none.fit == f"1.00 ± 0.00, {given.by_key[figure.curves[1].key].verdict}"
+    assert none.fit.endswith("miss")
+    (line,) = panel.references
+    assert line.text == "h²"
+    assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(2)
+    assert sheet.legend.title == "fitted slope"
+    assert sheet.words == (
+        "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u. "
+        "error of u, optimal: slope 2.00 ± 0.00, predicted 2, pass. "
+        "error of u, none: slope 1.00 ± 0.00, predicted 2, miss."
+    )
+    draw.drawn(sheet)
+
+
+def test_the_fit_and_its_line_are_about_the_middle(tmp_path):
+    """Points where rounding rules are drawn, but the line ends before them."""
+    values = [2.4e-5, 2.4e-7, 2.4e-9, 8.3e-10]
+    rows = [
+        row(h, value, integrator=DAMPED)
+        for h, value in zip((1e-2, 1e-3, 1e-4, 1e-5), values, strict=True)
+    ]
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    (panel,) = figure.sheet(given).panels
+    (trace,) = panel.traces
+    assert trace.y.tolist() == values[::-1]
+    assert trace.fit == "2.00 ± 0.00"
+    assert panel.references[0].x == pytest.approx([1e-4, 1e-2])
+
+
+def test_panels_of_one_quantity_share_their_ordinate(tmp_path):
+    """A factor of a million between panels is seen; fits stand in the panels."""
+    rows = [
+        *table(evaluation="direct", integrator=[DAMPED, "bdf2"]),
+        *[one | {"last": 1e6 * one["last"]}
+          for one in table(evaluation="compensated", integrator=[DAMPED, "bdf2"])],
+    ]  # fmt: skip
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    sheet = figure.sheet(given)
+    direct, compensated = sheet.panels
+    assert sheet.share_y
+    assert direct.y_limits == compensated.y_limits
+    assert direct.y_limits[0] < 1e-8
+    assert direct.y_limits[1] > 1e6 * 2e-2
+    assert direct.fits
+    assert sheet.legend.title == ""
+    drawing = draw.drawn(sheet)
+    assert [axes.get_ylim() for axes in drawing.axes] == [pytest.approx(direct.y_limits)] * 2
+
+
+def test_cells_that_did_not_end_well_stand_apart(tmp_path):
+    """They are drawn, not joined, and the legend says what they are."""
+    rows = table(integrator=DAMPED)
+    rows[1]["status"] = "not_converged"
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    sheet = figure.sheet(given)
+    (trace,) = sheet.panels[0].traces
+    assert trace.apart.tolist() == [False, False, True, False]
+    assert sheet.legend.title == "fitted slope; not joined: cells that did not end well"
+
+
+def test_shares_are_drawn_from_zero_to_one(tmp_path):
+    """Steps that meet a tolerance: a linear ordinate, whatever misses it part of the results."""
+    rows = [
+        row(h, 3.0, measure="tolerance", quantity="newton", stop="absolute 1e-08", met=met,
+            steps=10, status="ok" if met == 10 else "not_converged")
+        for h, met in ((1e-2, 10), (1e-3, 4))
+    ]  # fmt: skip
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    assert figure.name == "mine-hoist-u-lambda-tolerance"
+    (panel,) = figure.sheet(given).panels
+    assert panel.y_scale == "linear"
+    assert panel.y_limits == pytest.approx((-0.06, 1.07))
+    (trace,) = panel.traces
+    assert trace.y.tolist() == [0.4, 1.0]
+    assert not trace.apart.any()
+
+
+def test_names_with_dollar_signs_are_no_mathematics(tmp_path):
+    """A file may be called so: it is drawn as it is written."""
+    given = written(tmp_path, table(problem="a$b$\\x.yaml"))
+    (figure,) = drawn(given).values()
+    drawing = draw.drawn(figure.sheet(given))
+    assert drawing._suptitle.get_text().startswith(r"a\$b\$\x, (u, λ)")
+    drawing.canvas.draw()
+
+
+# -- work and precision -----------------------------------------------------------------------
+
+
+def test_work_precision_matches_cells_to_rows(tmp_path):
+    """Wall times by the axes, the step size and the steps; joined from large h to small."""
+    rows = table(integrator=[DAMPED, "bdf2"], evaluation=["direct", "compensated"])
+    other = [one | {"steps": 7} for one in rows]
+
+    def seconds(one):
+        factor = 2.0 if one["integrator"] == "bdf2" else 1.0
+        return factor / one["h"] * (3 if one["evaluation"] == "compensated" else 1)
+
+    record = {"cells": cells(other, lambda one: 99.0)["cells"] + cells(rows, seconds)["cells"]}
+    given = written(tmp_path, rows, record)
+    found = drawn(given)
+    assert list(found) == ["mine-hoist-u-lambda-error-u", "mine-hoist-u-lambda-work-precision-u"]
+    figure = found["mine-hoist-u-lambda-work-precision-u"]
+    (panel,) = figure.sheet(given).panels
+    assert [trace.label for trace in panel.traces] == [
+        "generalized-α (ρ∞ = 0.9), direct", "generalized-α (ρ∞ = 0.9), compensated",
+        "BDF2, direct", "BDF2, compensated",
+    ]  # fmt: skip
+    for trace, factor in zip(panel.traces, (1, 3, 2, 6), strict=True):
+        assert trace.x == pytest.approx(factor / np.array(H))
+    assert panel.traces[1].y == pytest.approx(2 * np.array(H) ** 2)
+    assert (panel.x_scale, panel.y_scale) == ("log", "log")
+    assert panel.traces[0].said.endswith("0.01 in 10 s at h = 0.1; 1e-08 in 1e+04 s at h = 0.0001")
+    draw.drawn(figure.sheet(given))
+
+
+def test_work_precision_needs_a_record(tmp_path):
+    """Without wall times there is none; a record of other cells is none."""
+    rows = table(integrator=DAMPED)
+    assert list(drawn(written(tmp_path / "bare", rows))) == ["mine-hoist-u-lambda-error-u"]
+    strange = cells([one | {"form": "v-lambda"} for one in rows], lambda one: 1.0)
+    assert list(drawn(written(tmp_path / "strange", rows, strange))) == [
+        "mine-hoist-u-lambda-error-u"
+    ]
+
+
+def test_many_series_of_work_and_precision_get_panels(tmp_path):
+    """Up to seven share a panel; eight do not."""
+    rows = table(
+        integrator=[DAMPED, "bdf2"], evaluation=["direct", "compensated"],
+        preconditioning=["none", "optimal"],
+    )  # fmt: skip
+    given = written(tmp_path, rows, cells(rows, lambda one: 1 / one["h"]))
+    figure = drawn(given, kinds=(drawing.WORK_PRECISION,))["mine-hoist-u-lambda-work-precision-u"]
+    assert [len(part.curves) for part in figure.parts] == [2, 2, 2, 2]
+
+
+# -- as a config says -------------------------------------------------------------------------
+
+
+def test_a_config_defines_figures(tmp_path):
+    """Forms as series, evaluations as panels, one problem, a title and a name of one's own."""
+    rows = table(
+        form=["u-lambda", "v-lambda"], evaluation=["direct", "compensated"],
+        problem=["hoist.yaml", "pendulum"], quantity=["u", "v"],
+    )  # fmt: skip
+    entry = {
+        "measure": "error", "quantity": ["v"], "problem": ["pendulum"], "series": ["form"],
+        "panels": ["evaluation"], "title": "My title", "name": "forms",
+    }  # fmt: skip
+    given = written(tmp_path, rows, {"config": {"figures": [entry]}})
+    (figure,) = plot.chosen(["mine"], given).figures
+    assert (figure.name, figure.title) == ("mine-forms", "My title")
+    assert [part.title for part in figure.parts] == ["direct", "compensated"]
+    for part in figure.parts:
+        assert [c.label for c in part.curves] == ["(u, λ) form", "(v, λ) form"]
+        assert {(c.problem, c.quantity) for c in part.curves} == {("pendulum", "v")}
+
+
+def test_a_definition_that_means_several_figures_gives_several(tmp_path):
+    """Their names and titles say what differs."""
+    rows = table(quantity=["u", "v"], preconditioning=["none", "optimal"])
+    entry = {"measure": "error", "title": "Mine", "name": "errors"}
+    given = written(tmp_path, rows, {"config": {"figures": [entry, {"measure": "error"}]}})
+    found = plot.chosen(["mine"], given).figures
+    assert [(figure.name, figure.title) for figure in found] == [
+        ("mine-errors-u", "Mine: u"),
+        ("mine-errors-v", "Mine: v"),
+        ("mine-hoist-u-lambda-error-u", "hoist, (u, λ) form: error of u"),
+        ("mine-hoist-u-lambda-error-v", "hoist, (u, λ) form: error of v"),
+    ]
+
+
+def test_quantities_in_one_panel(tmp_path):
+    """Their common ordinate is named by the measure, their series by the quantity."""
+    rows = table(quantity=["u", "v", "lambda"], integrator=DAMPED)
+    entry = {"measure": "error", "series": ["quantity"]}
+    given = written(tmp_path, rows, {"config": {"figures": [entry]}})
+    (figure,) = plot.chosen(["mine"], given).figures
+    assert figure.name == "mine-hoist-u-lambda-error"
+    (panel,) = figure.sheet(given).panels
+    assert [trace.label for trace in panel.traces] == ["u", "v", "λ"]
+    assert panel.y_label == "error"
+
+
+def test_a_record_that_nobody_wrote_is_named(tmp_path):
+    """Definitions that no run has written."""
+    for wrong in (["error"], [{"measure": "speed"}], [{"measure": "error", "series": ["h"]}], 3):
+        given = written(tmp_path, table(), {"config": {"figures": wrong}})
+        with pytest.raises(InputError, match=r"mine\.json: figures: not as written by a run"):
+            plot.chosen(["mine"], given)
+
+
+FIGURE_MISTAKES = [
+    ("- measure: correcton", "line 8: figures[1].measure: unknown measure 'correcton'"),
+    ("- measure: error", "line 8: figures[1].measure: 'error' is not among the study's"),
+    ("- quantity: u", "line 8: figures[1].measure: missing"),
+    ("- {measure: condition, quantity: u}", "line 8: figures[1].quantity: condition has no 'u'"),
+    ("- {measure: correction, series: h}", "line 8: figures[1].series: unknown axis 'h'"),
+    ("- {measure: correction, form: v-lambda}", "figures[1].form: 'v-lambda' is not among"),
+    ("- {measure: correction, problem: pendlum}", "did you mean 'pendulum'?"),
+    ("- {measure: correction, series: form, panels: form}", "panels: form already tells"),
+    ("- {measure: correction, titel: x}", "unknown key; did you mean 'title'?"),
+    ('- {measure: correction, title: ""}', "title: must be one line of 1 to 200 letters"),
+    ("- {measure: correction, name: a/b}", "name: must be a name of letters"),
+    (
+        "- {measure: correction, name: a}\n- {measure: condition, name: a}",
+        "line 9: figures[2].name",
+    ),
+    (" []", "line 7: figures: must be 1 to 100 figures, given 0"),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), FIGURE_MISTAKES)
+def test_mistakes_in_figures_are_found(cli, text, told):
+    """In one line, by file, line and key, with what is allowed."""
+    cli.write("quick.yaml", f"{QUICK}figures:\n{text}\n")
+    line = cli.refused("validate", "quick.yaml")
+    assert line.startswith("newmark-study: quick.yaml, line ")
+    assert told in line
+
+
+def test_what_figures_show_is_what_is_measured():
+    """Quantities of the records are those that rows have."""
+    assert RECORDS["invariant"].quantities == INVARIANTS
+    assert all(record.quantities for record in RECORDS.values())
+    assert drawing.kinds("krylov") == ("krylov_iterations", "krylov_residual")
+    assert drawing.kinds("correction") == ("correction",)
+    assert drawing.needed("physical_correction") == ("correction",)
+    assert drawing.needed("work-precision") == ("error",)
+    assert set(drawing.COMPARABLE) >= {"preconditioning", "integrator", "form", "problem"}
+
+
+# -- choosing ---------------------------------------------------------------------------------
+
+
+def test_choosers_restrict_series_and_figures(tmp_path):
+    """Words as people or CSVs write them; several of one option add up."""
+    rows = table(
+        quantity=["u", "v", "lambda"], preconditioning=["none", "left", "optimal"],
+        integrator=[TRAPEZOIDAL, DAMPED], form=["u-lambda", "v-lambda"],
+    )  # fmt: skip
+    given = written(tmp_path, rows)
+    choice = plot.Choice(
+        ("error",),
+        {"quantity": ("λ", "v"), "preconditioning": ("none", "optimal"),
+         "integrator": ("generalized-alpha",), "form": ("v-lambda",), "problem": ("hoist",)},
+    )  # fmt: skip
+    found = plot.chosen(["mine"], given, choice).figures
+    assert [figure.name for figure in found] == [
+        "mine-hoist-v-lambda-error-v", "mine-hoist-v-lambda-error-lambda",
+    ]  # fmt: skip
+    for figure in found:
+        assert [curve.label for curve in figure.curves] == ["none", "optimal"]
+        assert {curve.integrator for curve in figure.curves} == {DAMPED}
+
+
+def test_no_more_than_two_dozen_without_being_asked(tmp_path):
+    """The first of them, and how to get the others."""
+    rows = table(quantity=["u", "v", "lambda"], problem=[f"p{i}" for i in range(9)])
+    given = written(tmp_path, [*rows, *table(0.0, measure="correction", problem="p1")])
+    chosen = plot.chosen(["mine"], given)
+    assert len(chosen.figures) == 24
+    assert chosen.figures[0].name == "mine-p1-u-lambda-correction-u"
+    assert chosen.notes == [
+        "mine: 4 more figures are not drawn; ask for them with 'newmark-study plot mine --all', "
+        "or choose with --measure, --form, …"
+    ]
+    everything = plot.chosen(["mine"], given, plot.Choice(everything=True))
+    assert (len(everything.figures), everything.notes) == (28, [])
+    assert plot.chosen((), given).notes == chosen.notes
+
+
+def test_shipped_studies_keep_their_figures(tmp_path):
+    """Those that tables are made of are drawn when asked for, the others as they always were."""
+    shipped = {figure.study for figure in FIGURES.values()}
+    assert {*TABLED} == {*config.REPRODUCED, *config.BEYOND} - shipped
+    study = "all-forms"
+    given = written(tmp_path, table(study=study))
+    assert plot.chosen((), given).figures == []
+    (figure,) = plot.chosen([study], given).figures
+    assert figure.name == "all-forms-hoist-u-lambda-error-u"
+    rows = table(study="error")
+    given = written(tmp_path, rows, cells(rows, lambda one: 1 / one["h"]))
+    assert plot.chosen(["error"], given).figures == [FIGURES["11"]]
+    (figure,) = plot.chosen(["error"], given, plot.Choice(("work-precision",))).figures
+    assert figure.name == "error-hoist-u-lambda-work-precision-u"
+
+
+def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_folder):
+    """Figure 3 shows the condition only; nothing shows all of one scaling."""
+    given = Results(committed_folder, collect(committed_folder, ["pendulum-u"]))
+    choice = plot.Choice(("condition",))
+    assert plot.chosen(["pendulum-u"], given, choice).figures == [FIGURES["3"]]
+    choice = plot.Choice(("condition",), {"preconditioning": ("optimal",)})
+    (figure,) = plot.chosen(["pendulum-u"], given, choice).figures
+    assert figure.name == "pendulum-u-pendulum-u-lambda-condition"
+    assert [curve.preconditioning for curve in figure.curves] == ["optimal"]
+    with pytest.raises(InputError, match="nothing to draw"):
+        plot.chosen(["1"], given, choice)
+
+
+def test_the_page_has_them_with_words(tmp_path):
+    """Caption by study and title, and a text for those who do not see the figure."""
+    given = written(tmp_path, table(integrator=DAMPED))
+    (picture,) = page.pictures(given)
+    assert picture.caption == "mine: " + picture.title
+    assert picture.title == "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u"
+    assert "slope 2.00 ± 0.00, predicted 2, pass" in picture.label
+
+
+# -- the command ------------------------------------------------------------------------------
+
+
+STUDY = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-1, 3e-2, 1e-2]\nmeasure: [condition, error]")
+STUDY = STUDY.replace("study: quick", "study: mine").replace("form: ", "description: x\nform: ")
+
+
+@pytest.fixture
+def mine(cli):
+    """A study of one's own, run."""
+    cli.write("mine.yaml", STUDY.replace("t_end: 1.0", "t_end: 0.3"))
+    cli("run", "mine.yaml")
+    return cli
+
+
+def files(cli):
+    return sorted(path.name for path in (cli.folder / "results/figures").iterdir())
+
+
+def test_plot_draws_a_study_of_ones_own(mine):
+    """All of it without names; by its name the same; a wrong name in one line."""
+    done = mine("plot")
+    stems = [
+        f"mine-pendulum-u-lambda-{what}"
+        for what in (
+            "condition", "error-u", "error-v", "error-lambda",
+            "work-precision-u", "work-precision-v", "work-precision-lambda",
+        )
+    ]  # fmt: skip
+    expected = [f"results/figures/{stem}.{kind}" for stem in stems for kind in ("png", "svg")]
+    assert done.stdout.split() == expected
+    assert done.stderr == ""
+    assert files(mine) == sorted(path.split("/")[-1] for path in expected)
+    assert (mine.folder / "results/slopes.csv").exists()
+    line = mine.refused("plot", "mime")
+    assert "unknown figure or study 'mime'; did you mean 'mine'? allowed: 1, 2," in line
+    line = mine.refused("plot", "pendulum-v")
+    assert "results/pendulum-v.csv: no results; run 'newmark-study run pendulum-v' first" in line
+
+
+def test_plot_chooses_in_one_line(mine):
+    """What no series has is named; what is left is drawn and nothing else."""
+    done = mine("plot", "mine", "--measure", "error", "--quantity", "v", "--format", "svg")
+    assert done.stdout.split() == ["results/figures/mine-pendulum-u-lambda-error-v.svg"]
+    line = mine.refused("plot", "--quantity", "lamda")
+    assert "--quantity: no series of 'lamda' in the results; did you mean 'lambda'?" in line
+    assert "--measure: unknown measure 'eror'; did you mean 'error'?" in mine.refused(
+        "plot", "--measure", "eror"
+    )
+    line = mine.refused("plot", "mine", "--measure", "condition", "--quantity", "u")
+    assert "nothing to draw" in line
+    assert files(mine) == ["mine-pendulum-u-lambda-error-v.svg"]
+
+
+def test_formats_and_sizes(mine):
+    """PDF with the same bytes each time, as large as asked for; all else is refused."""
+    arguments = ("plot", "mine", "--measure", "condition", "--format", "pdf,png", "--size", "4x3")
+    contents = []
+    for _ in range(2):
+        mine(*arguments)
+        contents.append(
+            [(mine.folder / "results/figures" / name).read_bytes() for name in files(mine)]
+        )
+    assert contents[0] == contents[1]
+    pdf, png = contents[0]
+    assert pdf.startswith(b"%PDF")
+    assert b"CreationDate" not in pdf
+    assert b"/MediaBox [ 0 0 288 216 ]" in pdf
+    assert [int.from_bytes(png[at : at + 4], "big") for at in (16, 20)] == [1200, 900]
+    line = mine.refused("plot", "--format", "png,eps")
+    assert "unknown format 'eps'; allowed: png, svg, pdf" in line
+    for size in ("4", "4x", "0.1x3", "4x99", "axb", "4x3x2"):
+        assert f"given '{size}'" in mine.refused("plot", "mine", "--size", size)
+    assert "1x1 inches has no room" in mine.refused("plot", "mine", "--size", "1x1")
+
+
+def test_styles(mine):
+    """Settings of a file stand over those of the project; what is none is refused in one line."""
+    mine.write("wide.mplstyle", "axes.facecolor: 00ff00\nsavefig.dpi: 50\nsvg.hashsalt: x\n")
+    chosen = ("plot", "mine", "--measure", "condition", "--format", "svg,png", "--style")
+    mine(*chosen, "wide.mplstyle")
+    first = (mine.folder / "results/figures/mine-pendulum-u-lambda-condition.svg").read_bytes()
+    assert b"#00ff00" in first
+    png = (mine.folder / "results/figures/mine-pendulum-u-lambda-condition.png").read_bytes()
+    assert int.from_bytes(png[16:20], "big") == 175
+    mine(*chosen, "wide.mplstyle")
+    again = (mine.folder / "results/figures/mine-pendulum-u-lambda-condition.svg").read_bytes()
+    assert first == again
+    assert "--style no.mplstyle: cannot be read" in mine.refused(*chosen, "no.mplstyle")
+    for text in ("no colon here\n", "axes.facecolour: red\n", "lines.linewidth: wide\n"):
+        mine.write("bad.mplstyle", text)
+        line = mine.refused(*chosen, "bad.mplstyle")
+        assert "--style bad.mplstyle: not a style of matplotlib: " in line
+
+
+def test_figures_of_a_config_travel_in_the_record(cli):
+    """`plot` draws what the config defined; the CSV without its record falls back."""
+    figures = "figures:\n  - {measure: condition, name: c, title: Mine}\n"
+    cli.write("mine.yaml", STUDY.replace("t_end: 1.0", "t_end: 0.3") + figures)
+    cli("run", "mine.yaml")
+    done = cli("plot", "--format", "svg")
+    assert done.stdout.split() == ["results/figures/mine-c.svg"]
+    assert b"Mine" in (cli.folder / "results/figures/mine-c.svg").read_bytes()
+    (cli.folder / "results/mine.json").unlink()
+    done = cli("plot", "--format", "svg", "--measure", "condition")
+    assert done.stdout.split() == ["results/figures/mine-pendulum-u-lambda-condition.svg"]
+
+
+def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):
+    """It says so, unless both are the same."""
+    given = written(tmp_path, table(study="6"))
+    chosen = plot.chosen(["6"], given)
+    assert chosen.figures == [FIGURES["6"]]
+    assert chosen.notes == ["'6' is a figure and a study: the figure is drawn"]
