@@ -170,8 +170,8 @@ def listed(studies: Sequence[Shown]) -> str:
 def as_text(study: Shown) -> str:
     """A study's overview, and a table for each problem, form, measure and quantity."""
     overview = (
-        f"{study.name}: {len(study.statuses)} cells: {_counted(study.statuses)}; measures: {_listed(study.measures) or 'none'}; "
-        f"series: {_verdicts(study)}"
+        f"{study.name}: {len(study.statuses)} cells: {_counted(study.statuses)}; "
+        f"measures: {_listed(study.measures) or 'none'}; series: {_verdicts(study)}"
     )
     parts = [wrapped(overview)]
     if study.recovered:
