@@ -233,10 +233,14 @@ def test_check_prints_claims(tmp_path):
     code, text = checked(tmp_path)
     assert code == 0
     lines = text.splitlines()
-    (start,) = (i for i, line in enumerate(lines) if line.startswith("figure  config"))
-    rows = lines[start + 2 : -2]
-    assert [line.split()[0] for line in rows] == ["10"] * 7 + ["12"] * 4
-    assert all(line.endswith("pass") for line in rows)
+    (start,) = (i for i, line in enumerate(lines) if line.startswith("claim  "))
+    first, second = (i for i, line in enumerate(lines) if line.startswith("figure "))
+    assert lines[first] == "figure 10, multipliers: Δλ (physical)"
+    assert lines[second] == "figure 12, tolerance: share of steps"
+    assert start < first < second
+    assert [line.endswith("pass") for line in lines[first + 1 : second - 1]] == [True] * 7
+    assert [line.endswith("pass") for line in lines[second + 1 : -2]] == [True] * 4
+    assert max(map(len, lines)) == 80
     assert lines[-1] == "5 of 5 slopes as predicted, 11 of 11 claims hold"
     markdown = checked(tmp_path, "--markdown")[1]
     row = "| 12 | tolerance | share of steps | none, h = 1e-07: at most 0.5 | 0 | pass |"
@@ -268,6 +272,6 @@ def test_check_fails_on_a_claim(tmp_path, change, said):
     synthetic.write(tmp_path, figure, table)
     code, text = checked(tmp_path)
     assert code == 1
-    (line,) = (line for line in text.splitlines() if " optimal, every h: 1 " in line)
+    (line,) = (line for line in text.splitlines() if line.startswith("optimal, every h: 1 "))
     assert said in line
     assert text.splitlines()[-1] == "0 of 0 slopes as predicted, 3 of 4 claims hold"

@@ -141,7 +141,7 @@ def check(
     whose step sizes are too few or too coarse to tell are warned of.
 
     \b
-    Examples:
+    Example:
       newmark-study check pendulum-u
       newmark-study check --json
     """
@@ -340,10 +340,10 @@ def verdict(found: "Sequence[Slope]") -> int:
 def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
     """Print Tables 1 and 2, and write them."""
     from newmark_cli.report import paper_tables as tabling
-    from newmark_cli.report.text import text_table
+    from newmark_cli.report.text import text_table, wrapped
 
     for title, grid in tabling.grids(entries):
-        click.echo(f"{title}\n\n{text_table(grid, blocks=True)}\n")
+        click.echo(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")
     click.echo(f"{tabling.worst(entries)}\n")
     for file in tabling.write(folder, entries):
         click.echo(file)

@@ -41,7 +41,7 @@ def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[
     studies in DIR.
 
     \b
-    Examples:
+    Example:
       newmark-study show
       newmark-study show pendulum-u --quantity lambda --preconditioning none
     """
