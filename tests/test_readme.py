@@ -8,7 +8,7 @@ from newmark_cli.report import check
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.slopes import collect
 from newmark_cli.report.verdicts import PASS, SHOWN
-from newmark_cli.study import config, results
+from newmark_cli.study import config, keys, results
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -44,5 +44,6 @@ def test_committed_results_are_complete(committed):
 
 def test_every_column_and_key_is_explained():
     """No column of the CSV and no key of a config without a word about it."""
-    for name in (*results.COLUMNS, *config.Case.model_fields, "study", "cases", "description"):
+    figure = keys.FigureConfig.model_fields
+    for name in (*results.COLUMNS, *config.Case.model_fields, *config.Study.model_fields, *figure):
         assert f"`{name}`" in README or f"\n{name}:" in README, name

@@ -74,6 +74,23 @@ BEYOND = [
         [(QUICK, "1.0", ".inf"), (EXAMPLE, "mass: 2", "mass: .nan")],
     ),
     (
+        "is not among the study's|already tells the series|the name of another figure",
+        "what figures show is compared with the cases, and with other figures",
+        [
+            (QUICK, "t_end: 1.0", "t_end: 1\nfigures: [{measure: error}]"),
+            (QUICK, "t_end: 1.0", "t_end: 1\nfigures: [{measure: condition, form: v-lambda}]"),
+            (
+                QUICK, "t_end: 1.0",
+                "t_end: 1\nfigures: [{measure: condition, series: form, panels: form}]",
+            ),
+            (
+                QUICK, "t_end: 1.0",
+                "t_end: 1\n"
+                "figures: [{measure: condition, name: a}, {measure: correction, name: a}]",
+            ),
+        ],
+    ),
+    (
         "two cases have|more than 20000 cells",
         "grids are compared and multiplied",
         [
