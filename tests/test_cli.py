@@ -533,6 +533,5 @@ def test_kill_leaves_the_previous_csv_whole(cli):
     process.kill()
     process.communicate()
     assert (cli.folder / "results/quick.csv").read_bytes() == before
-    warning = "newmark-study: warning: not judged: 14 too few points
-"
+    warning = "newmark-study: warning: not judged: 14 too few points\n"
     assert cli("check", code=1).stderr == warning
