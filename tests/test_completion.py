@@ -59,7 +59,7 @@ def offered(text):
         ("newmark-study run more/", ["more/own.yaml"]),
         ("newmark-study run .h", [".hidden.yaml"]),
         ("newmark-study validate ", ["mine.yaml", "other.yml"]),
-        ("newmark-study plot ", [*FIGURES, *config.shipped()]),
+        ("newmark-study plot ", list(dict.fromkeys((*FIGURES, *config.shipped())))),
         ("newmark-study plot 1 sens", ["sensitivity"]),
         ("newmark-study draw ", [*PROBLEMS, "mine.yaml", "other.yml"]),
         ("newmark-study orders --form ", list(FORMS)),
