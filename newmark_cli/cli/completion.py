@@ -27,10 +27,13 @@ def complete(*sections: str, files: bool = False) -> Completer:
         context: click.Context, parameter: click.Parameter, begun: str
     ) -> list[CompletionItem]:
         names = json.loads(Path(__file__).with_name("names.json").read_text(encoding="utf-8"))
+        # A name of two sections is offered once, as what it is in the first.
+        known: dict[str, str] = {}
+        for section in sections:
+            known = known | {n: text for n, text in names[section].items() if n not in known}
         found = [
             CompletionItem(name, help=text or None)
-            for section in sections
-            for name, text in names[section].items()
+            for name, text in known.items()
             if name.startswith(begun)
         ]
         if files:
