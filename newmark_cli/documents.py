@@ -6,8 +6,10 @@ Numbers follow YAML 1.2 and common sense: ``1e-4`` is a number, whatever YAML
 
 import re
 import reprlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -19,18 +21,19 @@ from pydantic import (
     Field,
     Strict,
     ValidationError,
+    ValidationInfo,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from newmark_cli.errors import InputError, one_line
-from newmark_cli.spelling import nearest
+from newmark_cli.spelling import closest, nearest
 
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _SPECIAL = {".nan": float("nan"), "nan": float("nan"), ".inf": float("inf"), "inf": float("inf")}
 _CONSTANTS = {"true": True, "false": False, "null": None, "~": None, "": None}
-# What is larger is no config, and would keep `validate` busy.
+# Anything larger is not a config, and would keep `validate` busy.
 _MOST_VALUES = 100_000
 _MOST_BYTES = 4_000_000
 _DEEPEST = 30
@@ -39,8 +42,22 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TOO_MANY = f"more than {_MOST_VALUES} values"
 _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
 
+#: Mistakes of one document that are reported one by one; of the rest only their number.
+MOST_REPORTED = 50
+
+#: What pydantic says of Python, said of a document.
+_WORDED = tuple(
+    (re.compile(theirs), ours)
+    for theirs, ours in (
+        ("^Input should be a valid tuple", "must be a list"),
+        ("^Input should be a valid dictionary", "must be a mapping of names to values"),
+        ("^Input should be a valid string", "must be text"),
+        ("^Input should be", "must be"),
+        (r"^Tuple should have (.*) after validation, not (\d+)$", r"must have \1, given \2"),
+    )
+)
 #: Custom errors whose text already says what was given.
-_SELF_EXPLAINING = frozenset({"unknown_key", "unknown_name", "own"})
+_SELF_EXPLAINING = frozenset({"unknown_name", "own"})
 
 
 def _whole(value: Any) -> Any:
@@ -57,8 +74,73 @@ KeyPath = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 
 
+class Mistake(NamedTuple):
+    """A mistake in a document."""
+
+    line: int  #: counted from 1; 0 for the file as a whole
+    path: KeyPath
+    text: str  #: one line that names file, line, key and what is allowed
+
+
 class DocumentError(InputError):
-    """A document cannot be used; the text names file, line, key and what is allowed."""
+    """A document cannot be used; the text names file, line, key and what is allowed.
+
+    Attributes:
+        mistakes: Every mistake that was found, at most `MOST_REPORTED`, in the order of
+            their lines; the text of the error is that of the first.
+        more: Number of mistakes beyond those.
+    """
+
+    def __init__(self, text: str, mistakes: Sequence[Mistake] | None = None, more: int = 0) -> None:
+        super().__init__(text)
+        self.mistakes = (Mistake(0, (), text),) if mistakes is None else tuple(mistakes)
+        self.more = more
+
+
+class Mistakes:
+    """Gathers the mistakes of one document, so that checking goes on after the first.
+
+    Example:
+        mistakes = Mistakes()
+        for part in parts:
+            with mistakes.gathered():
+                check(part)
+        mistakes.refuse()
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[Mistake, None] = {}
+        self._more = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether what comes now is only counted."""
+        return len(self._found) >= MOST_REPORTED
+
+    def note(self, error: DocumentError) -> None:
+        """Take up the mistakes of an error, each once."""
+        self._found.update(dict.fromkeys(error.mistakes))
+        self._more += error.more
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """Take up a `DocumentError` of the block, which ends there."""
+        try:
+            yield
+        except DocumentError as error:
+            self.note(error)
+
+    def refuse(self, more: int = 0) -> None:
+        """Raise what was gathered as one `DocumentError`; do nothing if it is nothing.
+
+        Args:
+            more: Number of mistakes that were found, but not gathered.
+        """
+        if not self._found:
+            return
+        found = sorted(self._found, key=lambda mistake: mistake.line)
+        more += self._more + len(found[MOST_REPORTED:])
+        raise DocumentError(found[0].text, found[:MOST_REPORTED], more)
 
 
 @dataclass(frozen=True)
@@ -77,39 +159,66 @@ class Document:
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
-        spot = path
-        while spot and spot not in self.lines:
-            spot = spot[:-1]
-        key = _spell(path)
-        return DocumentError(
-            f"{self.name}, line {self.lines.get(spot, 1)}: {key + ': ' if key else ''}{message}"
-        )
+        line, key = self.line(path), _spell(path)
+        text = f"{self.name}, line {line}: {key + ': ' if key else ''}{message}"
+        return DocumentError(text, [Mistake(line, path, text)])
+
+    def line(self, path: KeyPath) -> int:
+        """Line of ``path``, or of what encloses it."""
+        while path and path not in self.lines:
+            path = path[:-1]
+        return self.lines.get(path, 1)
+
+
+#: In place of a value whose mistake is reported already; `validate` says no more of it.
+REPORTED = object()
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """In place of the value of an unknown key, so that the other keys are checked too."""
+
+    model: "type[StrictModel]"
+    key: str
+
+    @property
+    def message(self) -> str:
+        return self.model.unknown_key(self.key)
 
 
 class StrictModel(BaseModel):
     """Frozen model that refuses unknown keys with the nearest valid name."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if isinstance(data, dict):
-            allowed = [field.alias or name for name, field in cls.model_fields.items()]
-            for key in data:
-                if key not in allowed:
-                    raise PydanticCustomError(
-                        "unknown_key", "unknown key{nearest}", {
-                            "key": key, "nearest": nearest(key, allowed),
-                        },
-                    )  # fmt: skip
+            allowed = cls.keys()
+            unknown = [key for key in data if key not in allowed]
+            if unknown:
+                # What was meant by a misspelled key is not missing.
+                meant = (closest(key, allowed) for key in unknown[:MOST_REPORTED])
+                data = dict.fromkeys(filter(None, meant), REPORTED) | data
+                data |= {key: _Unknown(cls, key) for key in unknown}
         elif not isinstance(data, cls):
             raise PydanticCustomError("mapping", "must be a mapping of keys to values")
         return data
 
+    @classmethod
+    def keys(cls) -> list[str]:
+        """Keys as a document spells them."""
+        return [field.alias or name for name, field in cls.model_fields.items()]
+
+    @classmethod
+    def unknown_key(cls, key: str) -> str:
+        """What an error says of a key that is not allowed here."""
+        return f"unknown key{nearest(key, cls.keys())}"
+
 
 def unknown_name(kind: str, given: object, allowed: Iterable[str]) -> PydanticCustomError:
-    """Error for a validator: a name that is none of the allowed ones."""
+    """Error for a validator: a name that is not among those allowed."""
     return PydanticCustomError(
         "unknown_name",
         "unknown {kind} {given}{nearest}",
@@ -124,7 +233,38 @@ def misfit(key: str, message: str) -> PydanticCustomError:
 
 def refused(error: InputError) -> PydanticCustomError:
     """An error of a lower layer for a validator: its text says everything."""
-    return PydanticCustomError("own", "{message}", {"message": str(error)})
+    texts = [mistake.text for mistake in error.mistakes] if isinstance(error, DocumentError) else []
+    return PydanticCustomError("own", "{message}", {"message": str(error), "others": texts[1:]})
+
+
+def require_brackets(value: Any, info: ValidationInfo) -> None:
+    """Refuse text with commas where a validator expects a list.
+
+    Raises:
+        PydanticCustomError: Says how to write the list.
+    """
+    if isinstance(value, str) and "," in value:
+        message = f"write a list in brackets: {info.field_name}: [{_cut(value)}]"
+        raise PydanticCustomError("own", "{message}", {"message": message})
+
+
+def reported() -> PydanticCustomError:
+    """Error for a validator where the mistake is reported already."""
+    return PydanticCustomError("reported", "reported already")
+
+
+def together(misfits: Iterable[PydanticCustomError]) -> None:
+    """Raise each `misfit` of a model for its validator, the first of each key.
+
+    Raises:
+        PydanticCustomError: Stands for all of them.
+    """
+    first: dict[Any, PydanticCustomError] = {}
+    for error in misfits:
+        first.setdefault((error.context or {}).get("key"), error)
+    if first:
+        error, *also = first.values()
+        raise PydanticCustomError("own", "{message}", {**(error.context or {}), "also": also})
 
 
 def read(path: Path, name: str | None = None) -> Document:
@@ -145,7 +285,7 @@ def read(path: Path, name: str | None = None) -> Document:
     except OSError as error:
         raise DocumentError(f"{name}: cannot be read: {error.strerror}") from None
     except ValueError:  # a NUL, or half a surrogate pair
-        raise DocumentError(f"{one_line(name)}: is no file name") from None
+        raise DocumentError(f"{one_line(name)}: is not a file name") from None
     if len(content) > _MOST_BYTES:
         raise DocumentError(f"{name}: larger than {_MOST_BYTES} bytes, not a config")
     try:
@@ -195,15 +335,27 @@ def validate(
         context: Handed to the validators.
 
     Raises:
-        DocumentError: For the first mistake, by line.
+        DocumentError: For every mistake, one for each key.
     """
     try:
         return model.model_validate(document.data if data is None else data, context=context)
     except ValidationError as error:
         details = error.errors(include_url=False)
-    mistakes = [_located(document, detail, locate) for detail in details]
-    path, message = min(mistakes, key=lambda mistake: document.lines.get(mistake[0], 0))
-    raise document.error(path, message)
+    # Branches of a union complain about the same key; the first speaks for all of them.
+    placed: dict[KeyPath, Mapping[str, Any]] = {}
+    above = {detail["loc"][:k] for detail in details for k in range(len(detail["loc"]))}
+    for detail in chain.from_iterable(map(_apart, details)):
+        # A list is too short for pydantic when its items are wrong.
+        follows = detail["type"] == "too_short" and detail["loc"] in above
+        if not (follows or detail["input"] is REPORTED or detail["type"] == "reported"):
+            placed.setdefault(_place(document, detail, locate), detail)
+    mistakes = Mistakes()
+    # Messages take longer to make than places to find, and nobody reads a thousand.
+    for path in sorted(placed, key=document.line)[:MOST_REPORTED]:
+        for message in _messages(placed[path]):
+            mistakes.note(document.error(path, message))
+    mistakes.refuse(more=max(0, len(placed) - MOST_REPORTED))
+    raise DocumentError("reported already", [])
 
 
 class _Scalar(NamedTuple):
@@ -345,10 +497,17 @@ def _plain(text: str) -> Any:
     return sign * _SPECIAL[bare.lower()] if bare.lower() in _SPECIAL else text
 
 
-def _located(
-    document: Document, detail: ErrorDetails, locate: Callable[[KeyPath], KeyPath]
-) -> tuple[KeyPath, str]:
-    """Path in the document and message of one pydantic error."""
+def _apart(detail: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """A pydantic error, and those that `together` put behind it."""
+    yield detail
+    for error in detail.get("ctx", {}).get("also", ()):
+        yield {**detail, "msg": error.message(), "ctx": error.context}
+
+
+def _place(
+    document: Document, detail: Mapping[str, Any], locate: Callable[[KeyPath], KeyPath]
+) -> KeyPath:
+    """Path in the document of one pydantic error."""
     # Pydantic adds names of union branches to a path; keep what the file has.
     path: KeyPath = ()
     for part in detail["loc"]:
@@ -356,17 +515,34 @@ def _located(
             path = (*path, part)
     context = detail.get("ctx", {})
     if detail["type"] == "missing":
-        return locate((*path, detail["loc"][-1])), "missing"
+        return locate((*path, detail["loc"][-1]))
+    return locate((*path, str(context["key"])) if "key" in context else path)
+
+
+def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
+    """What there is to say of one pydantic error, in one line or several."""
+    value, context = detail["input"], detail.get("ctx", {})
     message = detail["msg"].removeprefix("Value error, ")
-    if "key" in context:
-        return locate((*path, str(context["key"]))), one_line(message)
-    if detail["type"] not in _SELF_EXPLAINING and not isinstance(detail["input"], dict | list):
-        message += f", given {_short(detail['input'])}"
-    return locate(path), one_line(message)
+    for theirs, ours in _WORDED:
+        message = theirs.sub(ours, message)
+    if detail["type"] == "missing":
+        message = "missing"
+    elif isinstance(value, _Unknown):
+        message = value.message
+    elif (
+        "key" not in context
+        and detail["type"] not in _SELF_EXPLAINING
+        and not isinstance(value, dict | list)
+    ):
+        message += f", given {_short(value)}"
+    yield from map(one_line, (message, *context.get("others", ())))
 
 
 def _short(value: object) -> str:
-    text = repr(value[:60]) if isinstance(value, str) else _REPR.repr(value)
+    return _cut(repr(value[:60]) if isinstance(value, str) else _REPR.repr(value))
+
+
+def _cut(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 

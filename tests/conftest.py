@@ -16,6 +16,15 @@ from warm import SCRIPT, Warm
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("project")
 
+# Under nohup, or in the background of a script, the suite ignores signals, and so would
+# every process that it starts.  A handler that does nothing is not inherited.
+for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    if signal.getsignal(ignorable) == signal.SIG_IGN:
+        signal.signal(ignorable, lambda number, frame: None)
+
+#: Signals that end a command, with what it calls them.
+ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+
 
 @dataclass
 class CommandLine:
@@ -78,7 +87,20 @@ t_end: 1.0
 """
 
 
-#: A problem in plain Python that is well, does not end, ends its process, leaves, or fails.
+#: 24 cells, of which the first to run take longest.
+LONG = """\
+study: long
+problem: pendulum
+form: [u-lambda, v-lambda, a-lambda]
+preconditioning: [none, optimal]
+h: [1e-2, 1e-3, 1e-4, 1e-5]
+t_end: 3.0
+"""
+
+
+#: A problem in plain Python that is well, does not end, ends its process, leaves, or fails,
+#: always or as long as there is no file "ready".  With ``steps`` it is well at their times:
+#: where a march looks at it, but not a reference.
 SWING = """\
 import os
 import time
@@ -87,17 +109,19 @@ import numpy as np
 from newmark_cli.problems.python_problem import Definition
 
 
-def swing(what="", after=0.5):
+def swing(what="", after=0.5, steps=0):
     def force(u, v, t):
-        if what == "hang" and t > after:
+        if t <= after or steps and abs(t * steps - round(t * steps)) < 1e-9:
+            return np.array([0.0, -1.0])
+        if what == "hang":
             time.sleep(3600)
-        if what == "exit" and t > after:
+        if what == "exit":
             os._exit(3)
-        if what == "end" and t > after:
+        if what == "end":
             os._exit(0)
-        if what == "leave" and t > after:
+        if what == "leave":
             raise SystemExit(0)
-        if what == "raise" and t > after:
+        if what == "raise" or what == "wait" and not os.path.exists("ready"):
             raise RuntimeError(f"not after {after}")
         return np.array([0.0, -1.0])
 
@@ -129,8 +153,12 @@ def write_swings(cli, *whats):
 
 def require_failed_alone(told, where):
     """What a run of hang, exit and "" says with ``-v`` and a timeout of 8 s."""
-    first, well, ends, hangs = sorted(told.splitlines())
+    first, well, ends, hangs, *complaints = sorted(told.splitlines())
     assert first == where
+    assert complaints == [
+        "newmark-study: swings: 1 of 3 cells failed: its process ended with code 3",
+        "newmark-study: swings: 1 of 3 cells failed: took longer than 8 s",
+    ]
     assert "(what=) " in well
     assert ": ok, " in well
     assert "(what=exit) " in ends
@@ -153,18 +181,36 @@ def wait_for_cells(folder, count):
     wait_until(lambda: len(list(folder.glob("cells/*.json"))) >= count)
 
 
-def require_interrupts_taken(cli, delays, where, *options):
-    """Ctrl-C for all processes of a run of a cell that hangs, so long (s) after its first line."""
+def require_ended(run, ending, errors, kept, cells):
+    """A run that a signal has ended says so in one line, last on stderr, and by its code."""
+    *_, line = errors.splitlines()
+    assert line == (
+        f"newmark-study: {ENDINGS[ending]}; {kept} of {cells} cells are kept, "
+        "run the same command again to go on"
+    )
+    assert run.returncode == 128 + ending
+
+
+def require_interrupts_taken(cli, moments, where, *options):
+    """Signals for all processes of a run of a cell that hangs.
+
+    Args:
+        cli: The command line.
+        moments: (seconds after the run's first line, signal) pairs.
+        where: That line.
+        options: Of the run.
+    """
     write_swings(cli, "hang")
-    for delay in delays:
+    for delay, ending in moments:
         run = cli.start(
             "run", "swings.yaml", "--allow-code", "-v", *options, start_new_session=True
         )
         assert run.stderr.readline() == where
         time.sleep(delay)
-        os.killpg(run.pid, signal.SIGINT)
+        os.killpg(run.pid, ending)
         _, errors = run.communicate(timeout=60)
-        assert (run.returncode, errors.strip()) == (130, "newmark-study: interrupted")
+        assert len(errors.splitlines()) == 1, errors
+        require_ended(run, ending, errors, 0, 1)
 
 
 @pytest.fixture

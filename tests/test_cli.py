@@ -3,25 +3,28 @@
 import csv
 import json
 import os
+import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
 
+import click
 import pytest
 from conftest import QUICK, CommandLine
 from warm import SCRIPT
 
 from newmark_cli import __version__
-from newmark_cli.cli import cli as command_line
-from newmark_cli.cli import main
+from newmark_cli.cli import main, running
+from newmark_cli.cli.commands import cli as command_line
+from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import config, results
+from newmark_cli.study.measures import MEASURES
 
 COMMANDS = tuple(command_line.commands)
 
@@ -206,6 +209,35 @@ def test_many_threads_in_a_fresh_process(cli):
         assert "8 ok" in cli("run", "s.yaml", "--jobs", 8).stdout
 
 
+def test_reproduce_keeps_the_slopes_of_other_studies(
+    tmp_path, committed_folder, monkeypatch, capsys
+):
+    """slopes.csv is that of `check`; output and exit code are about what was reproduced."""
+    for name in (*config.REPRODUCED, "multipliers"):
+        shutil.copy(committed_folder / f"{name}.csv", tmp_path)
+    # A study that would fail the check.
+    text = (tmp_path / "multipliers.csv").read_text()
+    (tmp_path / "multipliers.csv").write_text(text.replace(",ok,", ",not_converged,"))
+    monkeypatch.setattr(running, "_run", lambda *_: 0)
+    monkeypatch.setattr("newmark_cli.report.plot.plot", lambda *_: [])
+
+    def called(command):
+        code = command_line.main([command, "--results", str(tmp_path)], standalone_mode=False)
+        return code, capsys.readouterr().out
+
+    code, told = called("reproduce")
+    assert code == 0
+    assert "slopes as predicted" in told
+    assert "multipliers" not in told
+    written = (tmp_path / "slopes.csv").read_bytes()
+    code, told = called("check")
+    assert code == 1
+    assert "incomplete" in told
+    assert (tmp_path / "slopes.csv").read_bytes() == written
+    with (tmp_path / "slopes.csv").open() as file:
+        assert {row["study"] for row in csv.DictReader(file)} == {*config.REPRODUCED, "multipliers"}
+
+
 def test_failed_cells_fail_the_check(cli):
     """A step of 1e300 measures nothing; neither run nor check says that all is well."""
     cli.write(
@@ -226,19 +258,47 @@ def test_names_of_shipped_configs_are_not_taken_from_the_folder(cli):
 
 
 def test_list_names_everything(cli):
-    """Problems, forms, integrators, variants, configs, figures."""
+    """Problems, families, forms, integrators, scalings, measures, configs, figures."""
     text = cli("list").stdout
-    names = (*PROBLEMS, *FORMS, *INTEGRATORS, *VARIANTS, *config.shipped(), *map(str, FIGURES))
+    names = (
+        *PROBLEMS, *FAMILIES, *FORMS, *INTEGRATORS, *VARIANTS, *MEASURES,
+        *config.shipped(), *map(str, FIGURES),
+    )  # fmt: skip
     for name in names:
-        assert f"\n  {name} " in text or f"\n  {name}\n" in text
+        # Each has a text of its own.
+        assert re.search(rf"\n  {name} +\S+", text), name
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_an_example(cli, command):
-    """Every command explains itself."""
+    """Every command explains itself; its example is a line of its own, to be copied."""
     text = cli(command, "--help").stdout
-    assert "Example:" in text
-    assert f"newmark-study {command}" in text
+    assert re.search(rf"\n\n  Example:\n    newmark-study {command}\b.*\n\nOptions:", text)
+    assert r"\b" not in text
+    # Every option says what it does.
+    for option in command_line.commands[command].params:
+        assert isinstance(option, click.Argument) or option.help, option.name
+
+
+def test_list_of_commands_is_whole(cli):
+    """In 80 columns no command's line is cut off."""
+    text = cli("--help").stdout
+    assert "..." not in text.partition("Commands:")[2]
+    for name in COMMANDS:
+        assert re.search(rf"^  {name} +[A-Z].*\.$", text, re.MULTILINE), name
+
+
+def test_list_builds_nothing():
+    """It imports neither numba nor what builds mechanisms, and does not wait for them."""
+    code = (
+        "import sys\nfrom newmark_cli.cli import main\n"
+        "try:\n    main(['list'])\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        "heavy = {'pandas', 'scipy', 'numba', 'matplotlib', 'newmark_cli.mechanisms.planar'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "pendulum" in done.stdout
+    assert done.stdout.endswith("HEAVY []\n"), done.stdout + done.stderr
 
 
 def test_help_is_light():
@@ -474,15 +534,3 @@ def test_kill_leaves_the_previous_csv_whole(cli):
     assert (cli.folder / "results/quick.csv").read_bytes() == before
     warning = "newmark-study: warning: not judged: 14 too few points\n"
     assert cli("check", code=1).stderr == warning
-
-
-def test_interrupt(cli):
-    """Ctrl-C ends in one line and code 130."""
-    cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
-    process = cli.start("run", "s.yaml")
-    time.sleep(3)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert error.strip() == "newmark-study: interrupted"
-    assert not (cli.folder / "results/quick.csv").exists()

@@ -164,7 +164,8 @@ def test_workers_that_come_late(cli, study, scheduler):
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal, those of own workers included."""
     where = "1 cell on the workers of this machine\n"
-    require_interrupts_taken(cli, (0.5, 2), where, "--executor", "dask", "--jobs", 1)
+    moments = ((0.5, signal.SIGINT), (2, signal.SIGINT), (0.5, signal.SIGTERM), (2, signal.SIGTERM))
+    require_interrupts_taken(cli, moments, where, "--executor", "dask", "--jobs", 1)
 
 
 def test_a_worker_with_another_core_is_refused(cli, scheduler):
@@ -206,9 +207,11 @@ def test_a_cell_that_ends_its_worker_fails_alone(cli):
         "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1
     )
     assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
-    (failed,) = [line for line in done.stderr.splitlines() if "failed" in line]
-    assert "failed: ended its workers, whichever it ran on" in failed
+    failed, told = [line for line in done.stderr.splitlines() if "failed" in line]
+    reason = "failed: ended its workers, whichever it ran on"
+    assert reason in failed
     assert "swing(what=exit)" in failed
+    assert told == f"newmark-study: swings: 1 of 2 cells {reason}"
 
 
 def test_a_cell_that_does_not_come_back_fails_alone(cli):

@@ -8,7 +8,7 @@ SCRIPT = Path(__file__).parents[1] / "tests/verification/fuzz.py"
 
 
 def test_validate_stays_calm():
-    """Some hundred inputs of the fuzzer: one line, code 0 or 2, at once, no code run."""
+    """Some hundred inputs of the fuzzer: code 0 or 2, complaints by line, at once, no code run."""
     done = subprocess.run(
         [sys.executable, SCRIPT, "250", "--seed", "20"], capture_output=True, text=True
     )

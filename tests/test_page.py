@@ -9,7 +9,7 @@ import synthetic
 from click.testing import CliRunner
 from conftest import QUICK
 
-from newmark_cli.cli import cli as command_line
+from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report import check, page, slopes
 from newmark_cli.report.figures import FIGURES
 
@@ -96,6 +96,22 @@ def test_every_claim_with_its_verdict(folder, read):
         assert list(row) in read.rows, row
 
 
+def test_tables_of_verdicts_on_narrow_screens(folder, read):
+    """Nothing sticks over other cells; where a row is a block, each cell has its heading."""
+    assert "sticky" not in read.style
+    kinds = [attributes["class"].split() for attributes in read.attributes("table")
+             if "class" in attributes]  # fmt: skip
+    assert kinds == [["verdicts", "slopes"], ["verdicts", "claims"]]
+    (narrow,) = re.findall(r"@media screen and \(max-width: 48rem\) \{(.*?)\n\}", read.style, re.S)
+    found = slopes.collect(folder)
+    for kind, rows in (
+        ("slopes", check.slope_rows(found)),
+        ("claims", check.claim_rows(check.judge(found))),
+    ):
+        named = re.findall(rf'\.{kind} td:nth-child\((\d+)\)::before {{ content: "(.*?) "', narrow)
+        assert named == [(str(i), heading) for i, heading in enumerate(rows[0][:-1], 1)]
+
+
 def test_every_figure_is_labelled(read):
     """Title and fitted slopes, for those who do not see it."""
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
@@ -103,7 +119,7 @@ def test_every_figure_is_labelled(read):
         FIGURES["6"].title, *(figure.title for figure in synthetic.CLAIMING)
     ]  # fmt: skip
     assert {attributes["role"] for attributes in read.attributes("svg")} == {"img"}
-    assert "Δλ (physical), optimal, compensated: slope −1.00 ± 0.00, predicted −1." in labels[1]
+    assert "Δλ (physical), optimal, compensated: slope −1.00, predicted −1." in labels[1]
     assert "share of steps, none: 0.99 at h = 0.0001, 0 at h = 1e-07." in labels[3]
     assert len(read.attributes("figure")) == len(labels)
 

@@ -107,9 +107,9 @@ def interpreted_march(subject, scheme, state, norms, iterations):
         *subject.pattern,
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("solve_in_place", "_take_increments", "_increase_phi", "_add_exactly",
-                     "_scaled_size"):  # fmt: skip
-            patch.setattr(kernel, name, getattr(kernel, name).py_func)
+        for name, function in list(vars(kernel).items()):
+            if hasattr(function, "py_func"):
+                patch.setattr(kernel, name, function.py_func)
         kernel._march(
             subject.function.py_func, tables, scheme.tables, state, scheme.compensated, subject.t0,
             scheme.h, 0, scheme.iteration_cap, scheme.settled_below, stop.absolute, stop.relative,

@@ -1,5 +1,7 @@
 """Problems: tangents, mass matrices, consistent starts, the mechanism model."""
 
+import re
+
 import mechanisms
 import numpy as np
 import oracles
@@ -331,7 +333,7 @@ bars:
         (("mass", "C: {at: [2, 1], mass: 1}", "C: {at: [2, 1]}"), 4, "carries no mass"),
         (
             ("velocity", "D: {at: [0, 1], mass: 1}", "D: {at: [0, 1], mass: 1, velocity: [0, 1]}"),
-            7, "initial velocities miss this constraint by",
+            7, "initial velocities violate this constraint by",
         ),
         (
             ("slider", "bars:", "sliders:\n  s: {point: C, through: [0, 0], direction: [0, 0]}\n"
@@ -362,6 +364,152 @@ def test_inconsistent_starts_are_refused(tmp_path, change, line, words):
     assert f"r.yaml, line {line}: " in str(caught.value), str(caught.value)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+_DIAGONALS = (
+    "  one: {from: A, to: C, length: 2.23606797749979}\n"
+    "  two: {from: B, to: D, length: 2.23606797749979}\n"
+)
+#: A coupler on three parallel cranks of one length: one is redundant wherever it moves to,
+#: although G has full rank off the constraints.
+_CRANKS = """\
+points:
+  A: {fixed: [0, 0]}
+  B: {fixed: [2, 0]}
+  E: {fixed: [1, 0]}
+  D: {at: [0, 1], mass: 1}
+  C: {at: [2, 1], mass: 1}
+bodies:
+  coupler: {from: D, to: C, length: 2, mass: 1, centre: [1, 0], inertia: 1}
+body_points:
+  M: {on: coupler, at: [1, 0]}
+bars:
+  left: {from: A, to: D, length: 1}
+  right: {from: B, to: C, length: 1}
+  middle: {from: E, to: M, length: 1}
+"""
+#: Two bars in a line between supports: nothing moves, and neither bar is redundant.
+_STRETCHED = """\
+points:
+  A: {fixed: [0, 0]}
+  B: {fixed: [2, 0]}
+  C: {at: [1, 0], mass: 1}
+  D: {at: [5, 0], mass: 1}
+bars:
+  free: {from: B, to: D, length: 3}
+  left: {from: A, to: C, length: 1}
+  right: {from: B, to: C, length: 1}
+"""
+#: Crank and rod in a line, driven at the slider: a dead centre.
+_DEAD_CENTRE = """\
+points:
+  O: {fixed: [0, 0]}
+  P: {at: [1, 0], mass: 1}
+  Q: {at: [3, 0], mass: 1}
+bars:
+  crank: {from: O, to: P, length: 1}
+  rod: {from: P, to: Q, length: 2}
+sliders:
+  guide: {point: Q, through: [0, 0], direction: [1, 0]}
+motions:
+  drive: {point: Q, x: {amplitude: 0.1, frequency: 1}}
+project_velocities: true
+"""
+_LINE = RECTANGLE.replace("[2, 1]", "[3, 0]").replace("[0, 1]", "[1, 0]")
+
+
+_EXACTLY, _NEARBY = ("exact", "assembled"), ("exact", "assembled", "guessed")
+#: From a guess the last two start next to the singular position, or not at all.
+_DEPENDENT = [
+    (RECTANGLE + _DIAGONALS, "line 11: bars.two: redundant: .*, bars.one, bars.two", _NEARBY),
+    (
+        RECTANGLE + "  again: {from: D, to: C, length: 2}\n",
+        "line 10: bars.again: redundant: these constraints depend on each other: "
+        "bars.top, bars.again$",
+        _NEARBY,
+    ),
+    (_CRANKS, "line 14: bars.middle: redundant: .*: bars.left, bars.right, bars.middle$", _NEARBY),
+    (
+        _STRETCHED,
+        "line 9: bars.right: the start is a singular position, such as a dead centre: only here do "
+        "these constraints depend on each other: bars.left, bars.right; start from another",
+        _NEARBY,
+    ),
+    (
+        _LINE,
+        "line 9: bars.top: the start is a singular position, .*: bars.left, bars.right, bars.top;",
+        _EXACTLY,
+    ),
+    (
+        _DEAD_CENTRE,
+        "line 11: motions.drive.x: the start is a singular position, .*: bars.crank, bars.rod, "
+        "motions.drive.x; start",
+        _EXACTLY,
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "start"),
+    [(text, said, start) for text, said, starts in _DEPENDENT for start in starts],
+)
+def test_dependent_constraints_are_told_apart(tmp_path, text, said, start):
+    """Redundant everywhere, or at this position only; from a guess as from exact positions."""
+    if start == "guessed":
+        # Every moving point a little off.
+        text = re.sub(
+            r"at: \[([\d.]+), ([\d.]+)\](?=, mass)",
+            lambda found: f"at: [{float(found[1]) + 0.01}, {float(found[2]) + 0.003}]",
+            text,
+        )
+    path = tmp_path / "m.yaml"
+    path.write_text(text + ("assemble: true\n" if start != "exact" else ""))
+    with pytest.raises(DocumentError, match=f"m.yaml, {said}") as caught:
+        planar.load(path, "m")
+    assert len(caught.value.mistakes) == 1
+
+
+def test_moving_away_from_a_singular_position_helps(tmp_path):
+    """The same parallelogram starts anywhere else; what is redundant does not."""
+    path = tmp_path / "m.yaml"
+    c, s = 0.8, 0.6
+    path.write_text(_LINE.replace("[3, 0]", f"[{2 + c}, {s}]").replace("[1, 0]", f"[{c}, {s}]"))
+    assert planar.load(path, "m").m == 3
+    turned = _CRANKS.replace("at: [0, 1]", f"at: [{c}, {s}]").replace("[2, 1]", f"[{2 + c}, {s}]")
+    path.write_text(turned)
+    with pytest.raises(DocumentError, match=r"redundant: .*bars\.middle"):
+        planar.load(path, "m")
+
+
+def test_redundancy_in_large_mechanisms(tmp_path):
+    """Beyond what dense factors are for: both bars are named, though 400 more are in the chain."""
+    points = "".join(f"  P{i}: {{at: [{i}, {-0.01 * (i % 3)}], mass: 1}}\n" for i in range(1, 402))
+    bars = "".join(f"  b{i}: {{from: P{i - 1}, to: P{i}, length: 1}}\n" for i in range(1, 402))
+    text = f"points:\n  P0: {{fixed: [0, 0]}}\n{points}bars:\n{bars}"
+    path = tmp_path / "m.yaml"
+    path.write_text(text + "assemble: true\n")
+    assert planar.load(path, "m").m == 401
+    path.write_text(text + "  again: {from: P199, to: P200, length: 1}\nassemble: true\n")
+    with pytest.raises(DocumentError, match=r"redundant: .* other: bars\.b200, bars\.again$"):
+        planar.load(path, "m")
+
+
+def test_contradicting_lengths(tmp_path):
+    """Named with how far the closest position is from each; midway between two equal bars."""
+    path = tmp_path / "m.yaml"
+    again = "  again: {from: D, to: C, length: 2.1}\nassemble: true\n"
+    path.write_text(RECTANGLE + again)
+    with pytest.raises(DocumentError) as caught:
+        planar.load(path, "m")
+    found = re.fullmatch(
+        r".*m\.yaml, line 11: assemble: no position found from this guess: the closest one misses "
+        r"bars\.top by (\S+) m, bars\.again by (\S+) m; these contradict each other, or .*",
+        str(caught.value),
+    )
+    # Φ of both is half the difference of squares: they share 2.1² − 2².
+    between = np.sqrt((2.1**2 + 2**2) / 2)
+    assert float(found[1]) == pytest.approx(between - 2, rel=1e-2)
+    assert float(found[2]) == pytest.approx(2.1 - between, rel=1e-2)
 
 
 def test_driven_crank_follows_its_law(tmp_path):

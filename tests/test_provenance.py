@@ -14,6 +14,7 @@ from conftest import QUICK, CommandLine
 
 import newmark_cli
 from newmark_cli.errors import InputError
+from newmark_cli.processors import usable
 from newmark_cli.report import records
 from newmark_cli.study import provenance
 
@@ -64,7 +65,7 @@ def test_a_run_notes_where_it_comes_from(ran):
         name: os.environ.get(name, "1") for name in provenance.THREAD_VARIABLES
     }
     assert record["platform"]["processor"]
-    assert record["platform"]["processors"] == os.cpu_count()
+    assert record["platform"]["processors"] == usable()
     assert "wall_seconds" not in record
     told = [(c["preconditioning"], c["h"], c["integrator"], c["stop"]) for c in record["cells"]]
     assert told == [

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from scipy.stats import linregress
@@ -176,30 +177,86 @@ def test_any_object_with_the_attributes_serves(tmp_path):
     ("old", "new", "words"),
     [
         ("return Problem()", "raise KeyError('oops')", "line 13: factory failed: KeyError: 'oops'"),
-        ("return Problem()", "return 3", "returned what lacks mass_matrix, u0"),
+        (
+            "return Problem()",
+            "return 3",
+            "line 12: factory returned 3, which lacks mass_matrix, u0",
+        ),
         ("def factory", "def other", "has no function 'factory'"),
         ("import numpy", "import nmpy", "line 2: ModuleNotFoundError"),
         ("class Problem:", "class Problem", "line 3: SyntaxError"),
-        ("np.array([0.0, -1.0])", "np.zeros(3)", "force has shape (3,), expected (2,)"),
-        ("np.array([0.0, -1.0])", "1 / 0", "force failed: ZeroDivisionError"),
-        ("np.array([0.0, -1.0])", "np.array([np.nan, 0.0])", "force is not finite"),
+        (
+            "np.array([0.0, -1.0])",
+            "np.zeros(3)",
+            "line 7: force returned an array of shape (3,), expected an array of shape (2,)",
+        ),
+        ("np.array([0.0, -1.0])", "None", "line 7: force returned None, expected an array of"),
+        ("np.array([0.0, -1.0])", "'down'", "line 7: force returned 'down', expected an array"),
+        ("np.array([0.0, -1.0])", "['0', '-1']", "line 7: force returned a list, expected an"),
+        ("np.array([0.0, -1.0])", "[0, None]", "line 7: force returned a list, expected an"),
+        ("np.array([0.0, -1.0])", "[0, [1]]", "line 7: force returned a list, expected an array"),
+        ("np.array([0.0, -1.0])", "[0, -1, 2]", "line 7: force returned a list of shape (3,)"),
+        ("np.array([0.0, -1.0])", "[0, -1j]", "line 7: force returned a list, expected an array"),
+        ("np.array([0.0, -1.0])", "1 / 0", "mine.py, line 7: force failed: ZeroDivisionError"),
+        (
+            "np.array([0.0, -1.0])",
+            "np.array([0.0, np.nan])",
+            "line 7: force is not finite at the start: component 2 is nan",
+        ),
         (
             "np.array([(u @ u - 1) / 2])",
             "(u @ u - 1) / 2",
-            "constraints has shape (), expected (m,)",
+            "line 8: constraints returned 0.0, expected an array of shape (m,)",
         ),
-        ("u[:, None]", "u", "gradient has shape (2,), expected (2, 1)"),
-        ("u[:, None]", "2 * u[:, None]", "gradient disagrees with differences in row 1, column 1"),
+        (
+            "u[:, None]",
+            "u",
+            "line 9: gradient returned an array of shape (2,), expected an array of shape (2, 1)",
+        ),
+        (
+            "u[:, None]",
+            "2 * u[:, None]",
+            "line 9: gradient disagrees with differences in row 1, column 1",
+        ),
         ("u[:, None]", "0 * u[:, None]", "redundant"),
-        ("-multipliers[0] * np.eye", "multipliers[0] * np.eye", "stiffness disagrees with"),
-        ("np.zeros((2, 2))", "np.ones((2, 2))", "damping disagrees with differences in row 1"),
-        ("np.eye(2)\n    u0", "np.zeros((2, 2))\n    u0", "not symmetric and positive definite"),
-        ("np.eye(2)\n    u0", "np.eye(3)\n    u0", "mass_matrix has shape (3, 3)"),
-        ("u0 = np.array([1.0, 0.0])", "u0 = 'here'", "u0 is no array of numbers"),
-        ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 misses the constraints"),
-        ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a finite number"),
-        ("    u0 =", "    t0 = 'now'\n    u0 =", "t0 is no array of numbers"),
-        ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 misses the constraints"),
+        (
+            "-multipliers[0] * np.eye",
+            "multipliers[0] * np.eye",
+            "line 10: stiffness disagrees with",
+        ),
+        (
+            "np.zeros((2, 2))",
+            "np.ones((2, 2))",
+            "line 11: damping disagrees with differences in row 1",
+        ),
+        (
+            "np.eye(2)\n    u0",
+            "np.zeros((2, 2))\n    u0",
+            "mass_matrix must be symmetric and positive definite",
+        ),
+        (
+            "np.eye(2)\n    u0",
+            "np.eye(3)\n    u0",
+            "mass_matrix must be an array of shape (2, 2), given an array",
+        ),
+        (
+            "u0 = np.array([1.0, 0.0])",
+            "u0 = 'here'",
+            "line 12: factory: u0 must be an array of shape (n,), given 'here'",
+        ),
+        ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 violates the constraints"),
+        ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a number, given None"),
+        ("    u0 =", "    t0 = 'now'\n    u0 =", "t0 must be a number, given 'now'"),
+        ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 violates the constraints"),
+        ("v0 = np.array([0.0, 0.0])", "v0 = [0, .nan]".replace(".", "np."), "v0 must be finite"),
+        (
+            "v0 = np.array([0.0, 0.0])",
+            "v0 = [0]",
+            "v0 must be an array of shape (2,), given a list",
+        ),
+        ("v0 = np.array([0.0, 0.0])", "v0 = 3", "v0 must be an array of shape (2,), given 3"),
+        ("    u0 =", "    energy = 3\n    u0 =", "factory: energy must be a function, given 3"),
+        ("0.0, -1.0])", "0.0, -1.0])[:, None]", "line 7: force returned an array of shape (2, 1)"),
     ],
 )
 def test_mistakes_are_named(tmp_path, old, new, words):
@@ -211,6 +268,63 @@ def test_mistakes_are_named(tmp_path, old, new, words):
     assert "mine.py" in text
     assert words in text, text
     assert "\n" not in text
+
+
+LISTS = """
+from newmark_cli.problems.python_problem import Definition
+def factory(decorate=lambda function: function):
+    @decorate
+    def force(u, v, t): return [0.0 * t, -1.0]
+    @decorate
+    def constraints(u, t): return ((u[0] * u[0] + u[1] * u[1] - 1) / 2,)
+    @decorate
+    def gradient(u, t): return [[u[0]], [u[1]]]
+    @decorate
+    def stiffness(u, v, multipliers, t): return ((-multipliers[0], 0.0), (0.0, -multipliers[0]))
+    @decorate
+    def damping(u, v, t): return [[0, 0], [0, 0]]
+    return Definition(
+        mass_matrix=[[1, 0], [0, 1]], u0=(1, 0), v0=[0, 0], force=force, constraints=constraints,
+        gradient=gradient, stiffness=stiffness, damping=damping,
+    )
+"""
+
+
+def test_lists_and_tuples_are_converted(tmp_path):
+    """Of numbers, whole ones too: the motion is that of arrays, to the bit."""
+    path = write(tmp_path, LISTS)
+    lists = python_problem.load(path, "factory", {}, "mine")
+    assert lists.u0.dtype == lists.v0.dtype == lists.mass_values.dtype == np.float64
+    as_arrays = {"decorate": lambda f: lambda *arguments: np.array(f(*arguments), float)}
+    arrays = python_problem.load(path, "factory", as_arrays, "mine")
+    ours, theirs = (march(scipy_march, subject, 1e-2, 1.0) for subject in (lists, arrays))
+    np.testing.assert_array_equal(ours.fields, theirs.fields)
+    np.testing.assert_array_equal(ours.multipliers, theirs.multipliers)
+
+
+def test_compiled_functions_may_return_lists_and_tuples(tmp_path):
+    """They stay compiled and run through the kernel."""
+    path = write(tmp_path, LISTS)
+    plain = python_problem.load(path, "factory", {}, "mine")
+    compiled = python_problem.load(path, "factory", {"decorate": numba.njit}, "mine")
+    assert compiled.compiled
+    assert not plain.compiled
+    ours, theirs = march(compiled_march, compiled, 1e-2, 1.0), march(scipy_march, plain, 1e-2, 1.0)
+    np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
+
+
+def test_functions_that_return_arrays_are_called_themselves():
+    """Nothing stands between the march and a function that returns arrays."""
+    source = python_problem._Source("problem")
+    for given, itself in (
+        (lambda: np.array([0, -1]), True),
+        (lambda: [0, -1], False),
+        (lambda: (0, -1), False),
+    ):
+        value, function = python_problem._called(given, (), "force", source, (2,))
+        np.testing.assert_array_equal(value, [0.0, -1.0])
+        assert (function is given) == itself
+        np.testing.assert_array_equal(function(), [0.0, -1.0])
 
 
 def test_unknown_arguments_and_missing_files(tmp_path):

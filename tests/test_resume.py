@@ -8,13 +8,17 @@ import re
 import signal
 import subprocess
 import time
+from csv import DictReader
 
 import numpy as np
 import pytest
 from conftest import (
+    ENDINGS,
+    LONG,
     QUICK,
     SWING,
     CommandLine,
+    require_ended,
     require_failed_alone,
     require_interrupts_taken,
     wait_for_cells,
@@ -30,19 +34,16 @@ from newmark_cli.running import sealed, store
 from newmark_cli.study import config, results
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
-LONG = """\
-study: long
-problem: pendulum
-form: [u-lambda, v-lambda, a-lambda]
-preconditioning: [none, optimal]
-h: [1e-2, 1e-3, 1e-4, 1e-5]
-t_end: 3.0
-"""
 ROD = """\
 points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 1}}
 bars: {rod: {from: O, to: P, length: 2}}
 gravity: [0, -9.81]
 """
+
+
+def line_of(words):
+    """Number of the line of `SWING` that has these words."""
+    return 1 + SWING[: SWING.index(words)].count("\n")
 
 
 def csv(folder, name="quick"):
@@ -130,7 +131,7 @@ def whole(tmp_path_factory, warm):
     return csv(cli.folder / "results", "long")
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("ending", [*ENDINGS, signal.SIGKILL])
 def test_an_interrupted_run_goes_on(cli, whole, ending):
     """Ctrl-C exits with 130 and one line; however it ended, the CSV is the same at last."""
     cli.write("long.yaml", LONG)
@@ -138,9 +139,10 @@ def test_an_interrupted_run_goes_on(cli, whole, ending):
     wait_for_cells(cli.folder / "results", 1)
     run.send_signal(ending)
     _, errors = run.communicate(timeout=60)
-    if ending == signal.SIGINT:
-        assert run.returncode == 130
-        assert errors.strip() == "newmark-study: interrupted"
+    if ending in ENDINGS:
+        kept = len(list((cli.folder / "results/cells").glob("*.json")))
+        require_ended(run, ending, errors, kept, 24)
+        assert errors.count("\n") == 1
     assert not (cli.folder / "results/long.csv").exists()
     done = cli("run", "long.yaml").stdout
     assert "24 ok (" in done
@@ -194,7 +196,7 @@ def test_exits_fail_their_cells_alone(cli):
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
     assert "(what=end) " in done.stderr
     assert "failed: its process ended with code 0" in done.stderr
-    assert "failed: SystemExit: 0" in done.stderr
+    assert f"failed: mine.py, line {line_of('SystemExit')}: SystemExit: 0" in done.stderr
 
 
 def test_fail_fast_skips_the_rest(cli):
@@ -252,13 +254,28 @@ def test_merge_leaves_a_folder_that_is_in_use(cli, quick):
 
 ERRORS = """\
 study: errors
-problem: {python: "mine.py:swing", args: {what: WHAT}}
+problem: {python: "mine.py:swing", args: {what: WHAT, steps: 10}}
 form: u-lambda
-preconditioning: optimal
+preconditioning: [none, optimal]
 h: 0.1
 t_end: 1.0
 measure: [correction, error]
 """
+
+
+def measured(folder):
+    """Quantity → rms and max of the errors in a CSV, a pair for each cell; and all statuses."""
+    rows = list(DictReader((folder / "results/errors.csv").read_text().splitlines()))
+    errors = [row for row in rows if row["measure"] == "error"]
+    found = {
+        quantity: [(row["rms"], row["max"]) for row in errors if row["quantity"] == quantity]
+        for quantity in ("u", "v", "lambda")
+    }
+    assert sum(map(len, found.values())) == len(errors)
+    corrections = [float(row["max"]) for row in rows if row["measure"] == "correction"]
+    assert len(corrections) == 4
+    assert all(0 < value < 1 for value in corrections)
+    return found, {row["status"] for row in rows}
 
 
 @pytest.mark.parametrize(
@@ -267,20 +284,102 @@ measure: [correction, error]
         ("hang", "no reference at t = 1: took longer than 6 s"),
         ("exit", "no reference at t = 1: its process ended with code 3"),
         ("leave", "no reference at t = 1: its process ended with code 0"),
-        ("raise", "no reference at t = 1: RuntimeError: not after 0.5"),
+        (
+            "raise",
+            f"no reference at t = 1: mine.py, line {line_of('RuntimeError')}: "
+            "RuntimeError: not after 0.5",
+        ),
     ],
 )
 def test_references_that_never_come(cli, what, reason):
-    """They fail the cells that need them, which are told, kept, and not those beside them."""
+    """They cost the cells that need them only the error; why is told once, kept, and recorded."""
     cli.write("quick.yaml", QUICK)
     cli.write("mine.py", SWING)
     cli.write("errors.yaml", ERRORS.replace("WHAT", what))
-    arguments = ("errors.yaml", "quick.yaml", "--allow-code")
-    done = cli("run", *arguments, "--timeout", 6, "-v", code=1)
-    assert done.stdout.startswith("errors: 1 failed -> results/errors.csv\nquick: 4 ok ->")
-    (told,) = [line for line in done.stderr.splitlines() if "failed" in line]
-    assert reason in told
-    assert reason in cli("run", *arguments, "--dry-run").stdout
+    arguments = ("errors.yaml", "quick.yaml", "--allow-code", "--timeout", 6)
+    done = cli("run", *arguments, "-q", code=1)
+    label = f"mine.py:swing(what={what} steps=10)"
+    complaint = f"newmark-study: errors: 2 of 2 cells measured no error: {label}: {reason}\n"
+    assert (done.stdout, done.stderr) == ("", complaint)
+    empty = {quantity: [("", "")] * 2 for quantity in ("u", "v", "lambda")}
+    assert measured(cli.folder) == (empty, {"ok"})
+    record = json.loads((cli.folder / "results/errors.json").read_text())
+    assert [cell["lacks"] for cell in record["cells"]] == [[f"{label}: {reason}"]] * 2
+    dry = cli("run", *arguments, "--dry-run").stdout.splitlines()
+    assert len([line for line in dry if line.endswith(f"{reason}; a run tries again")]) == 2
+    assert dry[-1] == "0 of 6 cells to run"
+
+
+def test_references_that_come_at_last(cli):
+    """A cell that lacks its reference is kept until there is one, and then computed."""
+    cli.write("mine.py", SWING)
+    cli.write("errors.yaml", ERRORS.replace("WHAT", "wait"))
+    run = ("run", "errors.yaml", "--allow-code")
+    complaint = cli(*run, code=1).stderr
+    done = cli(*run, code=1)
+    assert done.stdout == "errors: 2 ok (2 kept) -> results/errors.csv\n"
+    assert done.stderr == complaint
+    assert "2 of 2 cells measured no error: " in complaint
+    cli.write("ready", "")
+    done = cli(*run)
+    assert (done.stdout, done.stderr) == ("errors: 2 ok -> results/errors.csv\n", "")
+    errors, statuses = measured(cli.folder)
+    assert statuses == {"ok"}
+    assert all(1e-4 < float(value) < 1 for pairs in errors.values() for value in sum(pairs, ()))
+    # What is whole is not given up for what is not.
+    (cli.folder / "ready").unlink()
+    for file in (cli.folder / "results/references").iterdir():
+        file.unlink()
+    cli(*run, "--force", code=1)
+    assert cli(*run).stdout == "errors: 2 ok (2 kept) -> results/errors.csv\n"
+    assert measured(cli.folder) == (errors, {"ok"})
+
+
+def test_merging_prefers_what_lacks_nothing(cli):
+    """In any order of the folders."""
+    cli.write("mine.py", SWING)
+    cli.write("errors.yaml", ERRORS.replace("WHAT", "wait"))
+    cli("run", "errors.yaml", "--allow-code", "--results", "bad", code=1)
+    cli.write("ready", "")
+    cli("run", "errors.yaml", "--allow-code", "--results", "good")
+    for i, sources in enumerate((("bad", "good"), ("good", "bad"))):
+        options = [word for source in sources for word in ("--from", source)]
+        cli("merge", "errors.yaml", "--allow-code", *options, "--results", f"merged{i}")
+        assert csv(cli.folder / f"merged{i}", "errors") == csv(cli.folder / "good", "errors")
+
+
+CAPPED = QUICK + "iteration_cap: 1\nmeasure: correction\n"
+
+
+def test_reasons_are_told_once_for_each(cli):
+    """One line for each status or reason with the number of cells, quiet or not, kept or not."""
+    cli.write("quick.yaml", CAPPED)
+    complaint = "newmark-study: quick: 4 of 4 cells ended with status not_converged\n"
+    for option in ("-q", "--fail-fast", "-v"):
+        assert complaint in cli("run", "quick.yaml", option, code=1).stderr
+    assert cli("run", "quick.yaml", "-q", code=1).stderr == complaint
+    cli.write("quick.yaml", CAPPED + "accept: not_converged\n")
+    assert cli("run", "quick.yaml", "-q").stderr == ""
+
+
+def test_what_is_accepted_is_not_part_of_a_cell(cli):
+    """Studies that share cells compute them once, whatever each accepts, however it spells them."""
+    cli.write("one.yaml", CAPPED.replace("quick", "one"))
+    cli.write("two.yaml", CAPPED.replace("quick", "two") + "accept: not_converged\n")
+    cli.write("three.yaml", CAPPED.replace("quick", "three") + "linear_solver: dense-lu\n")
+    done = cli("run", "one.yaml", "two.yaml", "three.yaml", "-v", code=1)
+    assert done.stderr.startswith("4 cells on ")
+    assert [line.split(": ", 1)[1] for line in done.stderr.splitlines()[5:]] == [
+        f"{name}: 4 of 4 cells ended with status not_converged" for name in ("one", "three")
+    ]
+    assert len(list((cli.folder / "results/cells").iterdir())) == 4
+    rows = [
+        [line.split(b",", 1)[1] for line in csv(cli.folder / "results", name).splitlines()]
+        for name in ("one", "two", "three")
+    ]
+    assert rows[0] == rows[1] == rows[2]
+    cli.write("one.yaml", CAPPED.replace("quick", "one") + "accept: not_converged\n")
+    assert cli("run", "one.yaml").stdout == "one: 4 not_converged (4 kept) -> results/one.csv\n"
 
 
 def test_workers_end_with_their_run(cli):
@@ -305,7 +404,8 @@ def test_workers_end_with_their_run(cli):
 
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal; one line, at every moment."""
-    require_interrupts_taken(cli, (0, 1), "1 cell on 1 process\n")
+    moments = ((0, signal.SIGINT), (1, signal.SIGINT), (0, signal.SIGTERM), (1, signal.SIGTERM))
+    require_interrupts_taken(cli, moments, "1 cell on 1 process\n")
 
 
 def test_dry_runs_of_shards(cli, quick):
@@ -337,14 +437,15 @@ def test_quiet_and_verbose(cli, quick):
 
 
 def test_a_terminal_shows_progress(cli, quick):
-    """Where the cells run, and a bar up to the end; nothing when all is kept, or with -q."""
+    """Where the cells run, and a display up to the end; nothing when all is kept, or with -q."""
 
-    def shown(*arguments):
+    def shown(*arguments, **environment):
         ours, theirs = pty.openpty()
         try:
             done = subprocess.run(
                 [SCRIPT, "run", "quick.yaml", *arguments], cwd=cli.folder, timeout=100,
-                stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"COLUMNS": "100"},
+                stdout=subprocess.PIPE, stderr=theirs,
+                env=os.environ | {"COLUMNS": "100", "TERM": "xterm"} | environment,
             )  # fmt: skip
             os.write(theirs, b"$")
             text = b""
@@ -356,12 +457,42 @@ def test_a_terminal_shows_progress(cli, quick):
         assert done.returncode == 0
         return text[:-1].decode()
 
-    lines = re.split(r"[\r\n]+", shown("--jobs", "1"))
-    assert "4 cells on 1 thread" in [line.strip() for line in lines]
-    assert any(line.endswith("0%") for line in lines)
-    assert any("100%" in line for line in lines)
+    def lines(text):
+        return re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", text))
+
+    first = shown("--jobs", "1")
+    assert "\x1b[3" in first, "coloured"
+    assert "4 cells on 1 thread" in lines(first)
+    assert any("0% 0 done, 0 failed, 4 left" in line for line in lines(first))
+    assert any("100% 4 done, 0 failed, 0 left" in line for line in lines(first))
     assert shown() == ""
     assert shown("--force", "-q") == ""
+
+    plain = shown("--force", NO_COLOR="1")
+    assert "100% 4 done" in plain
+    assert not re.search(r"\x1b\[[0-9;]*m", plain), "no colour"
+    dumb = shown("--force", TERM="dumb")
+    assert "\x1b" not in dumb
+    assert "100% 4 done, 0 failed, 0 left" in dumb
+
+    verbose = lines(shown("--force", "-v"))
+    assert sum(": ok, " in line for line in verbose) == 4
+    assert any("100% 4 done" in line for line in verbose)
+
+
+def test_the_display_counts_failures(cli):
+    """Cells that the study accepts are done; others that do not end well have failed."""
+    write_swings(cli, "raise", "")
+    ours, theirs = pty.openpty()
+    done = subprocess.run(
+        [SCRIPT, "run", "swings.yaml", "--allow-code"], cwd=cli.folder, stderr=theirs,
+        stdout=subprocess.PIPE, env=os.environ | {"COLUMNS": "100", "TERM": "dumb"}, text=True,
+    )  # fmt: skip
+    text = os.read(ours, 4096).decode()
+    os.close(ours)
+    os.close(theirs)
+    assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
+    assert "100% 1 done, 1 failed, 0 left" in text
 
 
 def test_a_folder_that_vanishes(cli):
@@ -386,8 +517,9 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
     st.sampled_from(STATUSES[:-1]),
     st.one_of(st.none(), st.integers(0, 10**9)),
     st.lists(st.lists(numbers, min_size=2, max_size=2), max_size=3),
+    st.lists(st.text(st.characters(codec="utf-8")), max_size=2).map(tuple),
 )
-def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, series):
+def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, series, lacks):
     """What is read back makes the same CSV and the same time series."""
     outcome = Outcome(
         measurements=[
@@ -398,12 +530,14 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
         status=status,
         met=met,
         history=[(k, np.array(values)) for k, values in enumerate(series)],
+        lacks=lacks,
     )
     (cell, *_) = config.load_shipped("pendulum-u").cells()
     kept = store.Store(tmp_path_factory.mktemp("store"))
     kept.prepare()
     kept.keep(cell, Done(outcome, 0.1))
     back = kept.find(cell)
+    assert back.outcome.lacks == lacks
     for text in (
         lambda one: results.csv_text(results.COLUMNS, results.rows("s", [cell], [one])),
         lambda one: results.history_text("s", [cell], [one]),

@@ -55,12 +55,12 @@ BEYOND = [
         [(QUICK, "pendulum", '{python: "a.py:f"}')],
     ),
     (
-        r"cannot be read|is no file name|driven\.yaml, line|hoist\.yaml, line",
+        r"cannot be read|is not a file name|driven\.yaml, line|hoist\.yaml, line",
         "what a config names is in other files",
         [(QUICK, "pendulum", "nowhere.yaml"), (QUICK, "pendulum", "broken/driven.yaml")],
     ),
     (
-        "shorter than the step|more than 20000000 steps|no whole number",
+        "shorter than the step|more than 20000000 steps|a whole number of steps",
         "two numbers are compared",
         [
             (QUICK, "t_end: 1.0", "t_end: 0.05"),
@@ -125,7 +125,7 @@ BEYOND = [
         ],
     ),
     (
-        "with itself|do not move apart|is fixed",
+        "with itself|cannot move relative|is fixed",
         "and mean fixed points or moving ones",
         [
             (EXAMPLE, "to: S, length", "to: P, length"),

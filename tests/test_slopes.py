@@ -9,7 +9,15 @@ import pytest
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report import check
 from newmark_cli.report.slopes import COLUMNS, study_slopes, write
-from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN
+from newmark_cli.report.verdicts import (
+    INCOMPLETE,
+    MISS,
+    NOT_ASYMPTOTIC,
+    NOT_CONVERGING,
+    PASS,
+    SHOWN,
+    TOO_FEW,
+)
 from newmark_cli.study import results
 from newmark_cli.study.reading import read_study
 
@@ -104,7 +112,8 @@ def test_integrators(tmp_path, label, order, damped):
     """Errors converge with the integrator's order, λ only if it damps; corrections alike."""
     table = series(power(-2), integrator=label)
     for quantity in ("u", "v", "lambda"):
-        table += series(power(order), integrator=label, measure="error", quantity=quantity)
+        values = {h: h**order for h in STEPS}
+        table += series(values, integrator=label, measure="error", quantity=quantity)
     correction, *errors = found(tmp_path, table)
     assert (correction.expected, correction.verdict) == (-2, PASS)
     assert [s.verdict for s in errors] == [PASS, PASS, PASS if damped else SHOWN]
@@ -126,18 +135,83 @@ def test_error_is_fitted_above_the_rounding_floor(tmp_path):
     ("values", "verdict"),
     [
         ((1e-2, 1e-3, 1e-4, 1e-5), MISS),
-        ((1e-2, 1e-4, 1e-5, 1e-3), MISS),
-        ((1e-2, 1e-4, 1e-3, 1e-2), SHOWN),
-        ((1e-2, 1e-1, 1.0, 1e1), SHOWN),
-        ((1e-2,), SHOWN),
+        ((1e-2, 1e-4, 1e-5, 1e-3), NOT_CONVERGING),
+        ((1e-2, 1e-4, 1e-3, 1e-2), NOT_CONVERGING),
+        ((1e-2, 1e-1, 1.0, 1e1), NOT_CONVERGING),
+        ((1e-2,), TOO_FEW),
         ((1e-2, None, 1e-6, 1e-8), INCOMPLETE),
     ],
 )
 def test_verdicts_on_errors(tmp_path, values, verdict):
-    """Another order misses; two points above the floor are no fit; a gap is incomplete."""
+    """Another order misses; what ends where it began does not converge; a gap is incomplete."""
     (slope,) = found(tmp_path, series(values, measure="error", quantity="v"))
     assert slope.verdict == verdict
-    assert np.isnan(slope.expected) == np.isnan(slope.tolerance) == (verdict == SHOWN)
+    assert (slope.expected, slope.tolerance) == (2, 0.2)
+    assert slope.fails == (verdict != TOO_FEW)
+
+
+@pytest.mark.parametrize("accept", [None, ["not_converging"]])
+def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
+    """Where theory predicts no order: the trapezoidal λ, not u, which has order 2."""
+    table = series((2.1, 2.1, 2.1), measure="error", quantity="lambda")
+    table += series((1e-2, 1e-4, 1e-6), measure="error", quantity="v")
+    slopes = found(tmp_path, table, accept)
+    assert [s.verdict for s in slopes] == [NOT_CONVERGING, PASS]
+    assert [s.fails for s in slopes] == [accept is None, False]
+    assert check.all_hold(slopes, []) == (accept is not None)
+    table = series((2.1, 2.1, 2.1), measure="error", quantity="u")
+    assert [s.fails for s in found(tmp_path, table, accept)] == [True]
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity", "multiplier", "energy"])
+def test_invariants(tmp_path, quantity):
+    """Nothing is predicted; what falls with h, or is rounding, is shown; what does not, fails."""
+    for values, verdict in (
+        ((1e-2, 1e-4, 1e-6), SHOWN),
+        ((1e-16, 2e-16, 4e-16), SHOWN),
+        ((1e-2, 1e-2, 1e-2), NOT_CONVERGING),
+        ((1e-4, 1e-2, 1e-1), NOT_CONVERGING),
+    ):
+        (slope,) = found(tmp_path, series(values, measure="invariant", quantity=quantity))
+        assert (slope.verdict, slope.fails) == (verdict, verdict == NOT_CONVERGING)
+        assert np.isnan([slope.expected, slope.tolerance]).all()
+
+
+def test_nothing_to_judge_is_no_success(tmp_path):
+    """Two step sizes, or only what theory says nothing of: the check fails, and says why."""
+    for table in (series((1e-2, 1e-4), measure="error", quantity="u"),
+                  series(power(0), measure="history")):  # fmt: skip
+        slopes = found(tmp_path, table)
+        assert not any(slope.fails for slope in slopes)
+        assert not check.all_hold(slopes, [])
+        assert check.summary(slopes, []).endswith("nothing could be judged")
+
+
+def test_a_miss_has_its_local_orders_and_its_reason(tmp_path):
+    """A line for each series that is not as predicted."""
+    table = series((1e-1, 1e-2, 1e-3, 1e-4), measure="error", quantity="u")
+    (line,) = check.remarks(found(tmp_path, table))
+    assert line == (
+        "miss: own andrews u-lambda none, error of u: local orders 1.00 1.00 1.00; "
+        "order 1 over h = 0.01 … 0.0001"
+    )
+    assert check.remarks(found(tmp_path, series(power(-2)))) == []
+
+
+def test_singular_positions_and_rest_are_told(tmp_path):
+    """What the record says of the motion is part of the verdict; theory is for regular ones."""
+    path = tmp_path / "own.json"
+    missing, rising = series(power(-3.1)), series((1e-2, 3e-2, 9e-2), measure="error", quantity="u")
+    for facts, verdicts in (
+        ({"singular": [0.25]}, [NOT_ASYMPTOTIC, NOT_CONVERGING]),
+        ({"still": True}, [TOO_FEW, TOO_FEW]),
+        ({}, [MISS, NOT_CONVERGING]),
+    ):
+        path.write_text(json.dumps({"motions": {"andrews": facts}}))
+        slopes = found(tmp_path, missing + rising)
+        assert [s.verdict for s in slopes] == verdicts
+        told = "passes a singular position near t = 0.25" in slopes[0].reason
+        assert told == ("singular" in facts)
 
 
 # -- what it does not say -------------------------------------------------------------------
@@ -148,8 +222,6 @@ def test_verdicts_on_errors(tmp_path, values, verdict):
     [
         ("krylov_iterations", "jacobian"),
         ("krylov_residual", "jacobian"),
-        ("invariant", "position"),
-        ("invariant", "energy"),
         ("history", "lambda"),
         ("tolerance", "newton"),
     ],
@@ -245,7 +317,8 @@ def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value):
     """Another integrator, precision or solver is another case of the study."""
     order = -1 if value == "compensated" else -2
     short = series(power(order, STEPS[:2]), **{column: value})
-    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, PASS]
+    # Two points fit any line, but nothing was cut off.
+    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, TOO_FEW]
 
 
 @pytest.mark.parametrize(
@@ -270,7 +343,8 @@ def test_slopes_csv(tmp_path):
     assert COLUMNS == (
         "figure", "study", "form", "preconditioning", "quantity", "measure", "slope", "stderr",
         "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
-        "evaluation", "precision", "linear_solver", "stop",
+        "evaluation", "precision", "linear_solver", "stop", "h_from", "h_to", "local_orders",
+        "reason",
     )  # fmt: skip
     kinds = {"evaluation": "compensated", "precision": "float32", "linear_solver": "sparse-lu"}
     table = series(power(-1), **kinds)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -260,12 +261,65 @@ def test_tables_command(cli, committed_folder):
     )
     assert chosen["predicted"] == "-4"
     assert float(chosen["measured"]) == pytest.approx(-4, abs=0.02)
-    latex = (folder / "table-2.tex").read_text()
-    assert "beta*h\\^{}2" in latex
-    assert latex.count("\\begin{tabular}") == latex.count("\\end{tabular}") == 3
-    for row in latex.splitlines():
-        if row.endswith("\\\\"):
-            assert row.count("&") == 8
+    for name in names - {"table-1.csv", "table-2.csv"}:  # which have digits of the machine
+        text = (folder / name).read_text()
+        assert text == (committed_folder / "tables" / name).read_text(), name
+        assert not re.search(r"(±|pm) 0\.0*\D", text)
+
+
+def test_latex_tables(entries, tmp_path):
+    """Rules of booktabs, numbers and factors in math mode, a label, no number of its own."""
+    paper_tables.write(tmp_path, entries)
+    texts = {n: (tmp_path / f"tables/table-{n}.tex").read_text() for n in (1, 2)}
+    for text in texts.values():
+        assert text.startswith("% needs \\usepackage{booktabs}\n\\begin{table}\n")
+        captions = re.findall(r"\\caption\{(.*)\}", text)
+        labels = re.findall(r"\\label\{(.*)\}", text)
+        assert len(captions) == len(set(labels)) == len(labels) == text.count("\\begin{table}")
+        for rule in ("\\toprule", "\\bottomrule", "\\begin{tabular}", "\\end{tabular}"):
+            assert text.count(rule) == len(captions)
+        assert "Table" not in text
+        assert "hline" not in text
+        assert text.isascii()
+        for tabular in text.split("\\begin{tabular}{")[1:]:
+            columns = len(re.findall("[lr]", tabular.partition("\n")[0]))
+            for row in re.findall(r".*\\\\$", tabular.partition("\\end{tabular}")[0], re.MULTILINE):
+                spanned = sum(int(n) - 1 for n in re.findall(r"multicolumn\{(\d)\}", row))
+                assert row.count("&") + spanned == columns - 1, row
+                # Outside of math mode there are only words, dashes and marks.
+                words = re.sub(r"\$[^$]*\$|\\multicolumn\{\d\}\{c\}|\\rlap|[{}& \\]", "", row)
+                assert re.fullmatch("(form|predicted|--)*", words), row
+    assert set(re.findall(r"label\{(.*)\}", "".join(texts.values()))) == {
+        "tab:orders-pendulum", "tab:orders-andrews", "tab:factors", "tab:powers-pendulum",
+        "tab:powers-andrews",
+    }  # fmt: skip
+    one, two = texts[1].splitlines(), texts[2].splitlines()
+    assert (
+        r"    $(u, \lambda)$ & $-0.02 \pm 0.02$ & $-1.02 \pm 0.02$\rlap{$^{*}$} & "
+        r"$-2.02 \pm 0.02$\rlap{$^{*}$} & $-2.05 \pm 0.05$ & $-4$ & $-4.00$ \\"
+    ) in one
+    assert r"    predicted & $0$ & $-1$ & $-2$ & $-2$ &  &  \\" in one
+    assert (
+        r"    $(v, a, \lambda)$ & $\beta h^2$ & $\beta h/\gamma$ & -- & $1$ & -- & "
+        r"$\gamma/(\beta h)$ & $1/(\beta h^2)$ & $1/(\beta h^2)$ \\"
+    ) in two
+    assert any(r"\caption{Andrews' squeezing mechanism: powers of $h$" in line for line in two)
+
+
+def test_latex_marks_and_escapes(entries, tmp_path, committed_folder):
+    """An entry that misses has a dagger and the caption says so; names of files are text."""
+    ours = [
+        replace(e, problem="50%_a&b.yaml", verdict=MISS if e.entry == "Δv" else PASS)
+        for e in entries
+        if (e.table, e.problem, e.form) == (1, "pendulum", "u-lambda")
+    ]
+    paper_tables.write(tmp_path, ours)
+    text = (tmp_path / "tables/table-1.tex").read_text()
+    assert r"\caption{50\%\_a\&b.yaml: orders" in text
+    assert r"\label{tab:orders-50-a-b-yaml}" in text
+    assert r"$-1.02 \pm 0.02$\rlap{$^{*\dagger}$}" in text
+    assert r"Fits that are marked $^\dagger$ are not as predicted." in text
+    assert r"\dagger" not in (committed_folder / "tables/table-1.tex").read_text()
 
 
 def test_tables_mark_a_mismatch(cli, committed_folder):

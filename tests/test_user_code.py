@@ -212,6 +212,85 @@ def test_mistakes(tmp_path, sizes, words):
     assert words in str(caught.value)
 
 
+#: A problem whose force fails after t = 0.5, in its own file, beside it, or compiled.
+FAILS = """\
+import numba
+import numpy as np
+from newmark_cli.problems.python_problem import Definition
+from parts.one import divided
+
+
+def plain(u, v, t):
+    if t > 0.5:
+        raise KeyError("no\\nmore" * 100)
+    return np.array([0.0, -1.0])
+
+
+def beside(u, v, t):
+    return np.array([0.0, -divided(t)])
+
+
+def matrix(u, v, t):
+    return np.linalg.solve((t < 0.5) * np.eye(2), np.array([0.0, -1.0]))
+
+
+@numba.njit
+def compiled(u, v, t):
+    if t > 0.5:
+        raise ValueError("no more")
+    return np.array([0.0, -1.0])
+
+
+@numba.njit
+def implicit(u, v, t):
+    return np.array([0.0, -1.0 / (1.0 if t < 0.5 else 0.0)])
+
+
+@numba.njit
+def constraints(u, t):
+    return np.array([(u[0] * u[0] + u[1] * u[1] - 1) / 2])
+
+
+@numba.njit
+def gradient(u, t):
+    return u.copy().reshape(-1, 1)
+
+
+def swing(force):
+    u0, v0 = np.array([1.0, 0.0]), np.zeros(2)
+    return Definition(np.eye(2), u0, v0, globals()[force], constraints, gradient)
+"""
+
+
+@pytest.mark.parametrize("options", [(), ("--executor", "dask", "--jobs", 1)])
+def test_failures_name_the_line(cli, options):
+    """The innermost of the user's own, by the names that the user knows; in one line each."""
+    if options:
+        pytest.importorskip("distributed")
+    cli.write("own/mine.py", FAILS)
+    cli.write("own/parts/one.py", "\n\ndef divided(t):\n    return 1.0 / (t < 0.5)\n")
+    forces = ("plain", "beside", "matrix", "compiled", "implicit")
+    cases = [f'  - problem: {{python: "own/mine.py:swing", args: {{force: {f}}}}}' for f in forces]
+    cli.write(
+        "mine.yaml",
+        "study: mine\nform: u-lambda\npreconditioning: [none, optimal]\nh: 0.1\nt_end: 1.0\n"
+        "cases:\n" + "\n".join(cases),
+    )
+    done = cli("run", "mine.yaml", "--allow-code", "-q", *options, code=1)
+    first, *others = done.stderr.splitlines()
+    said = "newmark-study: mine: 2 of 10 cells "
+    start = f"{said}failed: own/mine.py, line 9: KeyError: 'no\\nmoreno"
+    assert first.startswith(start)
+    assert first.endswith("…")
+    assert len(first) == len(f"{said}failed: ") + 300
+    assert others == [
+        f"{said}failed: own/parts/one.py, line 4: ZeroDivisionError: float division by zero",
+        f"{said}ended with status singular: own/mine.py, line 18: LinAlgError: Singular matrix",
+        f"{said}failed: own/mine.py, line 24: ValueError: no more",
+        f"{said}failed: mine.py:swing(force=implicit): ZeroDivisionError: division by zero",
+    ]
+
+
 def test_pinned(tmp_path):
     """Another process does not take a problem whose file or import has changed."""
     made = folder(tmp_path, "here", KINDS["module"])

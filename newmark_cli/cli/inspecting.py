@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Sequence
+import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,27 +29,27 @@ if TYPE_CHECKING:
     "form",
     metavar="FORM",
     shell_complete=complete("forms"),
-    help="One form; all seven when omitted.",
+    help="One form; all seven by default.",
 )
 @click.option(
     "--preconditioning",
     "variant",
     metavar="VARIANT",
     shell_complete=complete("preconditioning"),
-    help="One variant; the paper's four when omitted.",
+    help="One scaling; the paper's four by default.",
 )
 @click.option(
     "--evaluation",
     type=click.Choice(["direct", "compensated"]),
     default=None,
-    help="How residuals are evaluated; direct when omitted.",
+    help="How residuals are evaluated; direct by default.",
 )
 @click.option(
     "--config",
     "file",
     metavar="CONFIG",
     shell_complete=complete_config,
-    help="Forms and scalings of a config.",
+    help="Take the forms and scalings of a config.",
 )
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
@@ -62,10 +63,11 @@ def orders(
     as_json: bool,
     allow_code: bool,
 ) -> int:
-    """Predict orders in h: blocks of J and its inverse, corrections, condition number.
+    """Predict orders in h: of J, its inverse, corrections and C.
 
-    Laid out as in Sections 3 and 4 of the paper.  With --derive, finds the least
-    powers of h that make every block O(1), and compares them with Table 2.
+    Laid out as in Sections 3 and 4 of the paper; C is the condition number.  With
+    --derive, finds the least powers of h that make every block O(1), and compares
+    them with Table 2.
 
     \b
     Example:
@@ -92,18 +94,26 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    Prints a line for each file; exits with 2 when one is not valid.
+    Prints a line for each valid file, and a line for each mistake in the others.
+    Exits with 2 if a file is not valid.
 
     \b
     Example:
       newmark-study validate my-study.yaml my-mechanism.yaml
     """
+    from newmark_cli.documents import DocumentError
     from newmark_cli.study import config
 
     code = 0
     for name in files:
         try:
             click.echo(one_line(config.describe(Path(name), name, allow_code)))
+        except DocumentError as error:
+            for mistake in error.mistakes:
+                complain(mistake.text)
+            if error.more:
+                complain(f"{name}: … and {error.more} more")
+            code = 2
         except InputError as error:
             complain(str(error))
             code = 2
@@ -113,13 +123,15 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
 @click.command()
 @click.argument("problem", metavar="PROBLEM", shell_complete=complete("problems", files=True))
 @results_folder
-@click.option("--at", "time", type=float, default=0.0, metavar="T", help="Time of the drawing (s).")
+@click.option(
+    "--at", "time", type=float, default=0.0, metavar="T", help="Draw the mechanism at time T (s)."
+)
 @click.option(
     "--h",
     "step",
     type=float,
     metavar="H",
-    help="Step size (s); when omitted, halved until nothing visible changes.",
+    help="Step size (s); by default it is halved until nothing visible changes.",
 )
 @click.option(
     "--integrator",
@@ -136,7 +148,14 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     metavar="FILE.gif",
     help="Write the motion from 0 to T as a looping GIF.",
 )
-@click.option("--frames", type=click.IntRange(2, 1000), default=60, show_default=True)
+@click.option(
+    "--frames",
+    type=click.IntRange(2, 1000),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Number of frames of --animate.",
+)
 def draw(
     problem: str,
     folder: Path,
@@ -146,11 +165,12 @@ def draw(
     animated: Path | None,
     frames: int,
 ) -> int:
-    """Draw a mechanism: a shipped problem, a mechanism file, or a family's member.
+    """Draw a mechanism, at its start or after a motion.
 
-    Writes DIR/figures/<problem>.png and .svg.  The motion up to T is computed with
-    numerical damping and compared with a coarser one; where they visibly differ, a
-    warning says so.
+    PROBLEM is a shipped problem, a mechanism file, or a member of a family, such
+    as 'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg.  The motion
+    up to T is computed with numerical damping and compared with a coarser one; if
+    they differ visibly, a warning says so.
 
     \b
     Example:
@@ -162,6 +182,8 @@ def draw(
         raise InputError(f"--at: must be zero or positive, given {time:g}")
     if step is not None and not (math.isfinite(step) and 0 < step <= time):
         raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
+    if animated is not None and animated.suffix.lower() != ".gif":
+        raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
         raise InputError("--animate: needs --at T, the end of the motion")
     spec = config.problem_named(problem)
@@ -190,7 +212,9 @@ def draw(
 @click.command()
 @click.argument("kind", type=click.Choice(["config", "mechanism"]), default="config")
 def schema(kind: str) -> int:
-    """Print the JSON Schema of study configs, or of mechanism files, for editors.
+    """Print the JSON Schema of configs or of mechanism files.
+
+    Editors complete and check such files with it.
 
     \b
     Example:
@@ -202,50 +226,42 @@ def schema(kind: str) -> int:
     return 0
 
 
+#: What the entries of a section of `list` mean.
+_EXPLAINED = {
+    "problems": "n coordinates, m constraints",
+    "forms": "rows: D dynamics, V and K updates of v and u, C constraints",
+}
+
+
 @click.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def list_(as_json: bool) -> int:
-    """List problems, forms, integrators, variants, configs and figures.
+    """List all that a config can name, and the figures.
+
+    Lists problems, forms, integrators, scalings, measures, shipped configs and
+    figures, each with one line that says what it is.
 
     \b
     Example:
       newmark-study list
     """
-    from newmark_cli.mechanisms.families import FAMILIES
-    from newmark_cli.mechanisms.registry import PROBLEMS
-    from newmark_cli.newmark.forms import FORMS
-    from newmark_cli.newmark.integrator import INTEGRATORS, parameters
-    from newmark_cli.newmark.scaling import VARIANTS
     from newmark_cli.report.figures import FIGURES
-    from newmark_cli.study import config
+    from newmark_cli.study import catalogue
 
-    sections: dict[str, Sequence[tuple[str, str]]] = {
-        "problems": [(name, "") for name in PROBLEMS],
-        "families of problems": [
-            (name, f"{family.title}; size: {', '.join(family.parameters)}")
-            for name, family in FAMILIES.items()
-        ],
-        "forms": [
-            (f.name, f"unknowns {', '.join(f.unknowns)}; rows {', '.join(f.rows)}")
-            for f in FORMS.values()
-        ],
-        "integrators": [
-            (name, f"parameters: {', '.join(parameters(name))}" if parameters(name) else "")
-            for name in INTEGRATORS
-        ],
-        "preconditioning": [
-            (name, " and ".join(sides) or "no scaling") for name, sides in VARIANTS.items()
-        ],
-        "configs": [(name, config.load_shipped(name).description) for name in config.shipped()],
-        "figures": [(figure.name, figure.title) for figure in FIGURES.values()],
-    }
+    sections = catalogue.sections()
+    sections["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
     if as_json:
-        click.echo(as_json_text({title: dict(entries) for title, entries in sections.items()}))
+        click.echo(as_json_text(sections))
         return 0
+    # In a pipe an entry stays a line, for grep.
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    width = max(len(name) for entries in sections.values() for name in entries)
     for title, entries in sections.items():
-        click.echo(f"{title}:")
-        for name, text in entries:
-            click.echo(f"  {name:<16} {text}".rstrip())
+        explained = f" ({_EXPLAINED[title]})" if title in _EXPLAINED else ""
+        click.echo(f"{title}{explained}:")
+        for name, text in entries.items():
+            begin = f"  {name:<{width}} "
+            click.echo(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
     return 0
 
 

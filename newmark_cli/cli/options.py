@@ -2,7 +2,6 @@
 
 import functools
 import math
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import click
 
 from newmark_cli.cli.completion import complete
 from newmark_cli.errors import one_line
+from newmark_cli.processors import usable
 
 complete_config = complete("configs", files=True)
 
@@ -40,7 +40,7 @@ studies_argument = click.argument(
 
 
 allow_code_option = click.option(
-    "--allow-code", is_flag=True, help="Let configs name problems in Python, which runs them."
+    "--allow-code", is_flag=True, help="Allow problems in Python; loading them runs their code."
 )
 
 
@@ -49,7 +49,7 @@ jobs_option = click.option(
     type=click.IntRange(1, 1024),
     default=None,
     metavar="N",
-    help="Threads, or processes for plain Python; as many as processors when omitted.",
+    help="Threads, or processes for problems in plain Python; by default one per usable processor.",
 )
 
 
@@ -66,7 +66,7 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
         if timeout is not None and math.isnan(timeout):
             raise click.UsageError("--timeout: must be a number of seconds, given nan")
         how = How(
-            jobs or os.cpu_count() or 1, force, fail_fast, timeout, executor, scheduler, quiet,
+            jobs or usable(), force, fail_fast, timeout, executor, scheduler, quiet,
             verbose,
         )  # fmt: skip
         return command(how=how, **rest)
@@ -74,29 +74,31 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
     for option in reversed(
         (
             jobs_option,
-            click.option("--force", is_flag=True, help="Compute cells again that are kept."),
+            click.option("--force", is_flag=True, help="Recompute cached cells."),
             click.option(
                 "--fail-fast/--keep-going",
-                help="End the run with the first cell that does not end well; default: go on.",
+                help="Stop at the first cell that fails, or run the others too (default).",
             ),
             click.option(
                 "--timeout",
                 type=click.FloatRange(0, 1e9, min_open=True),
                 metavar="SECONDS",
-                help="Longest time of a cell; it then counts as failed.",
+                help="Time limit per cell; a cell that exceeds it counts as failed.",
             ),
             click.option(
                 "--executor",
                 type=click.Choice(["local", "dask"]),
                 default="local",
                 show_default=True,
-                help="Who runs the cells: this machine, or the workers of a dask scheduler.",
+                help="Run cells on this machine, or on the workers of a dask scheduler.",
             ),
             click.option(
-                "--scheduler", metavar="ADDRESS", help="Of dask; workers of its own without one."
+                "--scheduler",
+                metavar="ADDRESS",
+                help="Address of the dask scheduler; by default, workers start on this machine.",
             ),
-            click.option("-q", "--quiet", is_flag=True, help="Say nothing but what is wrong."),
-            click.option("-v", "--verbose", is_flag=True, help="A line for every cell."),
+            click.option("-q", "--quiet", is_flag=True, help="Print errors only."),
+            click.option("-v", "--verbose", is_flag=True, help="Print a line for every cell."),
         )
     ):
         gathered = option(gathered)

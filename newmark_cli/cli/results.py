@@ -1,9 +1,10 @@
 """Commands that read results: figures, verdicts, tables, provenance."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,51 +20,124 @@ if TYPE_CHECKING:
 REMARKS = 20
 
 
-@click.command()
-@click.argument("figures", nargs=-1, metavar="[FIGURE...]", shell_complete=complete("figures"))
-@results_folder
-def plot(figures: tuple[str, ...], folder: Path) -> int:
-    """Draw figures, by default all that the CSVs in DIR are enough for.
+def _formats(context: click.Context, option: click.Parameter, given: str) -> tuple[str, ...]:
+    allowed = ("png", "svg", "pdf")
+    found = tuple(dict.fromkeys(part.strip().lower() for part in given.split(",")))
+    for name in found:
+        if name not in allowed:
+            raise click.BadParameter(f"unknown format {name!r}; allowed: {', '.join(allowed)}")
+    return found
 
-    Writes DIR/figures/figure-<n>.png and .svg, and DIR/slopes.csv.
+
+def _size(
+    context: click.Context, option: click.Parameter, given: str | None
+) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)x(\d+\.?\d*|\.\d+)", given.strip().lower())
+    if match is None or not all(1 <= float(side) <= 40 for side in match.groups()):
+        raise click.BadParameter(
+            f"must be a width and a height from 1 to 40 inches, such as 3.5x2.6, given {given!r}"
+        )
+    return float(match[1]), float(match[2])
+
+
+def _chooser(axis: str, metavar: str, about: str) -> Callable[[Callable[..., int]], Any]:
+    return click.option(
+        f"--{axis}", multiple=True, metavar=metavar, help=f"Draw {about} only; may be repeated."
+    )
+
+
+@click.command()
+@click.argument(
+    "names", nargs=-1, metavar="[FIGURE|STUDY...]", shell_complete=complete("figures", "configs")
+)
+@results_folder
+@click.option(
+    "--format",
+    "formats",
+    default="png,svg",
+    show_default=True,
+    callback=_formats,
+    metavar="LIST",
+    help="Formats of the files: some of png, svg and pdf, with commas between them.",
+)
+@click.option("--size", callback=_size, metavar="WxH", help="Size of each figure in inches.")
+@click.option(
+    "--style",
+    "style_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Style file of matplotlib, applied over the project's style.",
+)
+@_chooser("measure", "NAME", "this measure, or work-precision,")
+@_chooser("quantity", "NAME", "this quantity")
+@_chooser("form", "NAME", "this form")
+@_chooser("problem", "NAME", "this problem")
+@_chooser("preconditioning", "NAME", "this scaling")
+@_chooser("integrator", "NAME", "this integrator")
+@click.option(
+    "--all", "everything", is_flag=True, help="Draw all figures of a study, however many."
+)
+def plot(
+    names: tuple[str, ...],
+    folder: Path,
+    formats: tuple[str, ...],
+    size: tuple[float, float] | None,
+    style_file: Path | None,
+    measure: tuple[str, ...],
+    everything: bool,
+    **values: tuple[str, ...],
+) -> int:
+    """Draw figures of the paper and of studies, by default all that the CSVs in DIR allow.
+
+    A study without figures of its own gets one for each problem, form, quantity and
+    measure; its config can define others under 'figures:'.  Writes
+    DIR/figures/figure-<n> or <study>-<what it shows>, and DIR/slopes.csv.
 
     \b
-    Example:
+    Examples:
       newmark-study plot 2 8
+      newmark-study plot my-study --measure error --format pdf --size 5x4
     """
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
     from newmark_cli.report.kinds import Results
 
-    wanted = plotting.named(figures)
+    choice = plotting.Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
-    needed = not figures or any(figure.curves for figure in wanted)
+    needed = bool(choice) or plotting.needs_results(names)
     results = Results(folder, slopes.collect(folder) if needed else [])
-    given, lacking = (wanted, []) if figures else plotting.enough(results)
-    for file in plotting.plot(given, results):
+    chosen = plotting.chosen(names, results, choice)
+    for file in plotting.plot(chosen.figures, results, formats, size, style_file):
         click.echo(file)
     if needed:
         slopes.write(folder, results.slopes)
-    if lacking:
-        complain(plotting.how_to_get(lacking))
+    for note in chosen.notes:
+        complain(note)
     return 0
 
 
 @click.command()
 @studies_argument
 @results_folder
-@click.option("--all", "show_all", is_flag=True, help="Show every slope, not figures and misses.")
-@click.option("--json", "as_json", is_flag=True, help="Print every slope as JSON.")
-@click.option("--markdown", is_flag=True, help="Print the table as Markdown.")
+@click.option(
+    "--all",
+    "show_all",
+    is_flag=True,
+    help="Show every slope, not only those of figures and misses.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print every slope and claim as JSON.")
+@click.option("--markdown", is_flag=True, help="Print the tables as Markdown.")
 def check(
     studies: tuple[str, ...], folder: Path, show_all: bool, as_json: bool, markdown: bool
 ) -> int:
-    """Check every fitted slope in DIR against its predicted order, and the claims.
+    """Check fitted slopes against predicted orders, and the claims.
 
     Prints and judges the studies that are named, by default all in DIR.  Writes
-    DIR/slopes.csv, with the slopes of all.  Exits with 1 when a slope misses its
-    prediction by more than its tolerance, when a series does not converge or lacks
-    results, when a claim of a figure fails, or when nothing could be judged.  Series
+    DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
+    prediction by more than its tolerance, if a series does not converge or lacks
+    results, if a claim of a figure fails, or if nothing could be judged.  Series
     whose step sizes are too few or too coarse to tell are warned of.
 
     \b
@@ -90,10 +164,10 @@ def check(
 @click.command()
 @results_folder
 def tables(folder: Path) -> int:
-    """Tables 1 and 2 of the paper, every entry predicted beside measured.
+    """Make Tables 1 and 2 of the paper, predicted and measured.
 
     Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
-    and .tex.  Exits with 1 when an entry is not as predicted.
+    and .tex.  Exits with 1 if an entry is not as predicted.
 
     \b
     Example:
@@ -113,9 +187,9 @@ def tables(folder: Path) -> int:
 @click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
 @click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
 def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
-    """Say where results come from: code, versions, machine, wall times, checksums.
+    """Show where results come from: code, versions, machine, times.
 
-    Reads DIR/<study>.json, by default of every study in DIR.
+    Reads DIR/<study>.json, by default for every study in DIR.
 
     \b
     Example:
@@ -166,15 +240,20 @@ def verify(studies: tuple[str, ...], folder: Path) -> int:
     type=click.FloatRange(0, 1, max_open=True),
     default=1e-6,
     show_default=True,
-    help="Relative tolerance of values that rounding does not rule.",
+    help="Relative tolerance of values that are not dominated by rounding.",
 )
-@click.option("--all", "everything", is_flag=True, help="Show every difference, not the first.")
+@click.option(
+    "--all",
+    "everything",
+    is_flag=True,
+    help="Show every difference, not only the first ten of each kind.",
+)
 def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
-    """Compare two results folders: cells, values, slopes, verdicts, environments.
+    """Compare two results folders: cells, values, slopes, verdicts.
 
-    Values that rounding rules (corrections, errors, residuals) agree within a
-    factor, since they differ from one machine to another.  Exits with 1 when a
-    slope or a claim has another verdict in B than in A.
+    Values at rounding level (corrections, errors, residuals) differ from machine
+    to machine, and are compared within a factor of ten.  Exits with 1 if the
+    verdict on a slope or a claim differs between A and B.
 
     \b
     Example:
@@ -195,12 +274,13 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     "--output",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="The page; DIR/report.html when omitted.",
+    help="File to write; DIR/report.html by default.",
 )
 def report(folder: Path, output: Path | None) -> int:
-    """Write the results in DIR as one page: claims, figures, tables, provenance.
+    """Write the results in DIR as one HTML page.
 
-    The HTML needs no other file and no network.  Needs the extra `report`.
+    The page has the claims, figures, tables and provenance, and needs no other
+    file and no network.  To write it, install the extra `report`.
 
     \b
     Example:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from newmark_cli import interrupts
 from newmark_cli.cli.options import (
     How,
     allow_code_option,
@@ -18,6 +19,7 @@ from newmark_cli.cli.options import (
 from newmark_cli.cli.results import show_claims, show_tables, verdict
 
 if TYPE_CHECKING:
+    from newmark_cli.cli.terminal import Counts
     from newmark_cli.running.runner import StudyRun
     from newmark_cli.study.config import Study
 
@@ -39,9 +41,14 @@ def _shard(
 )
 @results_folder
 @running_options
-@click.option("--dry-run", is_flag=True, help="List every cell as done, or to run and why.")
 @click.option(
-    "--shard", callback=_shard, metavar="I/N", help="Every N-th cell alone; then `merge`."
+    "--dry-run", is_flag=True, help="List every cell as done or to run, and why; run none."
+)
+@click.option(
+    "--shard",
+    callback=_shard,
+    metavar="I/N",
+    help="Run only the I-th of N parts; `merge` puts them together.",
 )
 @allow_code_option
 def run(
@@ -54,9 +61,9 @@ def run(
 ) -> int:
     """Run studies: YAML files, or names of shipped configs.
 
-    Writes DIR/<study>.csv and, beside it, the resolved config, versions and
-    wall times as .json.  Finished cells are kept in DIR/cells: a run that was
-    interrupted goes on where it was.  Exits with 1 when a cell did not end well.
+    Writes DIR/<study>.csv, and the resolved config, versions and wall times as
+    .json next to it.  Finished cells are cached in DIR/cells: an interrupted run
+    resumes where it stopped.  Exits with 1 if a cell does not end well.
 
     \b
     Example:
@@ -81,16 +88,16 @@ def run(
     multiple=True,
     required=True,
     metavar="DIR",
-    help="Results folder of a shard; once for each.",
+    help="Results folder of a shard; give it once per shard.",
 )
 @results_folder
 @allow_code_option
 def merge(
     configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, allow_code: bool
 ) -> int:
-    """Put the cells of shards together and write the studies.
+    """Merge the cells of shards and write the studies.
 
-    Computes nothing: exits with 1 when cells are missing, and says how many.
+    Computes nothing.  If cells are missing, says how many and exits with 1.
 
     \b
     Example:
@@ -114,12 +121,12 @@ def merge(
 @click.command()
 @results_folder
 @running_options
-@click.option("--all", "everything", is_flag=True, help="The studies past the paper too.")
+@click.option("--all", "everything", is_flag=True, help="Also run the studies past the paper.")
 def reproduce(folder: Path, how: How, everything: bool) -> int:
-    """Run the paper's studies, draw its nine figures, check every slope.
+    """Run the paper's studies, draw its figures, check every slope.
 
-    With --all also the studies past the paper, their figures and claims.  Exits
-    with 1 when a slope is not as predicted or a claim fails.
+    With --all, does the same for the studies past the paper and checks their
+    claims.  Exits with 1 if a slope is not as predicted or a claim fails.
 
     \b
     Example:
@@ -134,14 +141,18 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
     from newmark_cli.report.kinds import Results
+    from newmark_cli.study import reading
 
     found = slopes.collect(folder, studies)
     files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
     click.echo(f"{len(files)} files in {folder / 'figures'}")
-    slopes.write(folder, found)
     click.echo()
     show_tables(folder, tabling.build(found))
     show_claims(found)
+    # slopes.csv is about all that is in the folder; what is printed, and the exit code,
+    # only about what was run.
+    others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
+    slopes.write(folder, found + slopes.collect(folder, others))
     return code or verdict(found)
 
 
@@ -153,12 +164,21 @@ def _run(studies: "Sequence[Study]", folder: Path, how: How, shard: tuple[int, i
         how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard
     )
     with terminal.watching(how.quiet, how.verbose) as watcher:
+        interrupts.note(lambda: _kept(watcher, how.force))
         runs = runner.run_studies(studies, folder, options, watcher)
     return _tell(runs, folder, how.quiet)
 
 
+def _kept(counts: "Counts", force: bool) -> str:
+    """What the line of an interrupt says of a run, once it is known what there is to do."""
+    if not counts.total:
+        return ""
+    kept = f"; {counts.kept} of {counts.total} cells are kept"
+    return kept if force else f"{kept}, run the same command again to go on"
+
+
 def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
-    """How studies went, a line each; 1 when a cell did not end well."""
+    """How studies went, a line each, and why cells did not end well; 1 when one did not."""
     for done in runs:
         counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
         spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
@@ -166,6 +186,9 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
         where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
         if not quiet:
             click.echo(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
+    for done in runs:
+        for complaint in done.complaints:
+            complain(f"{done.study}: {complaint}")
     return 0 if all(done.ok for done in runs) else 1
 
 
@@ -177,7 +200,11 @@ def _dry_run(
 
     planned = runner.plan(studies, folder, force, shard)
     for one in planned:
-        state = f"done, {one.done.outcome.status}" if one.done else f"to run: {one.why}"
+        state = f"to run: {one.why}"
+        if one.done:
+            lacks = "".join(f"; measured no error: {why}" for why in one.done.outcome.lacks)
+            again = "; a run tries again" if lacks else ""
+            state = f"done, {one.done.outcome.status}{lacks}{again}"
         click.echo(f"{studies[one.study].study}: {axes.described(one.cell)}: {state}")
     left = sum(one.done is None for one in planned)
     click.echo(f"{left} of {len(planned)} cells to run")

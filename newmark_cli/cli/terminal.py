@@ -1,77 +1,157 @@
-"""What a run tells on a terminal; in a pipe it is quiet."""
+"""What a run tells while it goes on: counts for everybody, a display on a terminal only."""
 
 import contextlib
-import os
-import shutil
 import sys
-import threading
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
+from newmark_cli import interrupts
 from newmark_cli.running.runner import Planned, Watcher, weight
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
-class _Bar(Watcher):
-    """A bar weighted by the steps that will run, with the time left."""
 
-    def __init__(self, verbose: bool) -> None:
-        self._verbose = verbose
-        self._lock = threading.Lock()
-        self._stack = contextlib.ExitStack()
-        self._bar: click._termui_impl.ProgressBar[int] | None = None
+class Counts(Watcher):
+    """Counts the cells of a run and says nothing.
+
+    Attributes:
+        total: Cells of all studies.
+        kept: Those that the same run would not compute again, were it to end now.
+        done: Those that have ended well, now or in an earlier run.
+        failed: Those that have not.
+    """
+
+    def __init__(self) -> None:
+        self.total = self.kept = self.done = self.failed = 0
+        self._places: Counter[Cell] = Counter()
 
     def planned(self, plan: Sequence[Planned]) -> None:
-        """Open the bar; a run that has nothing to do shows none."""
+        """Count what is kept of the plan."""
+        self.total = len(plan)
+        for one in plan:
+            if one.done is None:
+                self._places[one.cell] += 1
+            else:
+                self._ended(one.cell, one.done, 1)
+
+    def finished(self, cell: Cell, done: Done) -> None:
+        """Count a cell in each study that has it."""
+        self._ended(cell, done, self._places[cell])
+
+    def _ended(self, cell: Cell, done: Done, places: int) -> None:
+        self.kept += places * (done.outcome.status != "failed")
+        if done.outcome.status in ("ok", *cell.accept):
+            self.done += places
+        else:
+            self.failed += places
+
+    @property
+    def left(self) -> int:
+        """Cells that have not ended."""
+        return self.total - self.done - self.failed
+
+
+class Told(Counts):
+    """Tells of a run on stderr: a display on a terminal, and a line per cell when asked for."""
+
+    def __init__(self, verbose: bool) -> None:
+        super().__init__()
+        self._verbose = verbose
+        self._stack = contextlib.ExitStack()
+        self._display: Progress | None = None
+
+    def planned(self, plan: Sequence[Planned]) -> None:
+        """Open the display; a run that has nothing to do shows none."""
+        super().planned(plan)
         total = weight(plan)
-        if total and sys.stderr.isatty() and not self._verbose:
-            plain = bool(os.environ.get("NO_COLOR")) or os.environ.get("TERM") == "dumb"
-            bar: click._termui_impl.ProgressBar[int] = click.progressbar(
-                length=total, label="steps", file=sys.stderr, color=False if plain else None
-            )
-            self._bar = self._stack.enter_context(bar)
+        if total and sys.stderr.isatty():
+            with interrupts.postponed():  # what hides the cursor must show it again
+                display = _display(total)
+                self._stack.enter_context(display)
+                self._display = display
+                self._count()
 
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
-        with self._lock:
-            if self._bar is not None:
-                self._bar.update(steps)
+        if self._display is not None:
+            self._display.advance(self._display.task_ids[0], steps)
 
     def told(self, line: str) -> None:
-        """A line, above the bar if there is one."""
-        if self._bar is not None:
-            line = "\r" + line.ljust(shutil.get_terminal_size().columns - 1)
-        if self._verbose or sys.stderr.isatty():
+        """A line, above the display if there is one."""
+        if self._display is not None:
+            self._say(line)
+        elif self._verbose:
             click.echo(line, err=True)
 
     def finished(self, cell: Cell, done: Done) -> None:
-        """A line for each cell, when they are asked for."""
+        """Count a cell, and write a line for it when lines are asked for."""
+        super().finished(cell, done)
         if self._verbose:
             reason = f": {done.outcome.reason}" if done.outcome.reason else ""
+            reason += "".join(f"; measured no error: {why}" for why in done.outcome.lacks)
             ended = f"{done.outcome.status}{reason}, {done.seconds:.2f} s"
-            click.echo(f"{axes.described(cell)}: {ended}", err=True)
+            self._say(f"{axes.described(cell)}: {ended}")
+        self._count()
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Leave the display as it stands, and give the cursor back."""
         self._stack.close()
+
+    def _say(self, line: str) -> None:
+        if self._display is None:
+            click.echo(line, err=True)
+        else:
+            self._display.console.print(
+                line, markup=False, highlight=False, emoji=False, soft_wrap=True
+            )
+
+    def _count(self) -> None:
+        if self._display is not None:
+            self._display.update(
+                self._display.task_ids[0], done=self.done, failed=self.failed, left=self.left
+            )
+
+
+def _display(total: int) -> "Progress":
+    """A bar weighted by steps, counts of cells, and the time left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    fields = ("done", "failed", "left")
+    display = Progress(
+        BarColumn(bar_width=20),
+        TaskProgressColumn(),
+        TextColumn(", ".join(f"{{task.fields[{name}]}} {name}" for name in fields)),
+        Remaining(compact=True, elapsed_when_finished=True),
+        console=Console(stderr=True),
+        redirect_stdout=False,  # which would make it stderr
+        redirect_stderr=False,
+    )
+    display.add_task("", total=total, done=0, failed=0, left=0)
+    return display
 
 
 @contextlib.contextmanager
-def watching(quiet: bool, verbose: bool) -> Iterator[Watcher]:
+def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
     """The watcher of a run.
 
     Args:
         quiet: Whether nothing is shown.
-        verbose: Whether every cell has a line of its own, in place of the bar.
+        verbose: Whether every cell has a line of its own.
     """
     if quiet:
-        yield Watcher()
+        yield Counts()
         return
-    bar = _Bar(verbose)
+    told = Told(verbose)
     try:
-        yield bar
+        yield told
     finally:
-        bar.close()
+        told.close()

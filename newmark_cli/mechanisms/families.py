@@ -142,10 +142,18 @@ def four_bars(windows: int) -> dict[str, Any]:
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
-        "chain": Family("falling chain of point masses", ChainSize, chain),
-        "random-chain": Family(
-            "falling chain of random directions and masses", ChainSize, random_chain
+        "chain": Family(
+            "point masses on massless bars, falling from a straight line", ChainSize, chain
         ),
-        "four-bars": Family("four-bar linkages side by side", FourBarsSize, four_bars),
+        "random-chain": Family(
+            "random point masses on massless bars in random directions, falling",
+            ChainSize,
+            random_chain,
+        ),
+        "four-bars": Family(
+            "four-bar linkages side by side, falling through a singular position",
+            FourBarsSize,
+            four_bars,
+        ),
     }
 )

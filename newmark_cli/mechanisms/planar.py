@@ -6,17 +6,33 @@ mass matrix is constant, and it brings one distance constraint.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 
 from newmark_cli import documents
 from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, KeyPath, Number, StrictModel, Truth, misfit
+from newmark_cli.documents import (
+    Document,
+    DocumentError,
+    KeyPath,
+    Number,
+    StrictModel,
+    Truth,
+    misfit,
+)
 from newmark_cli.json_schema import JsonSchema, also, given
 from newmark_cli.mechanisms import elements, start
 from newmark_cli.problems.problem import Pattern, Problem
@@ -48,7 +64,14 @@ Length = Annotated[
     AfterValidator(_not_tiny),
     also(minimum=_SMALLEST, maximum=_LARGEST),
 ]
-Vector = tuple[Bounded, Bounded]
+
+
+def _two_numbers(value: Any, info: ValidationInfo) -> Any:
+    documents.require_brackets(value, info)
+    return value
+
+
+Vector = Annotated[tuple[Bounded, Bounded], BeforeValidator(_two_numbers)]
 
 #: Largest |Φ| of a bar at the start, relative to L²: the data are rounded numbers.
 _MISFIT = 1e-12
@@ -122,7 +145,7 @@ class Slider(StrictModel):
     @model_validator(mode="after")
     def _has_direction(self) -> "Slider":
         if math.hypot(*self.direction) == 0:
-            raise misfit("direction", "a slider needs a direction, given [0, 0]")
+            raise misfit("direction", "must not be [0, 0]: a slider needs a direction")
         return self
 
 
@@ -209,6 +232,7 @@ class Mechanism(StrictModel):
     )
 
     title: str = Field("", description="heads drawings")
+    description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
     points: Annotated[dict[str, Point], also(not_=_ALL_FIXED)] = Field(
         description="fixed points, and moving ones, whose coordinates are the unknowns"
@@ -263,15 +287,57 @@ def load(path: Path, name: str, spelled: str | None = None) -> Problem:
         spelled: How errors name the file.
 
     Raises:
-        DocumentError: Names file, line and key of the first mistake: of the file
-            itself, or of a mechanism without a consistent start.
+        DocumentError: For every mistake that can be found, each with file, line and
+            key: of the file itself, or of a mechanism without a consistent start.
     """
     return built(name, documents.read(path, spelled))
 
 
 def built(name: str, document: Document) -> Problem:
     """Problem from a mechanism file that was read; raises DocumentError as `load` does."""
-    return build(name, documents.validate(document, Mechanism), document)
+    try:
+        mechanism = documents.validate(document, Mechanism)
+    except DocumentError as error:
+        mistakes = documents.Mistakes()
+        mistakes.note(error)
+        with mistakes.gathered():
+            _check_rest(name, document, error)
+        mistakes.refuse()
+        raise
+    return build(name, mechanism, document)
+
+
+def _check_rest(name: str, document: Document, error: DocumentError) -> None:
+    """What can be said of a file apart from mistakes that are known.
+
+    Raises:
+        DocumentError: For mistakes in the relations between parts that are well formed.
+    """
+    wrong: set[KeyPath] = {mistake.path[:2] for mistake in error.mistakes}
+    parts = {path for path in wrong if path[:1] and path[0] in _PARTS}
+    others = {path[0] for path in wrong - parts if path}
+    if error.more or () in wrong or any(len(path) < 2 for path in parts) or others - _OTHERS:
+        return
+    sound = {
+        key: {name: part for name, part in value.items() if (key, name) not in parts}
+        if key in _PARTS
+        else value
+        for key, value in document.data.items()
+        if key not in others
+    }
+    if "assemble" in others:
+        sound["assemble"] = True  # nobody knows whether positions are meant to fit
+    broken = [("bodies" if kind == "bodies" else "points", str(name)) for kind, name in parts]
+    mechanism = documents.validate(document, Mechanism, sound)
+    _Builder(name, document, mechanism, broken).problem()
+
+
+#: Keys of a mechanism whose values are parts by name.
+_PARTS = (
+    "points", "bodies", "body_points", "bars", "sliders", "motions", "springs", "dampers",
+    "torques",
+)  # fmt: skip
+_OTHERS = Mechanism.model_fields.keys() - set(_PARTS)
 
 
 def build(name: str, mechanism: Mechanism, document: Document | None = None) -> Problem:
@@ -290,29 +356,49 @@ def build(name: str, mechanism: Mechanism, document: Document | None = None) -> 
     return start.consistent(builder.problem(), mechanism, document, builder.constraint_paths)
 
 
-class _Builder:
-    """Turns a mechanism into the tables of the element loop."""
+class _Follows(Exception):
+    """A part cannot be built because of a mistake that is known already."""
 
-    def __init__(self, name: str, document: Document, mechanism: Mechanism) -> None:
+
+class _Builder:
+    """Turns a mechanism into the tables of the element loop.
+
+    A mistake in one part does not keep the others from being looked at; `problem` raises
+    all of them together.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        document: Document,
+        mechanism: Mechanism,
+        broken: Collection[tuple[str, str]] = (),
+    ) -> None:
         self.name = name
         self.document = document
         self.mechanism = mechanism
+        self.mistakes = documents.Mistakes()
+        #: Points and bodies with a mistake: a reference to them is not another mistake.
+        self.broken: set[tuple[str, ...]] = set(broken)
         self.moving: dict[str, int] = {}
         self.fixed: dict[str, complex] = {}
         for point, data in mechanism.points.items():
             if (data.fixed is None) == (data.at is None):
-                raise document.error(
-                    ("points", point), "needs either 'fixed' or 'at', the initial position"
-                )
-            if data.fixed is not None:
+                message = "needs either 'fixed' or 'at', the initial position"
+                self.mistakes.note(document.error(("points", point), message))
+                self.broken.add(("points", point))
+            elif data.fixed is not None:
                 self.fixed[point] = complex(*data.fixed)
             else:
                 self.moving[point] = 2 * len(self.moving)
         self.sites = {point: Site({point: 1}) for point in mechanism.points}
         for point, on_body in mechanism.body_points.items():
-            body = self._named("bodies", on_body.on, ("body_points", point, "on"))
-            z = complex(*on_body.at) / body.length
-            self.sites[point] = Site({body.from_: 1 - z, body.to: z})
+            with self._checked("points", point):
+                body = self._body(on_body.on, ("body_points", point, "on"))
+                if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
+                    raise _Follows
+                z = complex(*on_body.at) / body.length
+                self.sites[point] = Site({body.from_: 1 - z, body.to: z})
         self.ints: list[list[int]] = []
         self.reals: list[list[float]] = []
         self.constraint_paths: list[KeyPath] = []
@@ -321,43 +407,62 @@ class _Builder:
         self.g_entries: list[tuple[int, int]] = []
         self.mass: dict[tuple[int, int], float] = {}
 
+    @contextmanager
+    def _checked(self, *broken: str) -> Iterator[None]:
+        """Take up a mistake of the block, which ends there; kind and name are then broken."""
+        try:
+            yield
+        except (DocumentError, _Follows) as error:
+            if isinstance(error, DocumentError):
+                self.mistakes.note(error)
+            if broken:
+                self.broken.add(broken)
+
     def problem(self) -> Problem:
         mechanism = self.mechanism
         n = 2 * len(self.moving)
-        if n == 0:
-            raise self.document.error(("points",), "no point moves")
+        if n == 0 and not self.broken:
+            self.mistakes.note(self.document.error(("points",), "no point moves"))
         loads = np.zeros(n)
         gravity = complex(*mechanism.gravity)
         for name, body in mechanism.bodies.items():
-            self._body_mass(body, loads, gravity, ("bodies", name))
-            self._distance(body.from_, body.to, body.length, ("bodies", name))
+            with self._checked("bodies", name):
+                self._body_mass(body, loads, gravity, ("bodies", name))
+                self._distance(body.from_, body.to, body.length, ("bodies", name))
         for name, point in mechanism.points.items():
             self._add_mass(name, name, complex(point.mass), loads, gravity)
         for name, bar in mechanism.bars.items():
-            self._distance(bar.from_, bar.to, bar.length, ("bars", name))
+            with self._checked():
+                self._distance(bar.from_, bar.to, bar.length, ("bars", name))
         for name, spring in mechanism.springs.items():
-            self._element(
-                elements.SPRING,
-                self._difference(spring.from_, spring.to, ("springs", name)),
-                (spring.stiffness, spring.rest_length),
-            )
+            with self._checked():
+                self._element(
+                    elements.SPRING,
+                    self._difference(spring.from_, spring.to, ("springs", name)),
+                    (spring.stiffness, spring.rest_length),
+                )
         for name, slider in mechanism.sliders.items():
-            self._slider(slider, ("sliders", name))
+            with self._checked():
+                self._slider(slider, ("sliders", name))
         for name, motion in mechanism.motions.items():
-            self._motion(motion, ("motions", name))
+            with self._checked():
+                self._motion(motion, ("motions", name))
         for name, damper in mechanism.dampers.items():
-            self._element(
-                elements.DAMPER,
-                self._difference(damper.from_, damper.to, ("dampers", name)),
-                (damper.damping,),
-            )
+            with self._checked():
+                self._element(
+                    elements.DAMPER,
+                    self._difference(damper.from_, damper.to, ("dampers", name)),
+                    (damper.damping,),
+                )
         for name, torque in mechanism.torques.items():
-            body = self._named("bodies", torque.on, ("torques", name, "on"))
-            self._element(
-                elements.TORQUE,
-                self._difference(body.from_, body.to, ("torques", name)),
-                (torque.torque,),
-            )
+            with self._checked():
+                body = self._body(torque.on, ("torques", name, "on"))
+                self._element(
+                    elements.TORQUE,
+                    self._difference(body.from_, body.to, ("torques", name)),
+                    (torque.torque,),
+                )
+        self.mistakes.refuse()
         for i in range(0, n, 2):
             if np.any(loads[i : i + 2]):
                 self.ints.append([elements.LOAD, 1, i] + [0] * (elements.INT_COLUMNS - 3))
@@ -388,23 +493,47 @@ class _Builder:
             potential=elements.potential if mechanism.conservative else None,
         )
 
-    def _named(self, kind: str, name: str, path: KeyPath) -> Body:
-        bodies: dict[str, Body] = getattr(self.mechanism, kind)
+    def _body(self, name: str, path: KeyPath) -> Body:
+        bodies = self.mechanism.bodies
+        if ("bodies", name) in self.broken:
+            raise _Follows
         if name not in bodies:
-            raise self.document.error(path, f"unknown body {name!r}{nearest(name, bodies)}")
+            raise self._unknown("body", name, path, bodies)
         return bodies[name]
 
     def _site(self, name: str, path: KeyPath) -> Site:
+        if ("points", name) in self.broken:
+            raise _Follows
         if name not in self.sites:
-            raise self.document.error(path, f"unknown point {name!r}{nearest(name, self.sites)}")
+            raise self._unknown("point", name, path, self.sites)
         return self.sites[name]
+
+    def _unknown(
+        self, kind: str, name: str, path: KeyPath, allowed: Collection[str]
+    ) -> DocumentError:
+        # Looking for the nearest name takes its time, which only what is printed is worth.
+        hint = "" if self.mistakes.full else nearest(name, allowed)
+        return self.document.error(path, f"unknown {kind} {name!r}{hint}")
+
+    def _ends(self, start: str, end: str, path: KeyPath) -> tuple[Site, Site]:
+        """Both ends of a part; a mistake in one does not hide that in the other."""
+        found = []
+        for name, key in ((start, "from"), (end, "to")):
+            with self._checked():
+                found.append(self._site(name, (*path, key)))
+        if len(found) < 2:
+            raise _Follows
+        return found[0], found[1]
 
     def _difference(self, start: str, end: str, path: KeyPath) -> dict[str, complex]:
         if start == end:
             raise self.document.error(path, f"joins {start} with itself")
-        difference = self._site(end, (*path, "to")).minus(self._site(start, (*path, "from")))
+        first, last = self._ends(start, end, path)
+        difference = last.minus(first)
         if not any(name in self.moving for name in difference):
-            raise self.document.error(path, f"joins {start} and {end}, which do not move apart")
+            raise self.document.error(
+                path, f"joins {start} and {end}, which cannot move relative to each other"
+            )
         return difference
 
     def _distance(self, start: str, end: str, length: float, path: KeyPath) -> None:
@@ -443,14 +572,15 @@ class _Builder:
             for key, law, normal in (("x", motion.x, (1.0, 0.0)), ("y", motion.y, (0.0, 1.0))):
                 if law is not None:
                     now = place.real if key == "x" else place.imag
-                    parameters = self._fitting(law, now, (*path, key))
-                    self._element(
-                        elements.LINE, site, (*normal, *parameters), constraint=(*path, key)
-                    )
+                    with self._checked():
+                        parameters = self._fitting(law, now, (*path, key))
+                        self._element(
+                            elements.LINE, site, (*normal, *parameters), constraint=(*path, key)
+                        )
         else:
             assert motion.body is not None
             assert motion.angle is not None
-            body = self._named("bodies", motion.body, (*path, "body"))
+            body = self._body(motion.body, (*path, "body"))
             difference = self._difference(body.from_, body.to, path)
             vector = self._vector(difference)
             now = math.atan2(vector.imag, vector.real)
@@ -524,10 +654,13 @@ class _Builder:
         self.reals.append(row + [0.0] * (elements.REAL_COLUMNS - len(row)))
 
     def _body_mass(self, body: Body, loads: Array, gravity: complex, path: KeyPath) -> None:
+        mechanism = self.mechanism
         for name, key in ((body.from_, "from"), (body.to, "to")):
-            self._site(name, (*path, key))
-            if name not in self.mechanism.points:
-                raise self.document.error((*path, key), f"{name} is itself fixed on a body")
+            if name in mechanism.body_points and name not in mechanism.points:
+                raise self.document.error(
+                    (*path, key), f"{name} is itself fixed on a body; a body needs two of 'points'"
+                )
+        self._ends(body.from_, body.to, path)
         along, across = body.centre
         mass, length = body.mass, body.length
         about_first = (body.inertia + mass * math.hypot(along, across) ** 2) / length**2

@@ -1,7 +1,10 @@
 """Problems by name: the mechanism files that travel with the package."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.spelling import nearest
@@ -24,3 +27,37 @@ def problem(name: str) -> Problem:
     from newmark_cli.mechanisms import planar
 
     return planar.load(_FOLDER / f"{name}.yaml", name)
+
+
+@dataclass(frozen=True)
+class About:
+    """A shipped problem in words and numbers, at no cost: nothing is built or compiled.
+
+    Attributes:
+        title: Heads drawings.
+        description: What it is and how it moves, in one line.
+        n, m: Coordinates and constraints.
+    """
+
+    title: str
+    description: str
+    n: int
+    m: int
+
+
+@cache
+def about(name: str) -> About:
+    """What the file of a shipped problem says of it."""
+    from newmark_cli import documents
+
+    data = documents.read(_FOLDER / f"{name}.yaml").data
+    return About(data["title"], data["description"], *size(data))
+
+
+def size(data: Mapping[str, Any]) -> tuple[int, int]:
+    """Coordinates and constraints of the data of a valid `planar.Mechanism`."""
+    moving = sum("at" in point for point in data["points"].values())
+    joints = sum(len(data.get(kind, ())) for kind in ("bodies", "bars", "sliders"))
+    motions = data.get("motions", {}).values()
+    laws = sum(key in motion for motion in motions for key in ("x", "y", "angle"))
+    return 2 * moving, joints + laws

@@ -1,6 +1,6 @@
 """Consistent starts: positions on the constraints, velocities that fit, no redundancy."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -8,16 +8,26 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath
+from newmark_cli.mechanisms import elements
 from newmark_cli.problems.problem import Problem
 
 #: Coordinates up to which ranks are found by dense factorisations, which also tell
 #: which constraints depend on each other; beyond, pivots of a sparse one must do.
 _DENSE_UP_TO = 600
 _RANK_TOLERANCE = 1e-10
+#: The same after a search, which finds a singular position only to half the digits.
+_RANK_TOLERANCE_FOUND = 1e-7
 _VELOCITY_TOLERANCE = 1e-9
 _MOST_CORRECTIONS = 50
+#: What a position that was looked for may miss of a constraint, of the largest coordinate.
+_MISSED = 1e-9
+#: Constraints that an error names.
+_MOST_NAMED = 12
+#: How far from the start it is looked whether the start is singular, likewise.
+_ASIDE = 1e-7
 
 
 class Options(Protocol):
@@ -44,29 +54,47 @@ def consistent(
         paths: Key of each constraint in the document.
 
     Raises:
-        DocumentError: When M is singular, constraints depend on each other, a guess
-            cannot be assembled, or velocities do not fit the constraints.
+        DocumentError: When M is singular, constraints depend on each other or contradict
+            each other, the start is a singular position, or velocities do not fit.
     """
-    _require_mass(problem, document)
+    mistakes = documents.Mistakes()
+    with mistakes.gathered():
+        _require_mass(problem, document)
     if problem.m == 0:
-        raise document.error((), "no constraint: nothing here is of index 3")
+        mistakes.note(document.error((), "has no constraints: the problem is not of index 3"))
+        mistakes.refuse()
+    with mistakes.gathered():
+        problem = _fitted(problem, options, document, paths)
+    mistakes.refuse()
+    return problem
+
+
+def _fitted(
+    problem: Problem, options: Options, document: Document, paths: Sequence[KeyPath]
+) -> Problem:
+    """The problem with positions on its constraints and velocities that fit them."""
     if options.assemble:
-        problem = replace(problem, u0=_assembled(problem, document))
+        problem = replace(problem, u0=_assembled(problem, document, paths))
     gradient = _gradient(problem, problem.u0)
-    _require_independent(gradient, document, paths)
+    tolerance = _RANK_TOLERANCE_FOUND if options.assemble else _RANK_TOLERANCE
+    _require_independent(problem, gradient, tolerance, document, paths)
     rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
     misfit = gradient.T @ problem.v0 + rate
     if options.project_velocities:
         return replace(problem, v0=problem.v0 - _least_change(gradient, misfit))
     sizes = _column_norms(gradient)
     speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate / sizes).max()))
-    worst = int(np.argmax(np.abs(misfit) / sizes))
-    if abs(misfit[worst]) > _VELOCITY_TOLERANCE * sizes[worst] * speed:
-        raise document.error(
-            paths[worst],
-            f"initial velocities miss this constraint by {abs(misfit[worst]) / sizes[worst]:.3g} "
-            "m/s; correct them or set 'project_velocities: true'",
+    mistakes = documents.Mistakes()
+    missed = np.abs(misfit) / sizes
+    for k in map(int, np.flatnonzero(np.abs(misfit) > _VELOCITY_TOLERANCE * sizes * speed)):
+        mistakes.note(
+            document.error(
+                paths[k],
+                f"initial velocities violate this constraint by {missed[k]:.3g} "
+                "m/s; correct them or set 'project_velocities: true'",
+            )
         )
+    mistakes.refuse()
     return problem
 
 
@@ -87,11 +115,29 @@ def _least_change(gradient: scipy.sparse.csc_array, misfit: Array) -> Array:
     return np.asarray(gradient @ solve(misfit))
 
 
-def _assembled(problem: Problem, document: Document) -> Array:
+def _damped_solver(gradient: scipy.sparse.csc_array, damping: float) -> Callable[[Array], Array]:
+    """What solves (GᵀG + damping I) x = rhs."""
+    identity = scipy.sparse.eye_array(gradient.shape[1])
+    normal = scipy.sparse.csc_matrix(gradient.T @ gradient + damping * identity)
+    solve: Callable[[Array], Array] = scipy.sparse.linalg.splu(normal).solve
+    return solve
+
+
+def _damped_change(gradient: scipy.sparse.csc_array, misfit: Array, damping: float) -> Array:
+    """The d of least |Gᵀ d − misfit|² + damping |d|², from the smaller of GᵀG and GGᵀ."""
+    n, m = gradient.shape
+    if m <= n:
+        return np.asarray(gradient @ _damped_solver(gradient, damping)(misfit))
+    transposed = scipy.sparse.csc_array(gradient.T)
+    return np.asarray(_damped_solver(transposed, damping)(gradient @ misfit))
+
+
+def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -> Array:
     """Positions on the constraints near a guess, by Newton's method of least change."""
     u = problem.u0.copy()
     size = float(np.abs(u).max()) or 1.0
-    for _ in range(_MOST_CORRECTIONS):
+    # With more constraints than coordinates GᵀG is singular everywhere.
+    for _ in range(_MOST_CORRECTIONS if problem.m <= problem.n else 0):
         phi = problem.constraint_values(problem.t0, u)
         try:
             change = _least_change(_gradient(problem, u), phi)
@@ -105,9 +151,71 @@ def _assembled(problem: Problem, document: Document) -> Array:
     misfit = float(np.abs(problem.constraint_values(problem.t0, u)).max())
     if misfit < 1e-14 * size**2:
         return u
+    u = _closest(problem, problem.u0)
+    distances = _distances(problem, u)
+    off = [k for k in range(problem.m) if distances[k] > _MISSED * size]
+    if not off:
+        gradient = _gradient(problem, u)
+        if _dependent(gradient, _RANK_TOLERANCE_FOUND):
+            return u  # `_require_independent` says how they depend on each other there
+        away = np.abs(u - problem.u0)
+        point = problem.point_of(int(np.argmax(away)))
+        raise document.error(
+            ("assemble",),
+            f"no position found near this guess: the closest moves {point} by {away.max():.3g} m; "
+            "give a better guess",
+        )
+    worst = sorted(off, key=lambda k: -distances[k])[:_MOST_NAMED]
+    named = ", ".join(f"{_spelled(paths[k])} by {distances[k]:.3g} m" for k in sorted(worst))
     raise document.error(
-        ("assemble",), f"no position found from this guess; constraints are off by {misfit:.3g}"
+        ("assemble",),
+        "no position found from this guess: the closest one misses "
+        f"{named}{', …' if len(off) > len(worst) else ''}; these contradict each other, or the "
+        "guess is too far away",
     )
+
+
+def _distances(problem: Problem, u: Array) -> Array:
+    """(m,) by how much each length or place that a constraint asks for is missed (m)."""
+    missed = problem.constraint_values(problem.t0, u)
+    for ints, reals in zip(problem.ints, problem.reals, strict=True):
+        if ints[elements.KIND] in (elements.LINK, elements.BAR):
+            square, row = reals[elements.PARAMETER], ints[elements.ROW]
+            missed[row] = np.sqrt(max(0.0, square + 2 * missed[row])) - np.sqrt(square)
+    return np.abs(missed)
+
+
+def _closest(problem: Problem, u: Array) -> Array:
+    """Position near another that meets the constraints as well as possible.
+
+    The method of Levenberg and Marquardt, which also converges where constraints depend
+    on each other: the damping falls with what is missed.
+    """
+    scale = 1.0
+
+    def missed(u: Array) -> tuple[float, Array]:
+        phi = problem.constraint_values(problem.t0, u)
+        size = float(np.linalg.norm(phi))
+        return (size if np.isfinite(size) else np.inf), phi
+
+    norm, phi = missed(u)
+    for _ in range(_MOST_CORRECTIONS):
+        gradient = _gradient(problem, u)
+        largest = float(_column_norms(gradient).max()) ** 2 or 1.0
+        damping = scale * min(1.0, norm / largest) * largest + 1e-15 * largest
+        try:
+            step = _damped_change(gradient, phi, damping)
+        except RuntimeError:
+            break
+        if not np.all(np.isfinite(step)) or np.abs(step).max() <= 1e-16 * np.abs(u).max():
+            break
+        moved = u - step
+        found, phi_there = missed(moved)
+        if found < norm:
+            u, norm, phi, scale = moved, found, phi_there, scale / 8
+        else:
+            scale *= 10
+    return u
 
 
 def _require_mass(problem: Problem, document: Document) -> None:
@@ -122,46 +230,106 @@ def _require_mass(problem: Problem, document: Document) -> None:
         if values[0] <= 1e-13 * values[-1]:
             _, vectors = np.linalg.eigh(problem.M)
             weak = np.array([int(np.argmax(np.abs(vectors[:, 0])))])
-    if len(weak):
-        point = problem.point_of(int(weak[0]))
-        raise document.error(
-            ("points", point), f"{point} carries no mass of its own; the mass matrix is singular"
-        )
+    mistakes = documents.Mistakes()
+    for point in dict.fromkeys(problem.point_of(int(i)) for i in weak):
+        message = f"{point} carries no mass of its own; the mass matrix is singular"
+        mistakes.note(document.error(("points", point), message))
+    mistakes.refuse()
 
 
 def _require_independent(
-    gradient: scipy.sparse.csc_array, document: Document, paths: Sequence[KeyPath]
+    problem: Problem,
+    gradient: scipy.sparse.csc_array,
+    tolerance: float,
+    document: Document,
+    paths: Sequence[KeyPath],
 ) -> None:
     """G must have full rank; names the constraints that depend on each other."""
+    sizes = _column_norms(gradient)
+    idle = np.flatnonzero(sizes == 0)
+    if len(idle):
+        mistakes = documents.Mistakes()
+        for k in map(int, idle):
+            mistakes.note(document.error(paths[k], "does not constrain the initial position"))
+        mistakes.refuse()
+    involved = _dependent(gradient, tolerance)
+    if not involved:
+        return
+    names = ", ".join(_spelled(paths[k]) for k in involved[:_MOST_NAMED])
+    message = f"redundant: these constraints depend on each other: {names}"
+    if _singular_here(problem, gradient):
+        message = (
+            "the start is a singular position, such as a dead centre: only here do these "
+            f"constraints depend on each other: {names}; start from another position"
+        )
+    raise document.error(paths[involved[-1]], message)
+
+
+def _spelled(path: KeyPath) -> str:
+    return ".".join(map(str, path))
+
+
+def _dependent(gradient: scipy.sparse.csc_array, tolerance: float = _RANK_TOLERANCE) -> list[int]:
+    """Constraints with a share in a dependence, by their columns of G; none at full rank."""
     n, m = gradient.shape
     sizes = _column_norms(gradient)
-    if np.any(sizes == 0):
-        worst = int(np.argmin(sizes))
-        raise document.error(paths[worst], "does not constrain the initial position")
-    scaled = gradient / sizes[None, :]
+    scaled = scipy.sparse.csc_array(gradient / np.where(sizes > 0, sizes, 1.0)[None, :])
     if n <= _DENSE_UP_TO:
         dense = np.asarray(scaled.toarray(), float)
-        # Vectors take ten times as long as values, and are needed for the error alone.
+        # Vectors take ten times as long as values, and are needed for the error only.
         values = np.linalg.svd(dense, compute_uv=False)
-        rank = int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
+        rank = int(np.count_nonzero(values > tolerance * values[0]))
         if rank == m:
-            return
-        _, _, vectors = np.linalg.svd(dense)
-        involved = np.flatnonzero(np.abs(vectors[rank:]).max(axis=0) > 1e-6)
+            return []
+        _, _, vectors = np.linalg.svd(dense, full_matrices=False)
+        # Length of each constraint's share in the null space; what is not in it is here.
+        return _shared_in(np.sqrt(np.maximum(0.0, 1 - (vectors[:rank] ** 2).sum(axis=0))))
+    try:
+        factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(scaled.T @ scaled))
+    except RuntimeError:
+        pass
     else:
-        try:
-            factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(scaled.T @ scaled))
-        except RuntimeError:
-            involved = np.array([m - 1])
-        else:
-            pivots = np.abs(factors.U.diagonal())
-            # Pivots of GᵀG are squares of what a rank would be judged by.
-            weak = np.flatnonzero(pivots < _RANK_TOLERANCE**1.5 * pivots.max())
-            if len(weak) == 0:
-                return
-            involved = np.flatnonzero(np.isin(factors.perm_c, weak))
-    names = ", ".join(".".join(map(str, paths[i])) for i in involved[:12])
-    raise document.error(
-        paths[int(involved[-1])],
-        f"redundant: these constraints depend on each other: {names}",
-    )
+        pivots = np.abs(factors.U.diagonal())
+        # Pivots of GᵀG are squares of what a rank would be judged by.
+        if np.all(pivots >= tolerance**1.5 * pivots.max()):
+            return []
+    # Inverse iteration ends in the null space.
+    solve = _damped_solver(scaled, 1e-13)
+    vector = np.random.default_rng(0).normal(size=m)
+    for _ in range(4):
+        vector = solve(vector)
+        vector /= np.abs(vector).max()
+    return _shared_in(np.abs(vector))
+
+
+def _shared_in(shares: Array) -> list[int]:
+    return [int(k) for k in np.flatnonzero(shares > 1e-6)]
+
+
+def _singular_here(problem: Problem, gradient: scipy.sparse.csc_array) -> bool:
+    """Whether constraints that depend on each other at the start are independent elsewhere.
+
+    Where the rank of G is the same all around, constraints can be followed in every
+    direction that G allows.  At a singular position they cannot.
+    """
+    if problem.m > problem.n:
+        return False
+    u = problem.u0
+    size = float(np.abs(u).max()) or 1.0
+    solve = _damped_solver(gradient, 1e-13 * float(_column_norms(gradient).max()) ** 2)
+    random = np.random.default_rng(0)
+    for _ in range(3):
+        direction = random.normal(size=problem.n)
+        direction -= direction.mean()
+        length = np.linalg.norm(direction)
+        for _ in range(2):
+            direction = direction - gradient @ solve(gradient.T @ direction)
+        if np.linalg.norm(direction) < 1e-6 * length:
+            return False  # nothing can move: there are too many constraints everywhere
+        direction *= _ASIDE * size / np.abs(direction).max()
+        moved = _closest(problem, u + direction)
+        if np.abs(moved - u - direction).max() > 0.1 * np.abs(direction).max():
+            return True
+        if not _dependent(_gradient(problem, moved)):
+            return True
+    return False

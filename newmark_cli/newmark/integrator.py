@@ -14,7 +14,7 @@ core knows an integrator: another of the family is another set of coefficients
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -125,6 +125,10 @@ class Newmark:
         IntegratorError: For other β, γ.
     """
 
+    description: ClassVar[str] = (
+        "Newmark's scheme; beta > 0 and gamma >= 1/2, "
+        "by default 1/4 and 1/2, which is the trapezoidal rule"
+    )
     beta: float = 0.25
     gamma: float = 0.5
 
@@ -185,10 +189,14 @@ class GeneralizedAlpha:
         IntegratorError: For other ρ∞.
     """
 
+    description: ClassVar[str] = (
+        "generalized-α method, order 2; "
+        "rho from 0, the strongest damping, to 1, the trapezoidal rule"
+    )
     rho: float
 
     def __post_init__(self) -> None:
-        _refuse_outside("rho", self.rho, 0, 1, "beyond 1 the scheme amplifies, below 0 it is none")
+        _refuse_outside("rho", self.rho, 0, 1, "above 1 the scheme is unstable")
 
     @property
     def label(self) -> str:
@@ -233,10 +241,16 @@ class HHT:
         IntegratorError: For other α.
     """
 
+    description: ClassVar[str] = (
+        "Hilber, Hughes and Taylor's method, order 2; "
+        "alpha from 0, the trapezoidal rule, to 1/3, the strongest damping"
+    )
     alpha: float
 
     def __post_init__(self) -> None:
-        _refuse_outside("alpha", self.alpha, 0, 1 / 3, "beyond 1/3 the damping grows no more")
+        _refuse_outside(
+            "alpha", self.alpha, 0, 1 / 3, "above 1/3 the damping does not grow any further"
+        )
 
     @property
     def label(self) -> str:
@@ -277,6 +291,8 @@ def _alpha_symbols(
 @dataclass(frozen=True)
 class BDF1:
     """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
+
+    description: ClassVar[str] = "implicit Euler method, order 1; no parameters"
 
     @property
     def label(self) -> str:
@@ -321,6 +337,8 @@ class BDF2:
 
     The step before the first is a Taylor expansion backwards from the start.
     """
+
+    description: ClassVar[str] = "two-step backward differences, order 2; no parameters"
 
     @property
     def label(self) -> str:
@@ -380,7 +398,7 @@ def parse(label: str) -> Integrator:
     """Read a `label`.
 
     Raises:
-        IntegratorError: When it is none.
+        IntegratorError: If the label is not valid.
     """
     method, *given = label.split(" ")
     if method not in INTEGRATORS:
@@ -389,7 +407,7 @@ def parse(label: str) -> Integrator:
     try:
         values = [float(value) for _, _, value in pairs]
     except ValueError:
-        raise IntegratorError(f"integrator {label!r}: parameters are numbers") from None
+        raise IntegratorError(f"integrator {label!r}: parameters must be numbers") from None
     if tuple(name for name, _, _ in pairs) != parameters(method):
         names = ", ".join(parameters(method)) or "none"
         raise IntegratorError(f"integrator {label!r}: its parameters are {names}")

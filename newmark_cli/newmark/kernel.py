@@ -2,16 +2,33 @@
 
 Everything that tells one form, scaling or integrator from another reaches the
 kernel as numbers (`march_data.StepTables`), every problem as a compiled function and
-its tables (`march_data.ProblemTables`).  All compiled code of the core stands
-in this file, because numba's disk cache does not notice a change in another.
+its tables (`march_data.ProblemTables`).  `_march` is the algorithm; the functions
+above it are its verbs, in the order in which it needs them.  In their shapes p is the
+number of kept fields among (u, v, a), r of kept rows among (V, K), P of past vectors,
+and N = p n + m.
+
+All compiled code of the core stands in this file, because numba's disk cache does
+not notice a change in another.
+
+Numba inlines the verbs.  Each counts a reference to every array of a tuple that it
+is handed, and LLVM drops this counting where a verb does nothing but read and write
+single elements, as those of the inner loop do.  A view of an array, or a call that
+hands the tuple on, keeps the counting, and that takes longer than an iteration on a
+small mechanism: measure a change with `benchmarks/kernel.py`.
 """
 
 import threading
+from typing import NamedTuple
 
 import numpy as np
 from numba import from_dtype, njit, typeof, types
 
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, SINGULAR
+
+#: A function by itself, and one that becomes a part of its caller.  Without fastmath:
+#: compiled and interpreted, the march gives the same bits.
+_compile = njit(cache=True, nogil=True, error_model="numpy")
+_inline = njit(cache=True, nogil=True, error_model="numpy", inline="always")
 
 
 def evaluate_type(dtype):
@@ -26,7 +43,278 @@ def evaluate_type(dtype):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+class _Iterate(NamedTuple):
+    """What Newton iterates on: the fields, or their increments over the step."""
+
+    compensated: bool  #: whether it is the increments; only they need shift and g_old
+    moving: np.ndarray  #: (3, n) u, v, a, the memory of the state; compensated: w, ν, a
+    h: float  #: step size (s), in the march's precision
+    shift: np.ndarray  #: (n,) Δ = h v_n + w
+    g_old: np.ndarray  #: entries of G at the beginning of the step
+
+
+class _Values(NamedTuple):
+    """The problem at the iterate; see `newmark_cli.problems.problem.Values`."""
+
+    force: np.ndarray  #: (n,) f + Gλ
+    phi: np.ndarray  #: (m,) Φ
+    x: np.ndarray  #: entries of X
+    y: np.ndarray  #: entries of Y
+    g: np.ndarray  #: entries of G
+
+
+class _History(NamedTuple):
+    """What the past adds to the equations of one step."""
+
+    fields: np.ndarray  #: (3, n) to u, v, a
+    dynamics: np.ndarray  #: (n,) to row D
+    rows: np.ndarray  #: (r, n) to rows V, K
+
+
+class _Blocks(NamedTuple):
+    """D_L J D_R: what stays, and factors and places of the entries that change.
+
+    A place is an index into the matrix as one vector.  Places are unsigned, as numba
+    tests signed ones for their sign.
+    """
+
+    constant: np.ndarray  #: (N, N) M in row D, the identities in V and K
+    x_factors: np.ndarray  #: (p,) of X, in row D
+    y_factors: np.ndarray  #: (p,) of Y, in row D
+    gt_factors: np.ndarray  #: (p,) of Gᵀ, in row C
+    g_factor: float  #: of −G, in row D
+    x_places: np.ndarray  #: (p, entries of X)
+    y_places: np.ndarray  #: (p, entries of Y)
+    gt_places: np.ndarray  #: (p, entries of G)
+    g_places: np.ndarray  #: (entries of G,)
+    mass_rows: np.ndarray  #: (entries of M,) in M itself
+    mass_columns: np.ndarray  #: (entries of M,)
+
+
+class _System(NamedTuple):
+    """(D_L J D_R) q̄ = −D_L b."""
+
+    matrix: np.ndarray  #: (N, N) D_L J D_R, until it is solved
+    entries: np.ndarray  #: (N²,) the same memory as one vector
+    rhs: np.ndarray  #: (N,) −D_L b, then the correction q̄
+    columns: np.ndarray  #: (N,) the solver's work space
+    row: np.ndarray  #: (N,) likewise
+
+
+# -- before the first step ------------------------------------------------------------------
+
+
+@_inline
+def _allocate(problem, tables, state, compensated, h):
+    """Return room for what the march overwrites in every step."""
+    n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
+    size = tables.kept.shape[0] * n + m
+    values = _Values(
+        force=np.empty(n, dtype),
+        phi=np.empty(m, dtype),
+        x=np.empty(problem.x_rows.shape[0], dtype),
+        y=np.empty(problem.y_rows.shape[0], dtype),
+        g=np.empty(problem.g_rows.shape[0], dtype),
+    )
+    iterate = _Iterate(
+        compensated=compensated,
+        moving=np.empty((3, n), dtype) if compensated else state.fields[:3],
+        h=dtype.type(h),
+        shift=np.empty(n, dtype),
+        g_old=np.empty(problem.g_rows.shape[0], dtype),
+    )
+    history = _History(
+        fields=np.empty((3, n), dtype),
+        dynamics=np.empty(n, dtype),
+        rows=np.empty((tables.row_weights.shape[0], n), dtype),
+    )
+    matrix = np.empty((size, size), dtype)
+    system = _System(
+        matrix=matrix,
+        entries=matrix.ravel(),
+        rhs=np.empty(size, dtype),
+        columns=np.empty(size, np.uint64),
+        row=np.empty(size, dtype),
+    )
+    return values, iterate, history, system
+
+
+@_inline
+def _lay_out(problem, tables, n, m):
+    """Return the part of the Jacobian that is the same at all states."""
+    p, dtype = tables.kept.shape[0], tables.left.dtype
+    size = p * n + m
+    blocks = _Blocks(
+        constant=np.zeros((size, size), dtype),
+        x_factors=np.empty(p, dtype),
+        y_factors=np.empty(p, dtype),
+        gt_factors=np.empty(p, dtype),
+        g_factor=tables.left[0] * tables.right[p],
+        x_places=np.empty((p, problem.x_rows.shape[0]), np.uint64),
+        y_places=np.empty((p, problem.y_rows.shape[0]), np.uint64),
+        gt_places=np.empty((p, problem.g_rows.shape[0]), np.uint64),
+        g_places=np.empty(problem.g_rows.shape[0], np.uint64),
+        mass_rows=problem.mass_rows.astype(np.uint64),
+        mass_columns=problem.mass_columns.astype(np.uint64),
+    )
+    _fill_constant(problem, tables, n, blocks.constant)
+    _fill_factors(tables, blocks)
+    _find_places(problem, tables, n, size, blocks)
+    return blocks
+
+
+@_inline
+def _fill_constant(problem, tables, n, constant):
+    """Add M in row D and the identities in V and K to ``constant`` (N, N)."""
+    for k in range(tables.kept.shape[0]):
+        factor = tables.left[0] * tables.dynamic_weights[k] * tables.right[k]
+        for e in range(problem.mass_rows.shape[0]):
+            i, j = problem.mass_rows[e], k * n + problem.mass_columns[e]
+            constant[i, j] += factor * problem.mass_values[e]
+        for r in range(tables.row_weights.shape[0]):
+            factor = tables.left[1 + r] * tables.row_weights[r, k] * tables.right[k]
+            for i in range(n):
+                constant[(1 + r) * n + i, k * n + i] = factor
+
+
+@_inline
+def _fill_factors(tables, blocks):
+    """Set the factors of X and Y in row D and of Gᵀ in row C."""
+    of_constraints = tables.row_weights.shape[0] + 1
+    for k in range(tables.kept.shape[0]):
+        u_weight, v_weight, right = tables.weights[0, k], tables.weights[1, k], tables.right[k]
+        blocks.x_factors[k] = tables.left[0] * u_weight * right
+        blocks.y_factors[k] = tables.left[0] * v_weight * right
+        blocks.gt_factors[k] = tables.left[of_constraints] * u_weight * right
+
+
+@_inline
+def _find_places(problem, tables, n, size, blocks):
+    """Set where the entries of X, Y, Gᵀ and G stand in the (size, size) matrix."""
+    p, constraint_row = tables.kept.shape[0], (1 + tables.row_weights.shape[0]) * n
+    for k in range(p):
+        for e in range(problem.x_rows.shape[0]):
+            blocks.x_places[k, e] = problem.x_rows[e] * size + k * n + problem.x_columns[e]
+        for e in range(problem.y_rows.shape[0]):
+            blocks.y_places[k, e] = problem.y_rows[e] * size + k * n + problem.y_columns[e]
+        for e in range(problem.g_rows.shape[0]):
+            row = constraint_row + problem.g_columns[e]
+            blocks.gt_places[k, e] = row * size + k * n + problem.g_rows[e]
+    for e in range(problem.g_rows.shape[0]):
+        blocks.g_places[e] = problem.g_rows[e] * size + p * n + problem.g_columns[e]
+
+
+# -- at the beginning of a step -------------------------------------------------------------
+
+
+@_inline
+def _collect_history(problem, tables, past, history):
+    """Set what the past (P, n) adds to the fields and to rows D, V and K."""
+    for f in range(3):
+        for i in range(past.shape[1]):
+            value = past[0, i] * tables.past_weights[f, 0]
+            for q in range(1, past.shape[0]):
+                value += past[q, i] * tables.past_weights[f, q]
+            history.fields[f, i] = value
+    for i in range(past.shape[1]):
+        history.dynamics[i] = 0
+        for r in range(history.rows.shape[0]):
+            history.rows[r, i] = 0
+    for q in range(past.shape[0]):
+        for e in range(problem.mass_rows.shape[0]):
+            history.dynamics[problem.mass_rows[e]] += (
+                problem.mass_values[e] * tables.dynamic_past[q] * past[q, problem.mass_columns[e]]
+            )
+        for r in range(history.rows.shape[0]):
+            for i in range(past.shape[1]):
+                history.rows[r, i] += tables.row_past[r, q] * past[q, i]
+
+
+@_inline
+def _predict(tables, past, moving):
+    """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
+    for f in range(3):
+        for i in range(past.shape[1]):
+            value = past[0, i] * tables.predictor[f, 0]
+            for q in range(1, past.shape[0]):
+                value += past[q, i] * tables.predictor[f, q]
+            moving[f, i] = value
+
+
+@_inline
+def _take_increments(iterate, state):
+    """Compensated: set Δ = h v_n + w, and u, v and a to where the increments lead."""
+    if iterate.compensated:
+        for i in range(state.fields.shape[1]):
+            iterate.shift[i] = iterate.h * state.past[1, i] + (
+                iterate.h * state.lows[1, i] + iterate.moving[0, i]
+            )
+            state.fields[0, i] = state.past[0, i] + (state.lows[0, i] + iterate.shift[i])
+            state.fields[1, i] = state.past[1, i] + (state.lows[1, i] + iterate.moving[1, i])
+            state.fields[2, i] = iterate.moving[2, i]
+
+
+# -- in every correction --------------------------------------------------------------------
+
+
+@_inline
+def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
+    """Φ = Φ_n + G(u_n + Δ/2)ᵀ Δ; G is affine in u, so its value midway is the mean."""
+    half = phi.dtype.type(0.5)
+    for k in range(phi.shape[0]):
+        phi[k] = phi_old[k]
+    for e in range(g_new.shape[0]):
+        phi[columns[e]] += half * (g_old[e] + g_new[e]) * shift[rows[e]]
+
+
+@_inline
+def _assemble_residual(problem, tables, blocks, history, moving, values, rhs):
+    """Set ``rhs`` (N,) to −D_L b, row blocks D, the kept ones of V and K, C."""
+    left, kept = tables.left, tables.kept
+    n, p, extra = moving.shape[1], kept.shape[0], tables.row_weights.shape[0]
+    for i in range(n):
+        rhs[i] = values.force[i] - history.dynamics[i]
+    for k in range(p):
+        weight = tables.dynamic_weights[k]
+        if weight != 0:
+            source = kept[k]
+            for e in range(blocks.mass_rows.shape[0]):
+                rhs[blocks.mass_rows[e]] -= (
+                    problem.mass_values[e] * weight * moving[source, blocks.mass_columns[e]]
+                )
+    for i in range(n):
+        rhs[i] *= left[0]
+    for r in range(extra):
+        for i in range(n):
+            residual = history.rows[r, i]
+            for k in range(p):
+                residual += tables.row_weights[r, k] * moving[kept[k], i]
+            rhs[(1 + r) * n + i] = -left[1 + r] * residual
+    for i in range(values.phi.shape[0]):
+        rhs[(1 + extra) * n + i] = -left[1 + extra] * values.phi[i]
+
+
+@_inline
+def _assemble_jacobian(weights, blocks, values, system):
+    """Set the matrix to D_L J D_R; ``weights`` (3, p) are the ∂(u, v, a)/∂(kept)."""
+    entries = system.entries
+    for i in range(system.matrix.shape[0]):
+        for j in range(system.matrix.shape[1]):
+            system.matrix[i, j] = blocks.constant[i, j]
+    for k in range(weights.shape[1]):
+        if weights[0, k] != 0:
+            for e in range(values.x.shape[0]):
+                entries[blocks.x_places[k, e]] += blocks.x_factors[k] * values.x[e]
+            for e in range(values.g.shape[0]):
+                entries[blocks.gt_places[k, e]] += blocks.gt_factors[k] * values.g[e]
+        if weights[1, k] != 0:
+            for e in range(values.y.shape[0]):
+                entries[blocks.y_places[k, e]] += blocks.y_factors[k] * values.y[e]
+    for e in range(values.g.shape[0]):
+        entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
+
+
+@_compile
 def solve_in_place(matrix, rhs, columns, values):
     """Overwrite ``rhs`` with the solution of ``matrix`` x = ``rhs``.
 
@@ -81,37 +369,71 @@ def solve_in_place(matrix, rhs, columns, values):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _take_increments(moving, past, lows, h, shift, fields):
-    """u, v and a that the increments lead to; ``shift`` becomes Δ = h v_n + w."""
-    for i in range(shift.shape[0]):
-        shift[i] = h * past[1, i] + (h * lows[1, i] + moving[0, i])
-        fields[0, i] = past[0, i] + (lows[0, i] + shift[i])
-        fields[1, i] = past[1, i] + (lows[1, i] + moving[1, i])
-        fields[2, i] = moving[2, i]
+@_inline
+def _correct(tables, correction, moving, multipliers, norms, s):
+    """Apply the correction (N,) and record the 2-norms of its blocks in ``norms[s]``.
+
+    Returns:
+        The square of its displacement part, in physical units.
+    """
+    right, n, p = tables.right, moving.shape[1], tables.kept.shape[0]
+    displacement_square = 0.0
+    for k in range(p):
+        field = tables.kept[k]
+        block = 0.0
+        for i in range(n):
+            scaled = correction[k * n + i]
+            block += np.float64(scaled) * scaled
+            moving[field, i] += right[k] * scaled
+        norms[s, k] = np.sqrt(block)
+        to_displacement = np.float64(tables.weights[0, k]) * right[k]
+        displacement_square += to_displacement * to_displacement * block
+    block = 0.0
+    for i in range(multipliers.shape[0]):
+        scaled = correction[p * n + i]
+        block += np.float64(scaled) * scaled
+        multipliers[i] += right[p] * scaled
+    norms[s, p] = np.sqrt(block)
+    return displacement_square
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
-    """Φ = Φ_n + G(u_n + Δ/2)ᵀ Δ; G is affine in u, so its value midway is the mean."""
-    half = phi.dtype.type(0.5)
-    for k in range(phi.shape[0]):
-        phi[k] = phi_old[k]
-    for e in range(g_new.shape[0]):
-        phi[columns[e]] += half * (g_old[e] + g_new[e]) * shift[rows[e]]
+@_inline
+def _recover(tables, history, past, moving):
+    """Evaluate the eliminated fields afresh from the kept ones."""
+    kept, weights = tables.kept, tables.weights
+    for f in range(3):
+        if not _contains(kept, f):
+            for i in range(moving.shape[1]):
+                value = history.fields[f, i]
+                for k in range(kept.shape[0]):
+                    weight = weights[f, k]
+                    if weight != 0:
+                        change = moving[kept[k], i]
+                        if tables.differenced[f] != 0:
+                            change -= past[kept[k], i]
+                        value += weight * change
+                moving[f, i] = value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_exactly(high, low, increment, total):
-    """High + low + increment as a rounded sum and its rounding error (Knuth's two-sum)."""
-    for i in range(high.shape[0]):
-        added = low[i] + increment[i]
-        total[i] = high[i] + added
-        of_added = total[i] - high[i]
-        low[i] = (high[i] - (total[i] - of_added)) + (added - of_added)
+@_inline
+def _contains(numbers, wanted):
+    """Whether a short array has a number."""
+    for number in numbers:  # noqa: SIM110, numba compiles no any() of a generator
+        if number == wanted:
+            return True
+    return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@_inline
+def _square(vector):
+    """‖vector‖² in double precision: squares of small single numbers would vanish."""
+    square = 0.0
+    for i in range(vector.shape[0]):
+        square += np.float64(vector[i]) * vector[i]
+    return square
+
+
+@_inline
 def _scaled_size(fields, multipliers, kept, right):
     """Norm of the unknowns as the solver sees them."""
     square = 0.0
@@ -123,258 +445,123 @@ def _scaled_size(fields, multipliers, kept, right):
     return np.sqrt(square)
 
 
+# -- at the end of a step -------------------------------------------------------------------
+
+
+@_inline
+def _form_acceleration(tables, state):
+    """Set the true acceleration v' from the new a and the past."""
+    for i in range(state.fields.shape[1]):
+        value = tables.acceleration[0] * state.fields[2, i]
+        for q in range(state.past.shape[0]):
+            value += tables.acceleration[1 + q] * state.past[q, i]
+        state.fields[3, i] = value
+
+
+@_inline
+def _advance(tables, state, iterate, new_past):
+    """Set ``new_past`` (P, n) to what the past vectors become."""
+    for q in range(state.past.shape[0]):
+        source = tables.advance[q]
+        for i in range(state.fields.shape[1]):
+            if source < 4:
+                new_past[q, i] = state.fields[source, i]
+            elif iterate.compensated:
+                new_past[q, i] = iterate.moving[source - 4, i]
+            elif source == 4:
+                increment = state.fields[0, i] - state.past[0, i]
+                new_past[q, i] = increment - iterate.h * state.past[1, i]
+            else:
+                new_past[q, i] = state.fields[1, i] - state.past[1, i]
+
+
+@_inline
+def _carry_over(state, iterate, values, new_past):
+    """Carry Φ, G and the rounding errors of u and v over to the next step."""
+    for k in range(state.phi.shape[0]):
+        state.phi[k] = values.phi[k]
+    for e in range(values.g.shape[0]):
+        iterate.g_old[e] = values.g[e]
+    _add_exactly(state.past[0], state.lows[0], iterate.shift, new_past[0])
+    _add_exactly(state.past[1], state.lows[1], iterate.moving[1], new_past[1])
+
+
+@_inline
+def _add_exactly(high, low, increment, total):
+    """High + low + increment as a rounded sum and its rounding error (Knuth's two-sum)."""
+    for i in range(high.shape[0]):
+        added = low[i] + increment[i]
+        total[i] = high[i] + added
+        of_added = total[i] - high[i]
+        low[i] = (high[i] - (total[i] - of_added)) + (added - of_added)
+
+
+# -- the march ------------------------------------------------------------------------------
+
+
 def _march(
     evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
     absolute, relative, norms, iterations,
 ):  # fmt: skip
-    kept, weights, right, left = tables.kept, tables.weights, tables.right, tables.left
+    """The march as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
-    lows, carried_phi = state.lows, state.phi
-    n, m, p = fields.shape[1], multipliers.shape[0], kept.shape[0]
-    extra = tables.row_weights.shape[0]
-    depth = past.shape[0]
-    size = p * n + m
-    constraint_row = (1 + extra) * n
-
-    dtype = fields.dtype
-    number = dtype.type
-    step = number(h)
+    number = fields.dtype.type
     to_tolerance = absolute > 0 or relative > 0
-    constant = np.zeros((size, size), dtype)
-    matrix = np.empty((size, size), dtype)
-    entries = matrix.ravel()
-    rhs = np.empty(size, dtype)
-    work_columns, work_values = np.empty(size, np.uint64), np.empty(size, dtype)
-    force, phi = np.empty(n, dtype), np.empty(m, dtype)
-    x_values = np.empty(problem.x_rows.shape[0], dtype)
-    y_values = np.empty(problem.y_rows.shape[0], dtype)
-    g_values = np.empty(problem.g_rows.shape[0], dtype)
-    field_history = np.empty((3, n), dtype)
-    dynamic_history = np.empty(n, dtype)
-    row_history = np.empty((extra, n), dtype)
+    blocks = _lay_out(problem, tables, fields.shape[1], multipliers.shape[0])
+    values, iterate, history, system = _allocate(problem, tables, state, compensated, h)
     new_past = np.empty_like(past)
-    # What Newton iterates on: the fields, or their increments over the step.
-    moving = np.empty((3, n), dtype) if compensated else fields[:3]
-    shift = np.empty(n, dtype)
-    g_old = np.empty_like(g_values)
+    # The arguments of the problem's function at the iterate.
+    u, v, ints, reals = fields[0], fields[1], problem.ints, problem.reals
+    force, phi, x, y, g = values
+    moving, shift, g_old, rhs = iterate.moving, iterate.shift, iterate.g_old, system.rhs
     if compensated:
-        evaluate(
-            number(t_start + first * h), past[0], past[1], multipliers, problem.ints,
-            problem.reals, force, phi, x_values, y_values, g_old,
-        )  # fmt: skip
-    is_kept = np.zeros(3, np.bool_)
-    for k in range(p):
-        is_kept[kept[k]] = True
-
-    # Blocks of D_L J D_R that stay: M in row D, the identities in V and K.
-    for k in range(p):
-        factor = left[0] * tables.dynamic_weights[k] * right[k]
-        for e in range(problem.mass_rows.shape[0]):
-            i, j = problem.mass_rows[e], k * n + problem.mass_columns[e]
-            constant[i, j] += factor * problem.mass_values[e]
-        for r in range(extra):
-            factor = left[1 + r] * tables.row_weights[r, k] * right[k]
-            for i in range(n):
-                constant[(1 + r) * n + i, k * n + i] = factor
-    # Factors of the blocks that change: X and Y in row D, G, and Gᵀ in row C.
-    x_factor = np.empty(p, dtype)
-    y_factor = np.empty(p, dtype)
-    gt_factor = np.empty(p, dtype)
-    for k in range(p):
-        x_factor[k] = left[0] * weights[0, k] * right[k]
-        y_factor[k] = left[0] * weights[1, k] * right[k]
-        gt_factor[k] = left[1 + extra] * weights[0, k] * right[k]
-    g_factor = left[0] * right[p]
-    # Their places in the matrix; unsigned, as numba tests signed ones for sign.
-    x_places = np.empty((p, x_values.shape[0]), np.uint64)
-    y_places = np.empty((p, y_values.shape[0]), np.uint64)
-    gt_places = np.empty((p, g_values.shape[0]), np.uint64)
-    g_places = np.empty(g_values.shape[0], np.uint64)
-    for k in range(p):
-        for e in range(x_values.shape[0]):
-            x_places[k, e] = problem.x_rows[e] * size + k * n + problem.x_columns[e]
-        for e in range(y_values.shape[0]):
-            y_places[k, e] = problem.y_rows[e] * size + k * n + problem.y_columns[e]
-        for e in range(g_values.shape[0]):
-            row = constraint_row + problem.g_columns[e]
-            gt_places[k, e] = row * size + k * n + problem.g_rows[e]
-    for e in range(g_values.shape[0]):
-        g_places[e] = problem.g_rows[e] * size + p * n + problem.g_columns[e]
-    mass_rows = problem.mass_rows.astype(np.uint64)
-    mass_columns = problem.mass_columns.astype(np.uint64)
+        t = number(t_start + first * h)
+        evaluate(t, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old)
 
     for s in range(norms.shape[0]):
         t = number(t_start + (first + s + 1) * h)
-
-        # History terms, once per step.
-        row_history[:] = 0
-        dynamic_history[:] = 0
-        for f in range(3):
-            for i in range(n):
-                history = past[0, i] * tables.past_weights[f, 0]
-                predicted = past[0, i] * tables.predictor[f, 0]
-                for q in range(1, depth):
-                    history += past[q, i] * tables.past_weights[f, q]
-                    predicted += past[q, i] * tables.predictor[f, q]
-                field_history[f, i] = history
-                moving[f, i] = predicted
-        for q in range(depth):
-            for e in range(problem.mass_rows.shape[0]):
-                dynamic_history[problem.mass_rows[e]] += (
-                    problem.mass_values[e]
-                    * tables.dynamic_past[q]
-                    * past[q, problem.mass_columns[e]]
-                )
-            for r in range(extra):
-                for i in range(n):
-                    row_history[r, i] += tables.row_past[r, q] * past[q, i]
-
-        if compensated:
-            _take_increments(moving, past, lows, step, shift, fields)
-        previous = np.inf
+        _collect_history(problem, tables, past, history)
+        _predict(tables, past, moving)
+        _take_increments(iterate, state)
+        previous, solves = np.inf, 0
         settled = 0  # corrections in a row that are in the terminal phase
-        solves = 0
         while solves < cap:
-            evaluate(
-                t, fields[0], fields[1], multipliers, problem.ints, problem.reals,
-                force, phi, x_values, y_values, g_values,
-            )  # fmt: skip
+            evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
             if compensated:
-                _increase_phi(
-                    carried_phi, g_old, g_values, problem.g_rows, problem.g_columns, shift, phi
-                )
-
-            # rhs = −D_L b
-            for i in range(n):
-                rhs[i] = force[i] - dynamic_history[i]
-            for k in range(p):
-                weight = tables.dynamic_weights[k]
-                if weight != 0:
-                    field = moving[kept[k]]
-                    for e in range(mass_rows.shape[0]):
-                        rhs[mass_rows[e]] -= (
-                            problem.mass_values[e] * weight * field[mass_columns[e]]
-                        )
-            for i in range(n):
-                rhs[i] *= left[0]
-            for r in range(extra):
-                for i in range(n):
-                    residual = row_history[r, i]
-                    for k in range(p):
-                        residual += tables.row_weights[r, k] * moving[kept[k], i]
-                    rhs[(1 + r) * n + i] = -left[1 + r] * residual
-            for i in range(m):
-                rhs[constraint_row + i] = -left[1 + extra] * phi[i]
-
-            # matrix = D_L J D_R
-            matrix[:] = constant
-            for k in range(p):
-                if weights[0, k] != 0:
-                    for e in range(x_values.shape[0]):
-                        entries[x_places[k, e]] += x_factor[k] * x_values[e]
-                    for e in range(g_values.shape[0]):
-                        entries[gt_places[k, e]] += gt_factor[k] * g_values[e]
-                if weights[1, k] != 0:
-                    for e in range(y_values.shape[0]):
-                        entries[y_places[k, e]] += y_factor[k] * y_values[e]
-            for e in range(g_values.shape[0]):
-                entries[g_places[e]] -= g_factor * g_values[e]
-
-            if not solve_in_place(matrix, rhs, work_columns, work_values):
+                _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
+            _assemble_residual(problem, tables, blocks, history, moving, values, rhs)
+            _assemble_jacobian(tables.weights, blocks, values, system)
+            if not solve_in_place(system.matrix, rhs, system.columns, system.row):
                 return SINGULAR, s
             solves += 1
-            # Norms in double precision: squares of small single ones would vanish.
-            square = 0.0
-            for i in range(size):
-                square += np.float64(rhs[i]) * rhs[i]
-            norm = np.sqrt(square)
+            norm = np.sqrt(_square(rhs))
             if not np.isfinite(norm):
                 return DIVERGED, s
             if settled >= 2 and norm >= previous and not to_tolerance:
                 break
             previous = norm
-
-            # Apply the correction; its blocks are what the step would record.
-            displacement_square = 0.0
-            for k in range(p):
-                field = moving[kept[k]]
-                block = 0.0
-                for i in range(n):
-                    scaled = rhs[k * n + i]
-                    block += np.float64(scaled) * scaled
-                    field[i] += right[k] * scaled
-                norms[s, k] = np.sqrt(block)
-                to_displacement = np.float64(weights[0, k]) * right[k]
-                displacement_square += to_displacement * to_displacement * block
-            block = 0.0
-            for i in range(m):
-                scaled = rhs[p * n + i]
-                block += np.float64(scaled) * scaled
-                multipliers[i] += right[p] * scaled
-            norms[s, p] = np.sqrt(block)
-
-            for f in range(3):
-                if not is_kept[f]:
-                    for i in range(n):
-                        value = field_history[f, i]
-                        for k in range(p):
-                            weight = weights[f, k]
-                            if weight != 0:
-                                change = moving[kept[k], i]
-                                if tables.differenced[f] != 0:
-                                    change -= past[kept[k], i]
-                                value += weight * change
-                        moving[f, i] = value
-            if compensated:
-                _take_increments(moving, past, lows, step, shift, fields)
-
+            displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
+            _recover(tables, history, past, moving)
+            _take_increments(iterate, state)
             if to_tolerance:
                 limit = absolute
                 if relative > 0:
-                    limit += relative * _scaled_size(fields, multipliers, kept, right)
-                settled = 1 if norm <= limit else 0
-                if settled == 1:
-                    break
-                continue
-            size_of_u = 0.0
-            for i in range(n):
-                size_of_u += np.float64(fields[0, i]) * fields[0, i]
-            if displacement_square < settled_below * settled_below * size_of_u or norm == 0:
-                settled += 1
+                    limit += relative * _scaled_size(fields, multipliers, tables.kept, tables.right)
+                small = norm <= limit
             else:
-                settled = 0
-            if norm == 0:
+                limit = settled_below * settled_below * _square(u)
+                small = displacement_square < limit or norm == 0
+            settled = settled + 1 if small else 0
+            if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
-
-        for i in range(n):
-            value = tables.acceleration[0] * fields[2, i]
-            for q in range(depth):
-                value += tables.acceleration[1 + q] * past[q, i]
-            fields[3, i] = value
-        for q in range(depth):
-            source = tables.advance[q]
-            if source < 4:
-                new_past[q] = fields[source]
-            elif compensated:
-                new_past[q] = moving[source - 4]
-            elif source == 4:
-                new_past[q] = fields[0] - past[0] - step * past[1]
-            else:
-                new_past[q] = fields[1] - past[1]
+        _form_acceleration(tables, state)
+        _advance(tables, state, iterate, new_past)
         if compensated:
             # G and Φ at the end of the step, whatever was applied last.
-            evaluate(
-                t, fields[0], fields[1], multipliers, problem.ints, problem.reals,
-                force, phi, x_values, y_values, g_values,
-            )  # fmt: skip
-            _increase_phi(
-                carried_phi, g_old, g_values, problem.g_rows, problem.g_columns, shift, phi
-            )
-            carried_phi[:] = phi
-            g_old[:] = g_values
-            _add_exactly(past[0], lows[0], shift, new_past[0])
-            _add_exactly(past[1], lows[1], moving[1], new_past[1])
+            evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+            _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
+            _carry_over(state, iterate, values, new_past)
         past[:] = new_past
     return COMPLETED, norms.shape[0]
 
@@ -424,7 +611,7 @@ def march(
     with _compiling:
         if dtype not in _compiled:
             signature = (evaluate_type(dtype), *(typeof(a) for a in arguments))
-            compiled = njit(cache=True, nogil=True, error_model="numpy")(_march)
+            compiled = _compile(_march)
             compiled.compile(signature)
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.

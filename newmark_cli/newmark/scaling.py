@@ -6,7 +6,7 @@ factor a row block, D_R one a field, each a monomial in β, γ and h.
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from newmark_cli.errors import InputError
@@ -61,14 +61,37 @@ TABLE_2: Mapping[str, Mapping[str, Mapping[str, str]]] = MappingProxyType(
 #: Entries of Table 2 as the scan prints them, where they differ from `TABLE_2`.
 PRINTED: Mapping[str, str] = MappingProxyType({"V": "1"})
 
-#: Which sides of Table 2 a named variant uses, in the order of the paper's legends.
-VARIANTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+
+@dataclass(frozen=True)
+class Variant:
+    """A named scaling by the factors of Table 2.
+
+    Attributes:
+        sides: Sides that it uses.
+        description: One line.
+        replaced: Row block → factor that it uses in place of that of `TABLE_2`.
+    """
+
+    sides: tuple[str, ...]
+    description: str
+    replaced: Mapping[str, str] = field(default_factory=dict)
+
+
+#: Named variants, in the order of the paper's legends.
+VARIANTS: Mapping[str, Variant] = MappingProxyType(
     {
-        "none": (),
-        "left": ("left",),
-        "right": ("right",),
-        "optimal": ("left", "right"),
-        "optimal-printed": ("left", "right"),
+        "none": Variant((), "no scaling"),
+        "left": Variant(("left",), "scales the equations only, by D_L of Table 2"),
+        "right": Variant(("right",), "scales the unknowns only, by D_R of Table 2"),
+        "optimal": Variant(
+            ("left", "right"), "scales equations and unknowns, by D_L and D_R of Table 2"
+        ),
+        "optimal-printed": Variant(
+            ("left", "right"),
+            "optimal with factor 1 for row V, as the paper prints it, in place of βh/γ; "
+            "differs in u-v-a-lambda and v-a-lambda",
+            PRINTED,
+        ),
     }
 )
 #: The four variants of the paper.
@@ -196,15 +219,14 @@ def named_scaling(variant: str, form: Form) -> Scaling:
         variant: One of `VARIANTS`.
         form: One of the registered forms.
     """
-    sides = VARIANTS[variant]
+    chosen = VARIANTS[variant]
     table = {side: dict(factors) for side, factors in TABLE_2[form.name].items()}
-    if variant == "optimal-printed":
-        table["left"].update({r: f for r, f in PRINTED.items() if r in form.rows})
+    table["left"].update({r: f for r, f in chosen.replaced.items() if r in form.rows})
     return own_scaling(
         variant,
         form,
-        table["left"] if "left" in sides else {},
-        table["right"] if "right" in sides else {},
+        table["left"] if "left" in chosen.sides else {},
+        table["right"] if "right" in chosen.sides else {},
     )
 
 

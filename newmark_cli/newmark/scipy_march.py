@@ -1,4 +1,4 @@
-"""The Newton march in plain SciPy: the same algorithm as the kernel, easy to read.
+"""The Newton march in plain SciPy: the kernel's algorithm and verbs, on whole vectors.
 
 It is the reference that the kernel is tested against, and the march of problems
 whose linear systems are not solved by the kernel.
@@ -28,9 +28,35 @@ class _Step:
         self.dynamic_history = system.times_mass(tables.dynamic_past @ past)
         self.row_history = tables.row_past @ past
 
-    def predicted(self) -> Array:
-        """(3, n) u = u_n + h v_n, and v, a that the update relations give with it."""
-        return np.asarray(self.scheme.tables.predictor @ self.past)
+    def predict(self, moving: Array) -> None:
+        """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
+        moving[:] = self.scheme.tables.predictor @ self.past
+
+    def residual(self, moving: Array, force: Array, phi: Array) -> list[Array]:
+        """Row blocks of b: D, the kept ones of V and K, C."""
+        tables = self.scheme.tables
+        kept = moving[tables.kept]
+        dynamics = self.system.times_mass(tables.dynamic_weights @ kept)
+        return [
+            dynamics + self.dynamic_history - force,
+            *(tables.row_weights @ kept + self.row_history),
+            phi,
+        ]
+
+    def right_hand_side(self, moving: Array, force: Array, phi: Array) -> Array:
+        """(N,) −D_L b."""
+        blocks = zip(self.scheme.left, self.residual(moving, force, phi), strict=True)
+        return np.asarray(-np.concatenate([factor * row for factor, row in blocks]))
+
+    def correct(self, correction: Array, moving: Array, multipliers: Array) -> list[Array]:
+        """Apply the correction (N,); return its blocks, one for each unknown."""
+        tables, right = self.scheme.tables, self.scheme.right
+        n, p = moving.shape[1], len(tables.kept)
+        blocks = np.split(correction, [n * (k + 1) for k in range(p)])
+        for source, block, factor in zip(tables.kept, blocks, right, strict=False):
+            moving[source] += factor * block
+        multipliers += right[-1] * blocks[-1]
+        return blocks
 
     def recover(self, moving: Array) -> None:
         """Evaluate the eliminated fields afresh from the kept ones."""
@@ -44,16 +70,31 @@ class _Step:
                     origin = self.past[source] if tables.differenced[field] else 0.0
                     moving[field] += weight * (moving[source] - origin)
 
-    def residual(self, moving: Array, force: Array, phi: Array) -> list[Array]:
-        """Row blocks of b: D, the kept ones of V and K, C."""
-        tables = self.scheme.tables
-        kept = moving[tables.kept]
-        dynamics = self.system.times_mass(tables.dynamic_weights @ kept)
-        return [
-            dynamics + self.dynamic_history - force,
-            *(tables.row_weights @ kept + self.row_history),
-            phi,
-        ]
+    def is_small(self, norm: float, norms: Array, state: State) -> bool:
+        """Whether a correction is in the terminal phase, or meets the tolerance.
+
+        Args:
+            norm: Norm of the whole correction.
+            norms: (p + 1,) norms of its blocks.
+            state: With the correction applied.
+        """
+        scheme = self.scheme
+        if scheme.stop is not None:
+            return norm <= _limit(scheme, scheme.stop, state)
+        displacement = np.linalg.norm(scheme.tables.weights[0] * scheme.right[:-1] * norms[:-1])
+        threshold = scheme.settled_below * np.linalg.norm(state.fields[0])
+        return norm == 0 or bool(displacement < threshold)
+
+    def advance(self, moving: Array, fields: Array) -> Array:
+        """(P, n) what the past vectors become; sets v', the last of the fields."""
+        scheme, tables = self.scheme, self.scheme.tables
+        fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ self.past
+        if scheme.compensated:
+            increments = moving[:2]
+        else:
+            u_n, v_n = self.past[:2]
+            increments = np.array([fields[0] - u_n - scheme.h * v_n, fields[1] - v_n])
+        return np.asarray(np.concatenate([fields, increments])[tables.advance])
 
 
 class _Compensated:
@@ -127,8 +168,6 @@ def march(
         How the march ended and the steps done.
     """
     system = system or DenseSystem(problem, scheme)
-    tables, n = scheme.tables, problem.n
-    splits = [n * (k + 1) for k in range(len(tables.kept))]
     fields, multipliers = state.fields, state.multipliers
     carried = (
         _Compensated(problem, state, problem.t0 + first * scheme.h, scheme.h)
@@ -136,21 +175,19 @@ def march(
         else None
     )
     # What Newton iterates on: the fields, or their increments over the step.
-    moving = np.empty((3, n)) if carried else fields[:3]
+    moving = np.empty((3, problem.n)) if carried else fields[:3]
     for s in range(len(norms)):
         t = problem.t0 + (first + s + 1) * scheme.h
         step = _Step(scheme, system, state.past.copy())
-        moving[:] = step.predicted()
+        step.predict(moving)
         if carried:
             carried.take(moving)
         previous, settled, solves = np.inf, 0, 0
         while solves < scheme.iteration_cap:
             values = problem.values(t, fields[0], fields[1], multipliers)
             phi = carried.phi(moving, values.g) if carried else values.phi
-            b = step.residual(moving, values.force, phi)
-            rhs = -np.concatenate([f * row for f, row in zip(scheme.left, b, strict=True)])
             try:
-                correction = system.solve(values, rhs)
+                correction = system.solve(values, step.right_hand_side(moving, values.force, phi))
             except Stagnation:
                 return STAGNATED, s
             except np.linalg.LinAlgError:
@@ -162,33 +199,17 @@ def march(
             if settled >= 2 and norm >= previous and scheme.stop is None:
                 break
             previous = norm
-
-            blocks = np.split(correction, splits)
+            blocks = step.correct(correction, moving, multipliers)
             norms[s] = [np.linalg.norm(block) for block in blocks]
-            for source, block, factor in zip(tables.kept, blocks, scheme.right, strict=False):
-                moving[source] += factor * block
-            multipliers += scheme.right[-1] * blocks[-1]
             step.recover(moving)
             if carried:
                 carried.take(moving)
-            if scheme.stop is not None:
-                settled = int(norm <= _limit(scheme, scheme.stop, state))
-                if settled:
-                    break
-                continue
-            displacement = np.linalg.norm(tables.weights[0] * scheme.right[:-1] * norms[s, :-1])
-            small = displacement < scheme.settled_below * np.linalg.norm(fields[0])
-            settled = settled + 1 if small or norm == 0 else 0
-            if norm == 0:
+            small = step.is_small(norm, norms[s], state)
+            settled = settled + 1 if small else 0
+            if small and (norm == 0 or scheme.stop is not None):
                 break
         iterations[s] = solves if settled else -solves
-        fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ state.past
-        if carried:
-            increments = moving[:2]
-        else:
-            u_n, v_n = state.past[:2]
-            increments = np.array([fields[0] - u_n - scheme.h * v_n, fields[1] - v_n])
-        new_past = np.concatenate([fields, increments])[tables.advance]
+        new_past = step.advance(moving, fields)
         if carried:
             carried.end_step(t, moving, new_past)
         state.past[:] = new_past

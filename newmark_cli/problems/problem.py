@@ -72,7 +72,7 @@ class Problem:
         function: ``(t, u, v, λ, ints, reals, force, Φ, X, Y, G)`` that
             overwrites the last five, the matrices as values at ``pattern``.
         derivatives: ``(t, u, v, ints, reals, rate, curvature)``, what Φ does
-            in time beside Gᵀ v and Gᵀ u''.
+            in time besides Gᵀ v and Gᵀ u''.
         ints, reals: Two-dimensional tables handed to the functions.
         pattern: Places of the values.
         mass_values: Values of M.

@@ -38,7 +38,8 @@ class Definition:
     """A problem with n coordinates and m constraints.
 
     Functions that numba compiled (``@numba.njit``) run through the kernel, plain
-    ones through the SciPy march.  All arrays are float64.
+    ones through the SciPy march.  Arrays are float64; lists and tuples of numbers serve
+    as well, and are converted wherever they are returned.
 
     Attributes:
         mass_matrix: (n, n) M, constant, symmetric positive definite.
@@ -96,16 +97,18 @@ def load(
     except OSError as error:
         raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
-    with user_code.imports_from(path.parent) as imported:
+    with user_code.imports_from(path.parent, os.path.dirname(file)) as imported:
         with _reported(path, file):
-            module = user_code.run(path, source, module_name)
+            module = user_code.run(path, source, module_name, file)
         if not callable(getattr(module, factory, None)):
             raise ProblemError(f"{file}: has no function {factory!r}")
         with _reported(path, file, f"{factory} failed: "):
             given = getattr(module, factory)(**arguments)
         beside = dict(sorted(imported.items()))
+    begin = _code(getattr(module, factory))
+    line = f", line {begin.co_firstlineno}" if _is_in(begin, path) else ""
     with _reported(path, file):
-        problem = from_definition(given, name, f"{file}: {factory}")
+        problem = from_definition(given, name, _Source(f"{file}{line}: {factory}", file, path))
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
     digest = hashlib.sha256(repr((called, source, beside)).encode())
     return replace(problem, code=digest.hexdigest(), sources={path.name: source, **beside})
@@ -123,7 +126,44 @@ def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
         raise ProblemError(f"{file}{where}: {what}{_describe(error)}") from None
 
 
-def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
+@dataclass(frozen=True)
+class _Source:
+    """How errors name the user's code.
+
+    Attributes:
+        name: Of the whole problem.
+        file: The file as the user spelled it, for what stands in a line of it.
+        path: The file.
+    """
+
+    name: str
+    file: str = ""
+    path: Path = Path()
+
+    def of(self, key: str, function: Any) -> str:
+        """A function of the definition, by the line where it begins."""
+        code = _code(function)
+        if not self.file or not _is_in(code, self.path):
+            return f"{self.name}: {key}"
+        return f"{self.file}, line {code.co_firstlineno}: {key}"
+
+    def error(self, key: str, message: str, function: Any = None) -> ProblemError:
+        """What is wrong with an attribute of the definition."""
+        return ProblemError(f"{self.of(key, function)} {message}")
+
+
+def _code(function: Any) -> Any:
+    """Code object behind a function, a method, or a compiled or partial function."""
+    for attribute in ("py_func", "func", "__func__"):
+        function = getattr(function, attribute, function)
+    return getattr(function, "__code__", None)
+
+
+def _is_in(code: Any, path: Path) -> bool:
+    return code is not None and code.co_filename == str(path)
+
+
+def from_definition(given: Any, name: str, where: str | _Source = "problem") -> Problem:
     """Problem from a `Definition` or anything with its attributes.
 
     Args:
@@ -134,56 +174,69 @@ def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
     Raises:
         ProblemError: See `load`.
     """
+    source = where if isinstance(where, _Source) else _Source(where)
     missing = [key for key in ("mass_matrix", "u0", "v0", *_FUNCTIONS) if not hasattr(given, key)]
     if missing:
-        raise ProblemError(f"{where} returned what lacks {', '.join(missing)}")
-    u0, v0 = _array(given.u0, "u0", where, 1), _array(given.v0, "v0", where, 1)
+        raise ProblemError(
+            f"{source.name} returned {_described(given)}, which lacks {', '.join(missing)}"
+        )
+    u0 = _attribute(given.u0, "u0", source, None)
     n = len(u0)
-    mass_matrix = _array(given.mass_matrix, "mass_matrix", where, 2)
-    _require_shape(v0, (n,), "v0", where)
-    _require_shape(mass_matrix, (n, n), "mass_matrix", where)
+    v0 = _attribute(given.v0, "v0", source, (n,))
+    mass_matrix = _attribute(given.mass_matrix, "mass_matrix", source, (n, n))
     if not np.allclose(mass_matrix, mass_matrix.T) or np.linalg.eigvalsh(mass_matrix)[0] <= 0:
-        raise ProblemError(f"{where}: mass_matrix is not symmetric and positive definite")
-    t0 = float(_array(getattr(given, "t0", 0.0), "t0", where, 0))
-    functions = {key: getattr(given, key) for key in _FUNCTIONS}
-    tangents = {key: getattr(given, key, None) for key in _TANGENTS}
-    phi = _called(functions["constraints"], (u0, t0), "constraints", where, None)
-    if phi.ndim != 1:
-        raise ProblemError(f"{where}: constraints has shape {phi.shape}, expected (m,)")
+        raise source.error("mass_matrix", "must be symmetric and positive definite")
+    t0 = float(_attribute(getattr(given, "t0", 0.0), "t0", source, ()))
+    chosen = {key: getattr(given, key) for key in _FUNCTIONS}
+    chosen |= {key: getattr(given, key, None) for key in (*_TANGENTS, "energy")}
+    for key, function in chosen.items():
+        if not (callable(function) or (function is None and key not in _FUNCTIONS)):
+            raise source.error(key, f"must be a function, given {_described(function)}")
+    phi, constraints = _called(chosen["constraints"], (u0, t0), "constraints", source, None)
     m = len(phi)
-    force = _called(functions["force"], (u0, v0, t0), "force", where, (n,))
-    gradient = _called(functions["gradient"], (u0, t0), "gradient", where, (n, m))
+    multipliers = np.linspace(1.0, 2.0, m)
+    force, force_of = _called(chosen["force"], (u0, v0, t0), "force", source, (n,))
+    gradient, gradient_of = _called(chosen["gradient"], (u0, t0), "gradient", source, (n, m))
     if m == 0 or np.linalg.matrix_rank(gradient) < m:
-        raise ProblemError(f"{where}: gradient has rank below {m}: constraints are redundant")
+        raise source.error(
+            "gradient", f"has a rank below {m} at the start: constraints are redundant",
+            chosen["gradient"],
+        )  # fmt: skip
+    functions = {"force": force_of, "constraints": constraints, "gradient": gradient_of}
 
-    _require_gradient(functions, u0, t0, gradient, where)
-    energy = getattr(given, "energy", None)
+    _require_gradient(functions, u0, t0, gradient, source, chosen["gradient"])
+    energy = chosen["energy"]
     if energy is not None:
-        _called(energy, (u0, v0, t0), "energy", where, ())
-    chosen = [f for f in (*functions.values(), *tangents.values()) if f is not None]
-    compiled = all(isinstance(f, Dispatcher) for f in chosen)
+        _, energy = _called(energy, (u0, v0, t0), "energy", source, ())
+    tangents: dict[str, Any] = dict.fromkeys(_TANGENTS)
+    calls = {"stiffness": (u0, v0, multipliers, t0), "damping": (u0, v0, t0)}
+    found = {}
+    for key in _TANGENTS:
+        if chosen[key] is not None:
+            found[key], tangents[key] = _called(chosen[key], calls[key], key, source, (n, n))
+    used = [f for f in (*functions.values(), *tangents.values()) if f is not None]
+    compiled = all(isinstance(f, Dispatcher) for f in used)
     compile_ = njit if compiled else _as_it_is
     by_differences = {
         "stiffness": _stiffness_by_differences(functions, compile_),
         "damping": _damping_by_differences(functions, compile_),
     }
-    multipliers = np.linspace(1.0, 2.0, m)
-    for key, call in (("stiffness", (u0, v0, multipliers, t0)), ("damping", (u0, v0, t0))):
-        if tangents[key] is not None:
-            found = _called(tangents[key], call, key, where, (n, n))
-            expected = by_differences[key](*call)
-            # Differences of a force are as good as its rounding over their step.
-            reach = float(np.abs(u0 if key == "stiffness" else v0).max())
-            load = float(np.abs(force).max() + np.abs(gradient @ multipliers).max())
-            noise = 1e-9 * load / max(reach, 1e-3)
-            allowed = noise + _TANGENT_TOLERANCE * float(np.abs(expected).max())
-            worst = np.unravel_index(np.argmax(np.abs(found - expected)), found.shape)
-            if abs(found[worst] - expected[worst]) > allowed:
-                i, j = (int(index) + 1 for index in worst)
-                raise ProblemError(
-                    f"{where}: {key} disagrees with differences in row {i}, column {j}: given "
-                    f"{found[worst]:.9g}, differences say {expected[worst]:.9g}"
-                )
+    for key, values in found.items():
+        expected = by_differences[key](*calls[key])
+        # Differences of a force are as good as its rounding over their step.
+        reach = float(np.abs(u0 if key == "stiffness" else v0).max())
+        load = float(np.abs(force).max() + np.abs(gradient @ multipliers).max())
+        noise = 1e-9 * load / max(reach, 1e-3)
+        allowed = noise + _TANGENT_TOLERANCE * float(np.abs(expected).max())
+        worst = np.unravel_index(np.argmax(np.abs(values - expected)), values.shape)
+        if abs(values[worst] - expected[worst]) > allowed:
+            i, j = (int(index) + 1 for index in worst)
+            raise source.error(
+                key,
+                f"disagrees with differences in row {i}, column {j}: given "
+                f"{values[worst]:.9g}, differences say {expected[worst]:.9g}",
+                chosen[key],
+            )
 
     rows, columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
     g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
@@ -208,8 +261,8 @@ def from_definition(given: Any, name: str, where: str = "problem") -> Problem:
         potential=None if energy is None else _potential(energy, mass_matrix),
     )
     if problem.quadratic:
-        _require_quadratic(problem, functions, where)
-    _require_consistent(problem, gradient, where)
+        _require_quadratic(problem, functions, source, chosen["constraints"])
+    _require_consistent(problem, gradient, source)
     return problem
 
 
@@ -364,7 +417,7 @@ def _extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
 
 
 def _require_gradient(
-    functions: Mapping[str, Any], u: Array, t: float, gradient: Array, where: str
+    functions: Mapping[str, Any], u: Array, t: float, gradient: Array, source: _Source, given: Any
 ) -> None:
     size = max(float(np.abs(gradient).max()), 1e-300)
     step = 1e-3 * float(np.abs(u).max() or 1.0)
@@ -376,13 +429,17 @@ def _require_gradient(
         wrong = np.abs(gradient[i] - expected) > _TANGENT_TOLERANCE * size
         if np.any(wrong):
             k = int(np.argmax(wrong))
-            raise ProblemError(
-                f"{where}: gradient disagrees with differences in row {i + 1}, column {k + 1}: "
-                f"given {gradient[i, k]:.9g}, differences say {expected[k]:.9g}"
+            raise source.error(
+                "gradient",
+                f"disagrees with differences in row {i + 1}, column {k + 1}: "
+                f"given {gradient[i, k]:.9g}, differences say {expected[k]:.9g}",
+                given,
             )
 
 
-def _require_quadratic(problem: Problem, functions: Mapping[str, Any], where: str) -> None:
+def _require_quadratic(
+    problem: Problem, functions: Mapping[str, Any], source: _Source, given: Any
+) -> None:
     """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ."""
     u, t = problem.u0, problem.t0
     for seed in range(3):
@@ -397,53 +454,119 @@ def _require_quadratic(problem: Problem, functions: Mapping[str, Any], where: st
         )
         size = float(np.abs(expected).max() + np.abs(begin).max() + np.abs(end).max())
         if np.abs(end - begin - expected).max() > _CONSISTENCY * size:
-            raise ProblemError(f"{where}: constraints are declared quadratic, but are not")
+            raise source.error("constraints", "are declared quadratic, but are not", given)
         if np.abs(later - end).max() > _CONSISTENCY * size:
-            raise ProblemError(f"{where}: constraints are declared quadratic, but depend on t")
+            raise source.error("constraints", "are declared quadratic, but depend on t", given)
 
 
-def _require_consistent(problem: Problem, gradient: Array, where: str) -> None:
+def _require_consistent(problem: Problem, gradient: Array, source: _Source) -> None:
     phi = problem.constraint_values(problem.t0, problem.u0)
     rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
     misfit = gradient.T @ problem.v0 + rate
     size = float(np.abs(gradient).max())
     if np.abs(phi).max() > _CONSISTENCY * size * max(np.abs(problem.u0).max(), 1e-300):
-        raise ProblemError(f"{where}: u0 misses the constraints by {np.abs(phi).max():.3g}")
+        raise source.error("u0", f"violates the constraints by {np.abs(phi).max():.3g}")
     speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate).max()) / size, 1e-300)
     if np.abs(misfit).max() > _CONSISTENCY * size * speed:
-        raise ProblemError(f"{where}: v0 misses the constraints by {np.abs(misfit).max():.3g}")
+        raise source.error("v0", f"violates the constraints by {np.abs(misfit).max():.3g}")
 
 
 def _called(
-    function: Any, arguments: tuple[Any, ...], key: str, where: str, shape: tuple[int, ...] | None
-) -> Array:
+    function: Any,
+    arguments: tuple[Any, ...],
+    key: str,
+    source: _Source,
+    shape: tuple[int, ...] | None,
+) -> tuple[Array, Callable[..., Any]]:
+    """What a function returns at the start, and the function that returns it as an array.
+
+    A function that returns arrays is itself that function: converting costs time in every
+    Newton iteration.
+    """
     try:
-        value = np.asarray(function(*arguments), float)
+        given = function(*arguments)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # an exit included
-        raise ProblemError(f"{where}: {key} failed: {_describe(error)}") from None
-    if shape is not None:
-        _require_shape(value, shape, key, where)
+        where = _line(error, source.path) if source.file else ""
+        name = f"{source.file}{where}: {key}" if where else source.of(key, function)
+        raise ProblemError(f"{name} failed: {_describe(error)}") from None
+    value = _array(given, key, "returned {given}, expected {expected}", source, shape, function)
     if not np.all(np.isfinite(value)):
-        raise ProblemError(f"{where}: {key} is not finite at the start")
-    return value
+        raise source.error(key, f"is not finite at the start: {_place_of(value)}", function)
+    if isinstance(given, np.ndarray) or shape == ():
+        return value, function
+    return value, _converting(function)
 
 
-def _array(given: Any, key: str, where: str, dimensions: int) -> Array:
+def _converting(function: Callable[..., Any]) -> Callable[..., Array]:
+    """A function that returns an array of what another returns; compiled where that is."""
+    if isinstance(function, Dispatcher):
+
+        @njit
+        def converted(*arguments):  # type: ignore[no-untyped-def]
+            return np.array(function(*arguments), np.float64)
+
+        return converted  # type: ignore[no-any-return]
+    return lambda *arguments: _numbers(function(*arguments))
+
+
+def _attribute(given: Any, key: str, source: _Source, shape: tuple[int, ...] | None) -> Array:
+    """An attribute as an array of its own; any length if the shape is None."""
+    array = _array(given, key, "must be {expected}, given {given}", source, shape)
+    if not np.all(np.isfinite(array)):
+        raise source.error(key, f"must be finite: {_place_of(array)}")
+    return array.copy(order="C")
+
+
+def _array(
+    given: Any,
+    key: str,
+    complaint: str,
+    source: _Source,
+    shape: tuple[int, ...] | None,
+    function: Any = None,
+) -> Array:
+    """What the user gave as an array of floats; one dimension if the shape is None."""
+    unsized = "(m,)" if key == "constraints" else "(n,)"
+    expected = "a number" if shape == () else f"an array of shape {shape or unsized}"
+    described = _described(given)
     try:
-        array = np.array(given, float, order="C")
-    except (TypeError, ValueError) as error:
-        raise ProblemError(f"{where}: {key} is no array of numbers: {error}") from None
-    if array.ndim != dimensions or not np.all(np.isfinite(array)):
-        kind = f"array of {dimensions} dimension(s)" if dimensions else "number"
-        raise ProblemError(f"{where}: {key} must be a finite {kind}")
-    return array
+        array = _numbers(given)
+        if array.ndim == 1 if shape is None else array.shape == shape:
+            return array
+        described = f"{described} of shape {array.shape}" if array.ndim else described
+    except (TypeError, ValueError):
+        pass
+    raise source.error(key, complaint.format(given=described, expected=expected), function)
 
 
-def _require_shape(array: Array, shape: tuple[int, ...], key: str, where: str) -> None:
-    if array.shape != shape:
-        raise ProblemError(f"{where}: {key} has shape {array.shape}, expected {shape}")
+def _numbers(given: Any) -> Array:
+    """A new or the same array of floats; TypeError or ValueError if these are not numbers."""
+    array = np.asarray(given)
+    # Text that reads as a number, and complex numbers, would be converted silently.
+    if array.dtype.kind not in "biufO":
+        raise TypeError("not numbers")
+    if array.dtype.kind == "O" and any(isinstance(item, str | None) for item in array.flat):
+        raise TypeError("not numbers")
+    return np.asarray(array, float)
+
+
+def _place_of(array: Array) -> str:
+    """The first component that is not finite."""
+    place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+    where = ", ".join(str(i + 1) for i in place)
+    return f"component {where} is {array[place]}" if place else f"it is {float(array)}"
+
+
+def _described(given: Any) -> str:
+    """What was returned or given, in few words."""
+    if isinstance(given, np.generic):
+        given = given.item()
+    if given is None or isinstance(given, str | bool | int | float | complex):
+        return repr(given)[:60]
+    name = "array" if isinstance(given, np.ndarray) else type(given).__name__
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
 
 
 def _describe(error: BaseException) -> str:

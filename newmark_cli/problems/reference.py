@@ -2,8 +2,9 @@
 
 The reference of any problem comes from its underlying ordinary differential
 equation, accelerations from the index-1 system, by the method of Dormand and
-Prince of order 8, and back on the constraints every few steps.  It shares no code
-with the integrators that are measured.
+Prince of order 8, and back on the constraints every few steps.  A motion that passes
+singular positions, where that system has no solution, is computed by collocation
+instead.  Neither shares code with the integrators that are measured.
 """
 
 from collections.abc import Callable
@@ -12,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError, one_line
+from newmark_cli.errors import InputError
+from newmark_cli.problems import collocation, singular, user_code
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
 #: Changes whenever `solution` may give other numbers: stored ones are then stale.
-VERSION = 1
+VERSION = 2
 
 #: Local tolerances of the solution and of the one it is compared with, relative to
 #: the largest coordinate and velocity.  The first is close to the least that
@@ -29,12 +31,70 @@ _STRETCH = 10
 _MOST_STEPS = 200_000
 #: Largest estimated error of u with which a solution is still one.
 _WORST = 1e-3
+#: Nodes of the steps across singular positions, and their tolerance, of the solution and
+#: of the one it is compared with.
+_ACROSS, _COARSE_ACROSS = (12, 1e-14), (10, 1e-13)
+#: How far the energy of such a solution may be from that of the start.
+_ENERGY = 1e-8
+#: A motion is at a singular position if the smallest singular value falls below this part
+#: of its largest value so far.
+_SINGULAR = 1e-4
+#: Distance of two solutions from which on one may have left its branch.
+_DOUBTFUL = 1e-8
 #: What is left of an estimate when both solutions agree: rounding of the state.
 _ROUNDING = 4 * float(np.finfo(float).eps)
 
 
 class NoReference(InputError):
     """A problem's motion cannot be computed up to the time that was asked for."""
+
+
+class _SingularError(Exception):
+    """The motion passes a singular position, or is about to."""
+
+
+class _Watch:
+    """Looks out for singular positions along the steps of a motion.
+
+    A motion of many unknowns, which is not followed through such positions, may pass
+    them by luck, as four-bars do that stay parallelograms: it ends only at one.
+
+    Attributes:
+        close: Whether one may have been passed: G changed by as much over a step as a
+            singular value of it is large.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._small = problem.n + problem.m <= collocation.LARGEST
+        self._times, self._g = [problem.t0], [singular.gradient(problem, problem.t0, problem.u0)]
+        self._largest = 0.0
+        self.close = False
+
+    def see(self, t: float, u: Array) -> None:
+        """A state that a step has reached."""
+        self._times.append(t)
+        self._g.append(singular.gradient(self._problem, t, u))
+
+    def judge(self) -> None:
+        """Raise _SingularError if what was seen since the last time has a singular position."""
+        times, g = np.array(self._times), np.array(self._g)
+        if not np.all(np.isfinite(g)):
+            return
+        least = np.linalg.svd(g, compute_uv=False)[:, -1]
+        self._largest = max(self._largest, least.max())
+        changes = np.linalg.norm(np.diff(g, axis=0), axis=(1, 2))
+        self.close = self.close or bool(np.any(least[:-1] + least[1:] <= changes))
+        at_one = least[-1] < _SINGULAR * self._largest
+        if at_one and not self._small:
+            raise NoReference(
+                f"{self._problem.name}: no reference beyond t = {times[-1] - self._problem.t0:g}, "
+                f"where the constraints lose rank: a problem of more than {collocation.LARGEST} "
+                "coordinates and constraints is not followed through"
+            )
+        if self._small and (at_one or singular.crossings(times, g)):
+            raise _SingularError
+        del self._times[:-2], self._g[:-2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +131,9 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
 
     The estimated errors are the distances from a second solution whose tolerance
     is ten times as large, so that truncation is overestimated about tenfold;
-    rounding is as large in both, and so is what a motion makes of it.
+    rounding is as large in both, and so is what a motion makes of it.  A motion that
+    passes singular positions is computed anew, by `newmark_cli.problems.collocation`,
+    if it is smooth there and the problem has at most `collocation.LARGEST` unknowns.
 
     Args:
         problem: The problem.
@@ -80,17 +142,19 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
 
     Raises:
         NoReference: When the motion does not get there: the constraints lose rank
-            on the way, the step size vanishes, there are too many steps, or it is
-            so sensitive that rounding spoils it.
+            on the way and it is not smooth or not unique there, the step size vanishes,
+            there are too many steps, or it is so sensitive that rounding spoils it.
     """
     system = Index1(problem)
     end = problem.t0 + t
     try:
         # A step that is much too long may overflow; what is not finite is not accepted.
         with np.errstate(all="ignore"):
-            (u, v), coarse = (
-                _integrated(system, end, tolerance, on_work) for tolerance in (_TOLERANCE, _COARSE)
-            )
+            try:
+                (u, v), coarse = _straight(system, end, on_work)
+                passage = ""
+            except _SingularError:
+                (u, v), coarse, passage = _across(system, end, on_work)
         _, multipliers = system.accelerations(end, u, v)
         _, coarse_multipliers = system.accelerations(end, *coarse)
     except InputError:
@@ -98,13 +162,20 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     except np.linalg.LinAlgError as error:
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {error}") from None
     except Exception as error:  # of a problem in Python
-        reason = one_line(f"{type(error).__name__}: {error}")
+        reason = user_code.described(error)
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {reason}") from None
     u_error = relative_error(coarse[0], u)
     if u_error > _WORST:
+        how = passage or f"with tolerances {_TOLERANCE:g} and {_COARSE:g} "
         raise NoReference(
             f"{problem.name}: no reference at t = {t:g}: the motion is so sensitive that its "
-            f"solutions with tolerances {_TOLERANCE:g} and {_COARSE:g} are {u_error:.1g} apart"
+            f"solutions {how}are {u_error:.1g} apart"
+        )
+    multipliers_error = relative_error(coarse_multipliers, multipliers)
+    if passage and not multipliers_error <= _WORST:
+        raise NoReference(
+            f"{problem.name}: no reference at t = {t:g}: the constraints nearly lose rank there, "
+            f"and λ is known to {multipliers_error:.1g} only"
         )
     return Reference(
         t=t,
@@ -114,14 +185,86 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
         source="converged",
         u_error=_ROUNDING + u_error,
         v_error=_ROUNDING + relative_error(coarse[1], v),
-        multipliers_error=_ROUNDING + relative_error(coarse_multipliers, multipliers),
+        multipliers_error=_ROUNDING + multipliers_error,
     )
 
 
+#: Coordinates and velocities, (n,) each.
+_State = tuple[Array, Array]
+
+
+def _straight(system: Index1, end: float, on_work: Callable[[], None]) -> tuple[_State, _State]:
+    """The state at a time, and that of larger tolerance, by the index-1 system.
+
+    Raises:
+        NoReference: See `solution`.
+        _SingularError: The motion passes a singular position, or may have done so and the
+            two states differ.
+    """
+    problem = system.problem
+    size = problem.n + problem.m
+    found, close = [], False
+    for tolerance in (_TOLERANCE, _COARSE):
+        watch = _Watch(problem) if size <= singular.LARGEST else None
+        try:
+            found.append(_integrated(system, end, tolerance, on_work, watch))
+        except (NoReference, np.linalg.LinAlgError):
+            if watch is not None:
+                watch.judge()
+                if watch.close and size <= collocation.LARGEST:
+                    raise _SingularError from None
+            raise
+        close = close or (watch is not None and watch.close)
+    fine, coarse = found
+    differ = relative_error(coarse[0], fine[0]) > _DOUBTFUL
+    if close and differ and size <= collocation.LARGEST:
+        raise _SingularError
+    return fine, coarse
+
+
+def _across(system: Index1, end: float, on_work: Callable[[], None]) -> tuple[_State, _State, str]:
+    """The same through singular positions, and words that say where they are.
+
+    Raises:
+        NoReference: The motion is not smooth there, or there is no telling.
+    """
+    problem = system.problem
+    sizes = _initial_sizes(system, end - problem.t0)
+    try:
+        fine, coarse = (
+            collocation.motion(problem, end, sizes, *how, system.projected, on_work)
+            for how in (_ACROSS, _COARSE_ACROSS)
+        )
+    except collocation.NotSmoothError as error:
+        raise NoReference(
+            f"{problem.name}: no reference beyond t = {error.t - problem.t0:g}, close to "
+            f"which the constraints lose rank: {error}"
+        ) from None
+    where = f"{problem.name}: no reference at t = {end - problem.t0:g}"
+    before, after = (
+        problem.energies(*at)
+        for at in ((problem.t0, problem.u0, problem.v0), (end, fine.u, fine.v))
+    )
+    if before is not None and after is not None:
+        gained, released = after[0] - before[0], before[1] - after[1]
+        if not abs(gained - released) <= _ENERGY * (after[0] + before[0] + abs(released)):
+            raise NoReference(
+                f"{where}: the motion passes a position where the constraints lose rank, and its "
+                f"energy is not conserved: {gained:.9g} gained, {released:.9g} released"
+            )
+    first = fine.singular[0] - problem.t0 if fine.singular else end - problem.t0
+    passage = f"past the singular position at t = {first:g} "
+    return (fine.u, fine.v), (coarse.u, coarse.v), passage
+
+
 def _integrated(
-    system: Index1, end: float, tolerance: float, on_work: Callable[[], None]
-) -> tuple[Array, Array]:
-    """Coordinates and velocities at a time."""
+    system: Index1,
+    end: float,
+    tolerance: float,
+    on_work: Callable[[], None],
+    watch: _Watch | None,
+) -> _State:
+    """Coordinates and velocities at a time, with an eye on singular positions."""
     # With scipy.optimize behind it this is a tenth of what starting a command takes.
     from scipy.integrate import DOP853
 
@@ -151,6 +294,8 @@ def _integrated(
         )
         for _ in range(_STRETCH):
             trouble = solver.step()
+            if trouble is None and watch is not None:
+                watch.see(float(solver.t), solver.y[:n])
             if trouble is not None:
                 raise NoReference(
                     f"{problem.name}: no reference beyond t = {solver.t - problem.t0:g}, where "
@@ -159,6 +304,8 @@ def _integrated(
             if solver.status != "running":
                 break
         t, step = float(solver.t), float(solver.step_size or np.inf)
+        if watch is not None:
+            watch.judge()
         u, v = system.projected(t, solver.y[:n], solver.y[n:])
         if t >= end:
             return u, v

@@ -18,8 +18,10 @@ from importlib.machinery import (
     PathFinder,
     SourceFileLoader,
 )
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import CodeType, ModuleType
+
+from newmark_cli.errors import one_line
 
 #: One file's imports at a time: another's modules may have the same names.
 _importing = threading.RLock()
@@ -31,16 +33,22 @@ _CACHES = (
     ("numba.core.ccallback", "CFunc", "_pyfunc"),
     ("numba.np.ufunc.ufuncbuilder", "UFuncDispatcher", "py_func"),
 )
+#: File of the user's, as tracebacks name it → as the user spells it.
+_spelled: dict[str, str] = {}
+#: Most characters of an error that `described` returns.
+_LONGEST = 300
 
 
-def run(path: Path, source: bytes, name: str) -> ModuleType:
+def run(path: Path, source: bytes, name: str, spelled: str = "") -> ModuleType:
     """A module from the source of a file; raises whatever its code raises.
 
     Args:
         path: The file.
         source: What it says.
         name: Name of the module, which no other has.
+        spelled: How `described` names the file; the path if empty.
     """
+    _spelled[str(path)] = spelled or str(path)
     module = ModuleType(name)
     module.__file__ = str(path)
     sys.modules[name] = module  # dataclasses look their module up
@@ -48,8 +56,29 @@ def run(path: Path, source: bytes, name: str) -> ModuleType:
     return module
 
 
+def described(error: BaseException, otherwise: str = "") -> str:
+    """An error in one line that begins with the line of the user's code it comes from.
+
+    The innermost: ``mine.py, line 12: ZeroDivisionError: division by zero``.
+
+    Args:
+        error: The error.
+        otherwise: What the text begins with where no line is known, as for a division
+            by zero in compiled code.
+    """
+    where = f"{otherwise}: " if otherwise else ""
+    frame = error.__traceback__
+    while frame is not None:
+        file = _spelled.get(frame.tb_frame.f_code.co_filename)
+        if file is not None:
+            where = f"{file}, line {frame.tb_lineno}: "
+        frame = frame.tb_next
+    text = one_line(f"{where}{type(error).__name__}: {error}".rstrip(": "))
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
 class _AsWritten(SourceFileLoader):
-    """Takes the source alone, and leaves no bytecode in the user's folder."""
+    """Takes only the source, and leaves no bytecode in the user's folder."""
 
     def __init__(self, name: str, path: str, note: Callable[[str, bytes], None]) -> None:
         super().__init__(name, path)
@@ -70,8 +99,8 @@ class _Beside:
         sources: Path, relative to the folder, → what was run, of each.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = str(folder)
+    def __init__(self, folder: Path, spelled: PurePath) -> None:
+        self._folder, self._spelled = str(folder), spelled
         self.found: set[str] = set()
         self.sources: dict[str, bytes] = {}
 
@@ -98,7 +127,9 @@ class _Beside:
         return _AsWritten(name, path, self._note)
 
     def _note(self, path: str, source: bytes) -> None:
-        self.sources[Path(os.path.relpath(path, self._folder)).as_posix()] = source
+        relative = Path(os.path.relpath(path, self._folder)).as_posix()
+        self.sources[relative] = source
+        _spelled[path] = str(self._spelled / relative)
 
 
 def _is_another(name: str) -> bool:
@@ -114,16 +145,20 @@ def _is_module(spec: ModuleSpec | None) -> bool:
 
 
 @contextmanager
-def imports_from(folder: Path) -> Iterator[Mapping[str, bytes]]:
+def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes]]:
     """Modules of a folder can be imported in this context.
 
     Who has imported one keeps it; after the context the name is free again.
+
+    Args:
+        folder: The folder.
+        spelled: How `described` names it.
 
     Yields:
         Path, relative to the folder, → source of each that was imported until then.
     """
     folder = folder.absolute()
-    beside = _Beside(folder)
+    beside = _Beside(folder, PurePath(spelled))
     with _importing, _no_cache(folder):
         sys.meta_path.insert(0, beside)
         try:

@@ -2,30 +2,46 @@
 
 import math
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from newmark_cli.arrays import Mask
+from newmark_cli.errors import InputError
 from newmark_cli.report.panels import Panel, Sheet, Trace, power
-from newmark_cli.report.style import STYLE
+from newmark_cli.report.style import NONE, STYLE
 
 #: What a legend or a title may take of the sheet's width.
 _MOST = 0.99
 
 
-def drawn(sheet: Sheet) -> Figure:
+def drawn(
+    sheet: Sheet,
+    size: tuple[float, float] | None = None,
+    settings: Mapping[str, Any] = NONE,
+) -> Figure:
     """Draw a sheet.
 
     Args:
         sheet: Panels, legend and layout; see `newmark_cli.report.panels`.
+        size: Width and height of the figure (inch), whatever the layout says; as the sheet
+            needs it when omitted.
+        settings: Settings of matplotlib over those of the project and the sheet.
+
+    Raises:
+        InputError: When the size leaves no room for the panels.
     """
-    with mpl.rc_context(STYLE | dict(sheet.settings)):
-        drawing, grid = _axes(sheet)
+    if size is not None:
+        sheet = replace(sheet, layout=None)
+    with mpl.rc_context(STYLE | dict(sheet.settings) | dict(settings)):
+        drawing, grid = _axes(sheet, size)
         series: dict[str, Any] = {}
         lines: dict[str, Any] = {}
         for place, (axes, panel) in enumerate(zip(grid, sheet.panels, strict=True)):
@@ -39,17 +55,17 @@ def drawn(sheet: Sheet) -> Figure:
         _make_room(grid, sheet)
         for axes, panel in zip(grid, sheet.panels, strict=True):
             _name_ticks(axes, panel, sheet)
-        _write_title(drawing, grid, sheet)
-        _write_legend(drawing, sheet, series | lines)
+        _write_title(drawing, grid, sheet, settings.get("axes.titlesize", STYLE["axes.titlesize"]))
+        _write_legend(drawing, sheet, series | lines, grows=size is None)
         if sheet.layout is None:
             _settle(drawing, grid)
     return drawing
 
 
-def _axes(sheet: Sheet) -> tuple[Figure, list[Any]]:
+def _axes(sheet: Sheet, size: tuple[float, float] | None) -> tuple[Figure, list[Any]]:
     """A figure, and axes for its panels."""
     if sheet.layout is None:
-        size = (sheet.width, sheet.rows * sheet.size[1])
+        size = size or (sheet.width, sheet.rows * sheet.size[1])
         drawing, edges = Figure(figsize=size, layout="constrained"), {}
     else:
         drawing = Figure(figsize=sheet.layout.size)
@@ -81,7 +97,7 @@ def _label(axes: Any, panel: Panel, sheet: Sheet, place: int) -> None:
     if place % sheet.columns == 0 or not sheet.share_y:
         axes.set_ylabel(panel.y_label)
     if panel.title:
-        axes.set_title(panel.title)
+        axes.set_title(_plain(panel.title))
 
 
 #: Names and handles of entries in the legend.
@@ -113,7 +129,12 @@ def _draw(axes: Any, panel: Panel) -> tuple[Entries, Entries]:
 
 
 def _entry(trace: Trace, panel: Panel) -> str:
-    return trace.label + (f": {trace.fit}" if trace.fit and not panel.fits else "")
+    return _plain(trace.label) + (f": {trace.fit}" if trace.fit and not panel.fits else "")
+
+
+def _plain(text: str) -> str:
+    """A text without mathematics: a name that somebody gave may have dollar signs."""
+    return text.replace("$", r"\$")
 
 
 def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
@@ -172,7 +193,7 @@ def _write(axes: Any, panel: Panel) -> None:
 
 def _write_fits(axes: Any, panel: Panel) -> None:
     """Fits in a corner that is free, the upper right one if it is."""
-    size = mpl.rcParams["legend.fontsize"] - 1
+    size = _points(mpl.rcParams["legend.fontsize"]) - 1
     room = 0.75 * axes.get_window_extent().width / (0.55 * size * axes.figure.dpi / 72)
     fits = [(trace.label, trace.fit) for trace in panel.traces if trace.fit]
     lines = [f"{_shortened(label, room - len(fit) - 2)}: {fit}" for label, fit in fits]
@@ -195,6 +216,11 @@ def _write_fits(axes: Any, panel: Panel) -> None:
         bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
     )  # fmt: skip
     text.set_in_layout(False)
+
+
+def _points(size: Any) -> float:
+    """Size of a font (points), which a style may give in words."""
+    return float(FontProperties(size=size).get_size_in_points())
 
 
 def _shortened(label: str, most: float) -> str:
@@ -250,18 +276,20 @@ def _number(value: float, position: int | None = None) -> str:
     return f"{value:g}"
 
 
-def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet) -> None:
+def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet, size: Any) -> None:
     """In the middle of a column of panels that have none, otherwise in that of the sheet."""
-    size = STYLE["axes.titlesize"]
-    title = _wrapped(drawing, sheet.title, size, _MOST * drawing.bbox.width)
+    title = _wrapped(drawing, _plain(sheet.title), size, _MOST * drawing.bbox.width)
     if sheet.layout is not None and sheet.columns == 1 and not sheet.panels[0].title:
         grid[0].set_title(title, fontsize=size)
     else:
         drawing.suptitle(title, fontsize=size)
 
 
-def _write_legend(drawing: Figure, sheet: Sheet, entries: dict[str, Any]) -> None:
-    """Below the panels, nothing cut off: fewer columns, then labels of several lines."""
+def _write_legend(drawing: Figure, sheet: Sheet, entries: dict[str, Any], grows: bool) -> None:
+    """Below the panels, nothing cut off: fewer columns, then labels of several lines.
+
+    Without a layout the figure grows by it, or else the panels make room.
+    """
     if not entries:
         return
     most = _MOST * drawing.bbox.width
@@ -291,19 +319,32 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: dict[str, Any]) -> Non
         half = box.width / drawing.bbox.width / 2
         centre = max(min(sheet.legend.centre, 0.995 - half), 0.005 + half)
         legend.set_bbox_to_anchor((centre, 0.0))
-    else:
+    elif grows:
         drawing.set_figheight(drawing.get_figheight() + box.height / drawing.dpi)
 
 
 def _settle(drawing: Figure, grid: Sequence[Any]) -> None:
     """Fix a layout that was found by measuring, ordinates' labels broken to fit beside it."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message="constrained_layout not applied")
+        try:
+            _measure(drawing, grid)
+        except UserWarning:
+            width, height = drawing.get_size_inches()
+            raise InputError(
+                f"a figure of {width:g}x{height:g} inches has no room for its panels, labels and "
+                "legend"
+            ) from None
+    drawing.set_layout_engine("none")
+
+
+def _measure(drawing: Figure, grid: Sequence[Any]) -> None:
     drawing.draw_without_rendering()
     for axes in grid:
         label = axes.yaxis.label
         height = axes.get_window_extent().height
         label.set_text(_wrapped(drawing, label.get_text(), label.get_fontsize(), height))
     drawing.draw_without_rendering()
-    drawing.set_layout_engine("none")
 
 
 #: What a line is not broken in: a word, or mathematics.

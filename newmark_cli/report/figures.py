@@ -189,3 +189,6 @@ _FIGURES: dict[str, Figure] = {
 
 #: The figures by name.
 FIGURES: Mapping[str, Figure] = MappingProxyType(_FIGURES)
+
+#: Shipped studies that are made into tables: figures of them are drawn when asked for.
+TABLED = ("all-forms", "integrators")

@@ -50,15 +50,39 @@ def power_law(h: Array, values: Array) -> Fit:
     return Fit(slope, stderr, intercept, points)
 
 
-def format_fit(fit: Fit) -> str:
-    """Slope ± standard error: two decimals, more where the error asks for them."""
+#: Smallest standard error that is printed; smaller ones would round to zero.
+SMALLEST_ERROR = 5e-7
+_MOST_DECIMALS = 6
+
+
+def fit_parts(fit: Fit) -> tuple[str, str]:
+    """Slope and standard error as text, with as many decimals as the error asks for.
+
+    At least two decimals, at most six.  The error is empty where it is unknown, and
+    where it is below `SMALLEST_ERROR`; the slope then has the decimals that differ
+    from zero.
+    """
     if np.isnan(fit.slope):
-        return "n/a"
-    # As many decimals as the error has, at least two: "± 0.000" would claim too much.
-    small = 0 < fit.stderr < 0.005
-    decimals = min(-math.floor(math.log10(fit.stderr)), 6) if small else 2
-    slope = f"{round(fit.slope, decimals) + 0.0:.{decimals}f}".replace("-", "−")
-    return slope if np.isnan(fit.stderr) else f"{slope} ± {fit.stderr:.{decimals}f}"
+        return "n/a", ""
+    if fit.stderr < SMALLEST_ERROR:
+        digits = _fixed(fit.slope, _MOST_DECIMALS).rstrip("0")
+        return digits + "0" * (2 - len(digits.partition(".")[2])), ""
+    # "± 0.00" would claim too much.
+    small = fit.stderr < 0.005
+    decimals = min(-math.floor(math.log10(fit.stderr)), _MOST_DECIMALS) if small else 2
+    error = "" if np.isnan(fit.stderr) else _fixed(fit.stderr, decimals)
+    return _fixed(fit.slope, decimals), error
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Fixed point, without a negative zero."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def format_fit(fit: Fit) -> str:
+    """Slope ± standard error; the slope only where the error is unknown or below 5e-7."""
+    slope, error = fit_parts(fit)
+    return " ± ".join(filter(None, (slope.replace("-", "−"), error)))
 
 
 def format_order(value: float) -> str:

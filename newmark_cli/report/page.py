@@ -25,6 +25,7 @@ class Picture:
     Attributes:
         name: Its name.
         title: What it shows.
+        caption: What stands below it.
         label: What it says, for those who do not see it.
         svg: Markup, its ids unique on the page.
         wide: Whether it is wider than a journal's column.
@@ -32,6 +33,7 @@ class Picture:
 
     name: str
     title: str
+    caption: str
     label: str
     svg: str
     wide: bool
@@ -114,14 +116,21 @@ def html(folder: Path) -> str:
 
 def pictures(results: Results) -> list[Picture]:
     """Figures that the results are enough for."""
-    figures, _ = plot.enough(results)
-    return [_picture(figure, results) for figure in figures]
+    return [_picture(figure, results) for figure in plot.chosen((), results).figures]
 
 
 def _picture(figure: Figure, results: Results) -> Picture:
     sheet = figure.sheet(results)
     svg = inline_svg(draw.drawn(sheet), f"figure-{figure.name}-", sheet.words)
-    return Picture(figure.name, figure.title, sheet.words, svg, sheet.wide)
+    if plot.stem(figure) == figure.name:
+        caption = figure.study
+    elif figure.name[0].isdigit():
+        caption = f"Figure {figure.name}"
+    else:
+        caption = figure.name.capitalize()
+    return Picture(
+        figure.name, figure.title, f"{caption}: {figure.title}", sheet.words, svg, sheet.wide
+    )
 
 
 def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:

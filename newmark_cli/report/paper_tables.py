@@ -9,18 +9,20 @@ Measured values come from the slopes of the study `all-forms`:
   left factors.  With just that power more the reaction would be O(1).
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.forms import FORMS, ROWS
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.scaling import TABLE_2
-from newmark_cli.report.fits import Fit, format_fit, format_order, power_law
+from newmark_cli.report.fits import Fit, fit_parts, format_fit, format_order, power_law
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.study import results
@@ -38,6 +40,11 @@ COLUMNS = (
 )  # fmt: skip
 
 _ENTRY = {"lambda": "λ", "jacobian": "C"}
+#: Side and block of each factor in Table 2.
+_FACTORS = (
+    *(("left", row) for row in ROWS),
+    *(("right", unknown) for unknown in (*FIELDS, "lambda")),
+)
 
 
 @dataclass(frozen=True)
@@ -187,12 +194,11 @@ def grids(entries: Sequence[Entry]) -> list[tuple[str, list[tuple[str, ...]]]]:
 
 def factors() -> tuple[str, list[tuple[str, ...]]]:
     """Table 2 as the code has it: the factors themselves."""
-    blocks = [("left", block) for block in ROWS] + [("right", f) for f in (*FIELDS, "lambda")]
     rows: list[tuple[str, ...]] = [
-        ("form", *(f"D_{side[0].upper()} {_ENTRY.get(block, block)}" for side, block in blocks))
+        ("form", *(f"D_{side[0].upper()} {_ENTRY.get(block, block)}" for side, block in _FACTORS))
     ]
     rows += [
-        (_form_heading(form), *(TABLE_2[form][side].get(block, "–") for side, block in blocks))
+        (_form_heading(form), *(TABLE_2[form][side].get(block, "–") for side, block in _FACTORS))
         for form in FORMS
     ]
     return "Table 2: factors of the optimal scaling", rows
@@ -218,7 +224,7 @@ def write(folder: Path, entries: Sequence[Entry]) -> list[Path]:
         stem = folder / "tables" / f"table-{table}"
         for suffix, text in (
             (".md", "\n".join(_markdown(title, rows) for title, rows in shown)),
-            (".tex", "\n".join(_latex(title, rows) for title, rows in shown)),
+            (".tex", _latex(ours)),
             (".csv", results.csv_text(COLUMNS, map(_csv_row, ours))),
         ):
             file = stem.with_suffix(suffix)
@@ -243,34 +249,168 @@ def _markdown(title: str, rows: Sequence[Sequence[str]]) -> str:
 
 
 #: How to read an entry.
-NOTE = "Predicted: fitted ± standard error; * eliminated, ! not as predicted."
+NOTE = (
+    "Predicted: fitted ± standard error, which is left out below 5e-7; * eliminated, "
+    "! not as predicted."
+)
+
+#: Characters that LaTeX does not print as they are.
+_SPECIAL = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+}  # fmt: skip
+_GREEK = {"lambda": r"\lambda", "beta": r"\beta", "gamma": r"\gamma"}
+_SUBJECTS = {
+    1: "orders in $h$ of the last decreasing Newton corrections and of the condition number $C$, "
+    "without preconditioning",
+    2: "powers of $h$ in the factors of the optimal scaling",
+}
+_LABELS = {1: "orders", 2: "powers"}
 
 
-def _latex(title: str, rows: Sequence[Sequence[str]]) -> str:
-    def cell(text: str) -> str:
-        for given, tex in (
-            ("_", "\\_"), ("^", "\\^{}"), ("±", "$\\pm$"), ("−", "$-$"), ("λ", "$\\lambda$"),
-            ("Δ", "$\\Delta$ "), ("–", "--"),
-        ):  # fmt: skip
-            text = text.replace(given, tex)
-        return text
+def _latex(entries: Sequence[Entry]) -> str:
+    """One of the tables as a journal takes it; Table 2 begins with the factors themselves."""
+    factors = [_latex_factors()] if any(entry.table == 2 for entry in entries) else []
+    orders = [
+        _latex_orders([entry for entry in entries if entry.problem == problem])
+        for problem in dict.fromkeys(entry.problem for entry in entries)
+    ]
+    return "\n".join(["% needs \\usepackage{booktabs}", *factors, *orders])
 
-    body = [" & ".join(map(cell, row)) + " \\\\" for row in rows]
+
+def _latex_factors() -> str:
+    lefts, rights = len(ROWS), len(_FACTORS) - len(ROWS)
+    headings = [
+        rf" & \multicolumn{{{lefts}}}{{c}}{{$D_L$}} & \multicolumn{{{rights}}}{{c}}{{$D_R$}} \\",
+        rf"\cmidrule(lr){{2-{lefts + 1}}} \cmidrule(l){{{lefts + 2}-{lefts + rights + 1}}}",
+        _latex_row(["form", *(f"${_GREEK.get(block, block)}$" for _, block in _FACTORS)]),
+    ]
+    rows = [
+        [
+            _latex_form(form),
+            *(
+                _latex_factor(sides[side][block]) if block in sides[side] else "--"
+                for side, block in _FACTORS
+            ),
+        ]
+        for form, sides in TABLE_2.items()
+    ]
+    caption = "Factors of the optimal scaling."
+    return _latex_table(caption, "factors", "l" * (1 + len(_FACTORS)), headings, rows)
+
+
+def _latex_orders(entries: Sequence[Entry]) -> str:
+    """Predicted and fitted orders of one problem.
+
+    Orders that all forms share head their column; others stand beside what was fitted.
+    """
+    cells = {(entry.entry, entry.form): entry for entry in entries}
+    predicted: dict[str, set[float]] = {}
+    for entry in entries:
+        predicted.setdefault(entry.entry, set()).add(entry.predicted)
+    columns, headings, shared = "l", ["form"], ["predicted"]
+    for name, orders in predicted.items():
+        width = 1 if len(orders) == 1 else 2
+        columns += "r" * width
+        headings.append(rf"\multicolumn{{{width}}}{{c}}{{${_latex_entry(name)}$}}")
+        shared += [f"${min(orders):g}$"] if width == 1 else ["", ""]
+    rows = []
+    for form in FORMS:
+        row = [_latex_form(form)]
+        for name, orders in predicted.items():
+            cell = cells.get((name, form))
+            if len(orders) > 1:
+                row.append(f"${cell.predicted:g}$" if cell else "--")
+            row.append(_latex_fit(cell) if cell else "--")
+        rows.append(row)
+    table, problem = entries[0].table, entries[0].problem
+    caption = (
+        f"{_latex_text(_title(problem))}: {_SUBJECTS[table]}; predicted, and fitted "
+        r"$\pm$ standard error, which is left out where it is below $5\cdot 10^{-7}$."
+    )
+    if any(entry.eliminated for entry in entries):
+        caption += " The form eliminates the fields that are marked $^*$."
+    if missed(entries):
+        caption += r" Fits that are marked $^\dagger$ are not as predicted."
+    label = f"{_LABELS[table]}-{re.sub('[^A-Za-z0-9]+', '-', problem).strip('-')}"
+    return _latex_table(caption, label, columns, [_latex_row(headings), _latex_row(shared)], rows)
+
+
+def _latex_table(
+    caption: str, label: str, columns: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
+) -> str:
     return "\n".join(
         [
-            "\\begin{table}",
-            f"  \\caption{{{cell(f'{title}. {NOTE}')}}}",
-            f"  \\begin{{tabular}}{{l{'l' * (len(rows[0]) - 1)}}}",
-            "    \\hline",
-            f"    {body[0]}",
-            "    \\hline",
-            *(f"    {line}" for line in body[1:]),
-            "    \\hline",
-            "  \\end{tabular}",
-            "\\end{table}",
+            r"\begin{table}",
+            r"  \centering",
+            rf"  \caption{{{caption}}}",
+            rf"  \label{{tab:{label}}}",
+            r"  \smallskip",
+            r"  \footnotesize",
+            r"  \setlength{\tabcolsep}{4pt}",
+            rf"  \begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+            r"    \toprule",
+            *(f"    {line}" for line in headings),
+            r"    \midrule",
+            *(f"    {_latex_row(row)}" for row in rows),
+            r"    \bottomrule",
+            r"  \end{tabular}",
+            r"\end{table}",
             "",
         ]
     )
+
+
+def _latex_row(cells: Sequence[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _latex_form(form: str) -> str:
+    return "$(" + ", ".join(_GREEK.get(u, u) for u in FORMS[form].unknowns) + ")$"
+
+
+def _latex_entry(name: str) -> str:
+    """Name of an `Entry.entry` in math mode, "D_L D" as D_{L,D}."""
+    name = name.replace("λ", r"\lambda")
+    side, _, block = name.partition(" ")
+    return f"D_{{{side[2:]},{block}}}" if block else name.replace("Δ", r"\Delta ")
+
+
+def _latex_fit(entry: Entry) -> str:
+    """A fit in math mode; marks take no width, so that digits stay aligned."""
+    slope, error = fit_parts(entry.fit)
+    marks = ("*" if entry.eliminated else "") + ("" if entry.verdict == PASS else r"\dagger")
+    text = f"${slope} \\pm {error}$" if error else f"${slope}$" if slope != "n/a" else slope
+    return text + (rf"\rlap{{$^{{{marks}}}$}}" if marks else "")
+
+
+def _latex_factor(text: str) -> str:
+    """A factor of Table 2 in math mode: gamma/(beta*h) with Greek letters and exponents."""
+    factor = Monomial.parse(text)
+
+    def product(sign: int) -> list[str]:
+        return [
+            _GREEK.get(symbol, symbol) + {1: "", 2: "^2"}.get(abs(power), f"^{{{abs(power)}}}")
+            for symbol, power in factor.powers
+            if power * sign > 0
+        ]
+
+    above, below = product(1), product(-1)
+    if factor.coefficient != 1 or not above:
+        above.insert(0, f"{factor.coefficient:g}")
+    divisor = " ".join(below)
+    if below:
+        divisor = f"/({divisor})" if len(below) > 1 else f"/{divisor}"
+    return f"${' '.join(above)}{divisor}$"
+
+
+def _latex_text(text: str) -> str:
+    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+
+
+def _title(problem: str) -> str:
+    """Title of a shipped problem; the label of any other."""
+    return registry.about(problem).title if problem in registry.PROBLEMS else problem
 
 
 def worst(entries: Sequence[Entry]) -> str:

@@ -1,37 +1,190 @@
-"""From the results folder to figures."""
+"""From the results folder to figures: which are meant, which can be drawn, and their files."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from newmark_cli.errors import InputError
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report import automatic, records
+from newmark_cli.report.figures import FIGURES, TABLED
 from newmark_cli.report.kinds import Figure, Results
+from newmark_cli.report.panels import Sheet
 from newmark_cli.spelling import nearest
-from newmark_cli.study.results import ResultsError
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.drawing import SHOWABLE, definitions, kinds
+from newmark_cli.study.results import ResultsError, write_atomically
+
+if TYPE_CHECKING:
+    from newmark_cli.report.slopes import Slope
+
+#: Formats of the files, and those that are written unless others are asked for.
+FORMATS, USUAL_FORMATS = ("png", "svg", "pdf"), ("png", "svg")
+
+#: Most figures that a study's results arrange by themselves, unless all are asked for.
+MOST = 24
 
 
-def named(names: Iterable[str]) -> list[Figure]:
-    """Figures by their names.
+@dataclass(frozen=True)
+class Choice:
+    """Which series and figures are drawn.
+
+    Attributes:
+        measures: Names of `SHOWABLE`; all when empty.
+        values: Axis → its values, as people or CSVs write them; all when it has none.
+        everything: Whether all figures of a study are drawn, however many.
+    """
+
+    measures: tuple[str, ...] = ()
+    values: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    everything: bool = False
+
+    def __bool__(self) -> bool:
+        """Whether it leaves anything out."""
+        return bool(self.measures) or any(self.values.values())
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of rows, and the work–precision diagram."""
+        return tuple(dict.fromkeys(kind for name in self.measures for kind in kinds(name)))
+
+    def keeps(self, series: "Slope | SeriesKey") -> bool:
+        """Whether a series has one of the values of every axis."""
+        return all(
+            not given or any(automatic.means(axis, word, getattr(series, axis)) for word in given)
+            for axis, given in self.values.items()
+        )
+
+    def require(self, slopes: Sequence["Slope"]) -> None:
+        """Refuse a word that no series of the results is meant by.
+
+        Raises:
+            InputError: Names the option, and what it can be.
+        """
+        for name in self.measures:
+            if name not in SHOWABLE:
+                raise InputError(f"--measure: unknown measure {name!r}{nearest(name, SHOWABLE)}")
+        for axis, given in self.values.items():
+            known = list(dict.fromkeys(v for s in slopes if (v := getattr(s, axis))))
+            for word in given:
+                if not any(automatic.means(axis, word, value) for value in known):
+                    raise InputError(
+                        f"--{axis}: no series of {word!r} in the results{nearest(word, known)}"
+                    )
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Figures to draw, and what there is to say of them.
+
+    Attributes:
+        figures: In their order.
+        notes: Lines for the terminal.
+    """
+
+    figures: list[Figure]
+    notes: list[str]
+
+
+def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) -> Chosen:
+    """Figures that are meant by names, or all that the results are enough for.
+
+    Args:
+        names: Of figures and studies; a name that is both is the figure's.
+        results: What they are made from; their series are not needed for named mechanisms.
+        choice: Which of them.
 
     Raises:
-        InputError: For a figure that does not exist.
+        InputError: For a name that there is not, and when nothing is left.
+        ResultsError: When results of a study that is named are missing or cannot be used.
     """
-    found = []
-    for name in names:
-        if name not in FIGURES:
-            raise InputError(f"unknown figure {name!r}{nearest(name, FIGURES)}")
-        found.append(FIGURES[name])
+    studies = list(dict.fromkeys(slope.study for slope in results.slopes))
+    choice.require(results.slopes)
+    notes: list[str] = []
+    found: list[Figure] = []
+    if names:
+        for name in dict.fromkeys(names):
+            if name in FIGURES:
+                found += [FIGURES[name]] if _whole(FIGURES[name], choice) else []
+                if name in studies and FIGURES[name].study != name:
+                    notes.append(f"{name!r} is a figure and a study: the figure is drawn")
+            elif name in studies:
+                found += _of_study(name, results, choice, notes)
+            else:
+                raise _unknown(name, studies, results)
+    else:
+        given, lacking = enough(results)
+        found = [figure for figure in given if _whole(figure, choice)]
+        for study in studies:
+            # Only when they are asked for: the paper makes tables of them.
+            if not _has_own(study) and (study not in TABLED or choice):
+                found += _of_study(study, results, choice, notes)
+        shipped = {*TABLED, *(figure.study for figure in FIGURES.values())}
+        if lacking and not choice and (not found or shipped & set(studies)):
+            notes.append(how_to_get(lacking))
+    if choice and not found:
+        raise InputError("nothing to draw: no figure has all that the options choose")
+    if names and not found:
+        raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")
+    return Chosen(list({id(figure): figure for figure in found}.values()), notes)
+
+
+def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:
+    shipped = dict.fromkeys((*(figure.study for figure in FIGURES.values()), *TABLED))
+    if name in shipped:
+        path = results.folder / f"{name}.csv"
+        return ResultsError(f"{path}: no results; run 'newmark-study run {name}' first")
+    known = dict.fromkeys((*FIGURES, *studies))
+    return InputError(f"unknown figure or study {name!r}{nearest(name, known)}")
+
+
+def needs_results(names: Sequence[str]) -> bool:
+    """Whether figures are made from series; mechanisms are drawn without any."""
+    return not names or any(name not in FIGURES or FIGURES[name].curves for name in names)
+
+
+def _whole(figure: Figure, choice: Choice) -> bool:
+    """Whether a figure of the project shows nothing but what is chosen."""
+    if not choice:
+        return True
+    given = choice.kinds
+    return bool(figure.curves) and all(
+        choice.keeps(curve.key) and (not given or curve.measure in given) for curve in figure.curves
+    )
+
+
+def _has_own(study: str) -> bool:
+    return any(figure.study == study for figure in FIGURES.values())
+
+
+def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) -> list[Figure]:
+    """The project's figures of a study, else those of its config, else those it arranges."""
+    own = [figure for figure in of_studies([study]) if _whole(figure, choice)]
+    if own:
+        return own
+    path = results.folder / f"{study}.csv"
+    try:
+        defined = definitions(records.known(path).get("config"))
+    except ValueError as error:
+        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+    found = automatic.figures(study, results, defined, choice.keeps, choice.kinds)
+    if defined is None and len(found) > MOST and not choice.everything:
+        notes.append(
+            f"{study}: {len(found) - MOST} more figures are not drawn; ask for them with "
+            f"'newmark-study plot {study} --all', or choose with --measure, --form, …"
+        )
+        found = found[:MOST]
     return found
 
 
 def of_studies(studies: Iterable[str]) -> list[Figure]:
-    """Figures of studies, in the order of the figures."""
+    """The project's figures of studies, in the order of the figures."""
     given = set(studies)
     return [figure for figure in FIGURES.values() if figure.study in given]
 
 
 def enough(results: Results) -> tuple[list[Figure], list[Figure]]:
-    """Figures that results are enough for, and the others."""
+    """The project's figures that results are enough for, and the others."""
     given, lacking = [], []
     for figure in FIGURES.values():
         try:
@@ -53,7 +206,18 @@ def how_to_get(lacking: Sequence[Figure]) -> str:
     )
 
 
-def plot(figures: Iterable[Figure], results: Results) -> list[Path]:
+def stem(figure: Figure) -> str:
+    """Name of a figure's files, without their ending."""
+    return f"figure-{figure.name}" if FIGURES.get(figure.name) == figure else figure.name
+
+
+def plot(
+    figures: Iterable[Figure],
+    results: Results,
+    formats: Sequence[str] = USUAL_FORMATS,
+    size: tuple[float, float] | None = None,
+    style_file: Path | None = None,
+) -> list[Path]:
     """Draw figures into ``figures`` below the results folder.
 
     Nothing is written unless all of them can be drawn.
@@ -61,20 +225,35 @@ def plot(figures: Iterable[Figure], results: Results) -> list[Path]:
     Args:
         figures: Which.
         results: What they are made from.
+        formats: Which of `FORMATS`.
+        size: Width and height of each (inch); as suits it when omitted.
+        style_file: Style file of matplotlib, over the project's style.
 
     Returns:
         The files.
 
     Raises:
+        InputError: When the style cannot be used, or the size is too small.
         ResultsError: When results are missing or cannot be used.
     """
-    sheets = {figure.name: figure.sheet(results) for figure in figures}
+    sheets: dict[str, Sheet] = {}
+    for figure in figures:
+        sheets[automatic.free(stem(figure), sheets)] = figure.sheet(results)
 
     from newmark_cli.report import draw, style
 
-    drawings = {name: draw.drawn(sheet) for name, sheet in sheets.items()}
-    return [
-        file
-        for name, drawing in drawings.items()
-        for file in style.save(drawing, results.folder / "figures" / f"figure-{name}")
-    ]
+    settings = style.read(style_file) if style_file else {}
+    contents = {}
+    for name, sheet in sheets.items():
+        try:
+            drawing = draw.drawn(sheet, size, settings)
+            for kind in formats:
+                path = results.folder / "figures" / f"{name}.{kind}"
+                contents[path] = style.rendered(drawing, kind, settings)
+        except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+            if style_file is None:
+                raise
+            raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
+    for path, content in contents.items():
+        write_atomically(path, content)
+    return list(contents)

@@ -71,7 +71,7 @@ def facts(record: Mapping[str, Any]) -> dict[str, str]:
     """What a record says of a run, by name, its environment included."""
     return {
         "finished": str(record.get("finished", UNKNOWN)),
-        "cells": _counted(_cells(record)),
+        "cells": _counted(cells_of(record)),
         "wall time": (
             f"{total_seconds(record):.3g} s of all cells together, "
             f"{record.get('jobs', UNKNOWN)} side by side"
@@ -85,7 +85,7 @@ def facts(record: Mapping[str, Any]) -> dict[str, str]:
 def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of cells, headings first; columns in which all agree are left out."""
     columns = {axis.name: axis.title for axis in axes.cell_axes() if axis.cell and axis.series}
-    cells = _cells(record)
+    cells = cells_of(record)
     told = {
         key: name
         for key, name in columns.items()
@@ -116,7 +116,7 @@ def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]
         ("study", "cells", "wall time of all (s)", "slowest cell (s)", "side by side")
     ]
     for study, record in found.items():
-        cells = _cells(record)
+        cells = cells_of(record)
         slowest = max((seconds(c) for c in cells if not math.isnan(seconds(c))), default=math.nan)
         rows.append(
             (
@@ -156,7 +156,7 @@ def seconds(cell: Mapping[str, Any]) -> float:
 
 def total_seconds(record: Mapping[str, Any]) -> float:
     """Wall time of all cells together (s)."""
-    return sum(seconds(cell) for cell in _cells(record) if not math.isnan(seconds(cell)))
+    return sum(seconds(cell) for cell in cells_of(record) if not math.isnan(seconds(cell)))
 
 
 def as_text(record: Mapping[str, Any]) -> str:
@@ -238,7 +238,8 @@ def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _cells(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def cells_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Cells of a run, as its record has them."""
     found = record.get("cells")
     return [cell for cell in found if isinstance(cell, dict)] if isinstance(found, list) else []
 

@@ -26,9 +26,12 @@ from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import (
     FAILING,
     INCOMPLETE,
+    MISS,
+    NOT_ASYMPTOTIC,
     NOT_CONVERGING,
     PASS,
     SHOWN,
+    TOO_FEW,
     Evidence,
     Judgement,
     judge,
@@ -38,7 +41,13 @@ from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, results
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS, Record
-from newmark_cli.study.reading import SERIES, accepted_statuses, read_study, study_files
+from newmark_cli.study.reading import (
+    SERIES,
+    accepted_statuses,
+    motions,
+    read_study,
+    study_files,
+)
 from newmark_cli.study.results import ResultsError
 
 #: Columns of ``slopes.csv``; a new one is appended.
@@ -61,6 +70,7 @@ class Slope:
         key: What tells it from others; every axis is an attribute, as in the CSV.
         role: As in the CSV.
         h: (points,) step sizes.
+        steps: (points,) steps of the run.
         values: (points,) the statistic that is drawn; where a Krylov solver
             stagnated, the number of iterations that it was allowed.
         statuses: Status of the cell behind each point.
@@ -77,6 +87,7 @@ class Slope:
     key: SeriesKey
     role: str
     h: Array
+    steps: Array
     values: Array
     statuses: tuple[str, ...]
     fitted: Mask
@@ -159,12 +170,16 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
     at_start = frame["steps"] == 0
     most = frame.groupby([*alike, "measure", at_start])["h"].transform("nunique")
     accepted = ("ok", *accepted_statuses(path))
+    moved = motions(path)
     found = []
-    for _, rows in frame.groupby([*SERIES, at_start], sort=False):
-        key = SeriesKey.of({str(name): given for name, given in rows.iloc[0].items()})
-        role = str(rows["role"].iloc[0])
+    for values, rows in frame.groupby([*SERIES, at_start], sort=False):
+        *named, start = values
+        row = dict(zip(SERIES, named, strict=True))
+        key = SeriesKey.of(row | {"steps": 0 if start else 1})
+        role = str(row["role"])
         if key.measure:
-            found.append(_slope(key, role, rows, int(most[rows.index[0]]), accepted, path))
+            slope = _slope(key, role, rows, int(most[rows.index[0]]), accepted, path)
+            found.append(_moved(slope, *moved.get(key.problem, ((), False))))
         elif not rows["status"].isin(accepted).all():
             found.append(_failed(key, role))
     return found
@@ -220,6 +235,7 @@ def _slope(
         key=key,
         role=role,
         h=h,
+        steps=rows["steps"].to_numpy(float),
         values=values,
         statuses=statuses,
         fitted=found.fitted,
@@ -233,6 +249,20 @@ def _slope(
         and np.isnan(expected)
         and "not_converging" in accepted,
     )
+
+
+def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
+    """The verdict in view of what the motion does; theory is about regular ones."""
+    if slope.start or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
+        return slope
+    if still:
+        return replace(slope, verdict=TOO_FEW, reason="nothing moves: there is only rounding")
+    if not singular or slope.verdict not in (MISS, NOT_CONVERGING):
+        return slope
+    where = ", ".join(f"{t:g}" for t in singular[:3]) + (", …" if len(singular) > 3 else "")
+    reason = f"the motion passes a singular position near t = {where}, where no order holds"
+    verdict = NOT_ASYMPTOTIC if slope.verdict == MISS else slope.verdict
+    return replace(slope, verdict=verdict, reason="; ".join(filter(None, (slope.reason, reason))))
 
 
 def _judged(
@@ -296,6 +326,7 @@ def _failed(key: SeriesKey, role: str) -> Slope:
         key=key,
         role=role,
         h=np.array([]),
+        steps=np.array([]),
         values=np.array([]),
         statuses=(),
         fitted=np.array([], bool),

@@ -1,12 +1,17 @@
 """One style for all figures, and how they are written."""
 
 import io
+import logging
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.style.core import STYLE_BLACKLIST
 
+from newmark_cli.errors import InputError
 from newmark_cli.study.results import write_atomically
 
 #: What the drawing modules make.
@@ -33,6 +38,44 @@ STYLE: Any = {
     "savefig.dpi": 300,
 }
 
+#: No settings.
+NONE: Mapping[str, Any] = MappingProxyType({})
+
+#: Settings that a style file does not decide: those that matplotlib's own styles cannot set,
+#: and the salt of the names inside SVGs, without which no two files are the same.
+_NOT_STYLE = {*STYLE_BLACKLIST, "svg.hashsalt"}
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Settings of a style file of matplotlib.
+
+    Args:
+        path: The file; of what it sets, what is not a matter of style is left out.
+
+    Raises:
+        InputError: When it is missing, or has a line that matplotlib does not understand.
+    """
+    told: list[str] = []
+    listener = logging.Handler()
+    listener.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("matplotlib")
+    before = logger.propagate
+    logger.addHandler(listener)
+    logger.propagate = False
+    try:
+        path.read_bytes()  # matplotlib would look for a name that is no file on the network
+        found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+    except OSError as error:
+        raise InputError(f"--style {path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"--style {path}: not a style of matplotlib: {error}") from None
+    finally:
+        logger.removeHandler(listener)
+        logger.propagate = before
+    if told:
+        raise InputError(f"--style {path}: not a style of matplotlib: {' '.join(told[0].split())}")
+    return {key: value for key, value in found.items() if key not in _NOT_STYLE}
+
 
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as PNG and SVG, the same bytes each time; returns the files."""
@@ -43,10 +86,16 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     return files
 
 
-def rendered(figure: Figure, kind: str) -> bytes:
-    """A figure as a file: png or svg, the same bytes each time."""
+def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:
+    """A figure as a file: png, svg or pdf, the same bytes each time.
+
+    Args:
+        figure: The figure.
+        kind: Ending of the file.
+        settings: Settings of matplotlib over those of the project.
+    """
     content = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        metadata = {"Date": None} if kind == "svg" else {}
+    with mpl.rc_context(STYLE | dict(settings)):
+        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
         figure.savefig(content, format=kind, metadata=metadata)
     return content.getvalue()

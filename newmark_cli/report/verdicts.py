@@ -186,7 +186,7 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
     lost = above[-1] and values[-1] >= 1
     if lost:
         reason = f"at h = {h[-1]:g} it is {values[-1]:.2g} times as large as what it is an error of"
-        return _judged(given, NOT_CONVERGING, everything, reason)
+        return _judged(given, NOT_CONVERGING, everything, reason + _undamped(given))
     if math.isnan(given.expected):
         return _unpredicted(given, above, everything)
 
@@ -200,6 +200,13 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
         if abs(fit.slope - given.expected) <= given.tolerance:
             return _with_tail(given, window, first, last)
     return _without_middle(given, above, everything)
+
+
+def _undamped(given: Evidence) -> str:
+    """What is behind multipliers that do not converge."""
+    if given.damped or given.quantity not in ("lambda", "multiplier"):
+        return ""
+    return "; the integrator does not damp multipliers that alternate, generalized-alpha does"
 
 
 def _unpredicted(given: Evidence, above: Mask, everything: Mask) -> Judgement:
@@ -220,7 +227,7 @@ def _unpredicted(given: Evidence, above: Mask, everything: Mask) -> Judgement:
             f"does not fall with h: {given.values[-1]:.2g} at h = {given.h[-1]:g}, where rounding "
             f"may reach {low:.2g}"
         )
-        return _judged(given, NOT_CONVERGING, everything, reason)
+        return _judged(given, NOT_CONVERGING, everything, reason + _undamped(given))
     return _judged(given, SHOWN, everything)
 
 

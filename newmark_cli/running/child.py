@@ -6,6 +6,7 @@ processes: in the workers of dask.
 
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import threading
@@ -13,6 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 
 
@@ -50,6 +52,17 @@ def call(function: Callable[..., Any], arguments: tuple[Any, ...], timeout: floa
     return found
 
 
+def leave_signals_to_parent() -> None:
+    """Outlive what ends a command: a terminal or a batch system signals all its processes.
+
+    Processes that the called code starts do not inherit this.
+    """
+    for number in interrupts.NAMES:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda number, frame: None)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, interrupts.NAMES)
+
+
 def end_with_parent() -> None:
     """Let this process end when its parent has; nobody else waits for its work."""
     threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
@@ -65,6 +78,7 @@ def _main() -> None:
     # What the called code prints must not run into what it returns.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as output:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        leave_signals_to_parent()
         end_with_parent()
         function, arguments = pickle.load(sys.stdin.buffer)
         found: Any

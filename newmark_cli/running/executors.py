@@ -17,10 +17,12 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 
 import numpy as np
 
+from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
+from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
-from newmark_cli.running.child import end_with_parent
+from newmark_cli.running.child import end_with_parent, leave_signals_to_parent
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute
@@ -45,6 +47,9 @@ class Task:
 
 #: No exit code of a process.
 _ENDED_WELL = 256
+
+#: Seconds that an interrupt waits for threads.
+_PATIENCE = 1.0
 
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
@@ -89,9 +94,10 @@ def perform(
         assert timeout is not None
         outcome = overtime(timeout)
     except np.linalg.LinAlgError as error:
-        outcome = Outcome([], 0, np.nan, "singular", str(error))
+        outcome = Outcome([], 0, np.nan, "singular", user_code.described(error))
     except BaseException as error:  # an exit of the user's code included
-        outcome = Outcome([], 0, np.nan, "failed", f"{type(error).__name__}: {error}")
+        problem = task.cell.problem
+        outcome = failed(user_code.described(error, problem.label if problem.load().code else ""))
     return Done(outcome, time.perf_counter() - start)
 
 
@@ -120,7 +126,8 @@ def local(
     """Threads for compiled problems, whose march releases the interpreter lock; processes else.
 
     Leaving the context ends what still runs: threads between two stretches, and
-    processes at once.
+    processes at once.  An interrupt does not wait long for threads, one of which may be
+    compiling: the process then ends without them.
 
     Args:
         tasks: In the order in which they start.
@@ -145,18 +152,29 @@ def local(
         for name, task in tasks.items()
         if wants_process(task.cell.problem)
     }
-    with ThreadPoolExecutor(max_workers=jobs) as threads, _processes(jobs, len(apart)) as start:
-        try:
-            futures = {start(task, timeout): name for name, task in apart.items()}
+    threads, futures = ThreadPoolExecutor(max_workers=jobs), dict[Future[Done], int]()
+    waits = True
+    try:
+        with _processes(jobs, len(apart)) as start:
+            futures |= {start(task, timeout): name for name, task in apart.items()}
             futures |= {
                 threads.submit(threaded, task): name
                 for name, task in tasks.items()
                 if name not in apart
             }
             yield _as_done(futures, tasks, apart, timeout, on_steps)
-        finally:
-            stopped.set()
-            threads.shutdown(wait=False, cancel_futures=True)
+    except KeyboardInterrupt:
+        waits = False
+        raise
+    finally:
+        stopped.set()
+        threads.shutdown(wait=waits, cancel_futures=True)
+        until = time.monotonic() + _PATIENCE
+        while any(future.running() for future, name in futures.items() if name not in apart):
+            if time.monotonic() > until:
+                interrupts.leave_threads()
+                break
+            time.sleep(0.01)
 
 
 def _as_done(
@@ -194,6 +212,10 @@ class _Worker(SpawnProcess):
         code = super().exitcode
         return _ENDED_WELL if code == 0 else code
 
+    def terminate(self) -> None:
+        """End the process, which leaves SIGTERM to the one that has started it."""
+        self.kill()
+
 
 class _Context(SpawnContext):
     """Forked, processes would inherit the locks of threads that do not run in them."""
@@ -215,26 +237,29 @@ def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None],
     try:
         yield start
         pool.close()
+        pool.join()
     except BaseException:
         pool.stop()
-        raise
-    finally:
         pool.join()
+        raise
 
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Ctrl-C waits; threads and processes that start here leave it to this thread for good."""
-    # Started on the way, it would undo what follows.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    """Interrupts wait; threads and processes that start here leave Ctrl-C to this thread."""
+    with interrupts.postponed():
+        # The tracker of semaphores must outlive a hangup; started on the way, it would
+        # undo what follows.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+        try:
+            resource_tracker.ensure_running()
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _prepare() -> None:
-    """Ctrl-C is for the process that has started this one, which is not outlived."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """A process of the pool ends with the one that has started it, and not before."""
+    leave_signals_to_parent()
     end_with_parent()

@@ -20,7 +20,7 @@ from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.spec import ProblemSpec, Shipped
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
-from newmark_cli.problems.reference import Reference
+from newmark_cli.problems.reference import NoReference, Reference
 from newmark_cli.running import sealed
 from newmark_cli.study import results
 
@@ -34,7 +34,11 @@ def solved(spec: ProblemSpec, t: float, on_work: Callable[[], None] = lambda: No
 
 
 class References:
-    """References that share a results folder; threads may share this object."""
+    """References that share a results folder; threads may share this object.
+
+    What could not be computed is remembered as long as the object lives, and not on
+    disk: the next run, which may have more time, tries again.
+    """
 
     def __init__(self, folder: Path, solve: Solve | None = None) -> None:
         """Take a results folder; nothing is read or written yet.
@@ -46,10 +50,10 @@ class References:
         self._folder, self._solve = folder / "references", solve or solved
         self._guard = threading.Lock()
         self._locks: dict[str, threading.Lock] = {}
-        self._found: dict[str, Reference] = {}
+        self._found: dict[str, Reference | NoReference] = {}
 
     def of(self, spec: ProblemSpec, t: float) -> Reference:
-        """The solution of a problem at a time, computed at most once.
+        """The solution of a problem at a time; computed, or tried, at most once.
 
         Args:
             spec: The problem.
@@ -69,8 +73,14 @@ class References:
             lock = self._locks.setdefault(content, threading.Lock())
         with lock:
             if content not in self._found:
-                self._found[content] = self._stored(spec, problem, t, content)
-            return self._found[content]
+                try:
+                    self._found[content] = self._stored(spec, problem, t, content)
+                except NoReference as error:
+                    self._found[content] = error
+            found = self._found[content]
+        if isinstance(found, NoReference):
+            raise NoReference(str(found))
+        return found
 
     def _stored(self, spec: ProblemSpec, problem: Problem, t: float, content: str) -> Reference:
         """From its file, which is written when there is none that fits."""

@@ -1,24 +1,29 @@
 """Running studies: what is kept is not computed again, the rest side by side."""
 
 import contextlib
+import math
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from newmark_cli import interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, pinned
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.running import child, executors
+from newmark_cli.running import child, executors, prune
 from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
-from newmark_cli.running.store import Store
-from newmark_cli.study import provenance, results
+from newmark_cli.running.store import Store, file_name
+from newmark_cli.study import motion, provenance, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
@@ -72,20 +77,21 @@ class StudyRun:
         study: Its name.
         path: Its CSV; None where cells were skipped.
         statuses: Status of each cell; ``skipped`` where it has not run.
-        failures: Statuses that are neither ok nor accepted by the study.
+        complaints: A line for each distinct way in which cells did not end well, or
+            lack what they were to measure; statuses that the study accepts are none.
         kept: Cells that had been computed before.
     """
 
     study: str
     path: Path | None
     statuses: tuple[str, ...]
-    failures: tuple[str, ...]
+    complaints: tuple[str, ...]
     kept: int
 
     @property
     def ok(self) -> bool:
         """Whether every cell is, or is what the study is about."""
-        return not self.failures
+        return not self.complaints
 
 
 class Watcher:
@@ -170,7 +176,13 @@ def run_studies(
     shard = "{}/{}".format(*options.shard) if options.shard else ""
     with _held(studies, folder, "run", shard):
         store = Store(folder)
-        planned = plan(studies, folder, options.force, options.shard)
+        references = References(folder, partial(_solution, timeout=options.timeout))
+        planned = [
+            _looked_after(one, references, store)
+            for one in plan(studies, folder, options.force, options.shard)
+        ]
+        for i in {one.study for one in planned if one.done is None}:
+            prune.begun(folder, studies[i])
         watcher.planned(planned)
         found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
         open_runs = _OpenRuns(studies, folder, options, planned, writes=not shard)
@@ -181,28 +193,31 @@ def run_studies(
         ):
             return open_runs.close()
 
-        # A cell that two studies share is computed once.
-        sharing: dict[Cell, list[int]] = {}
+        # What two studies share is computed once, whatever each of them accepts.
+        sharing: dict[str, list[int]] = {}
         for i, one in enumerate(planned):
             if i not in found:
-                sharing.setdefault(one.cell, []).append(i)
-        references = References(folder, partial(_solution, timeout=options.timeout))
+                sharing.setdefault(file_name(one.cell), []).append(i)
+        places = {shared[0]: shared for shared in sharing.values()}
         tasks: dict[int, Task] = {}
-        early: list[tuple[int, Done]] = []
-        for cell, places in sorted(sharing.items(), key=lambda item: -_cost(item[0])):
+        missing: dict[int, str] = {}
+        for i in sorted(places, key=lambda i: -_cost(planned[i].cell)):
+            cell = planned[i].cell
             try:
-                tasks[places[0]] = Task(cell, _reference(cell, references))
+                tasks[i] = Task(cell, _reference(cell, references))
             except NoReference as error:
-                early.append((places[0], Done(executors.failed(str(error)), 0.0)))
-                watcher.steps(cell.weight)
+                tasks[i], missing[i] = Task(cell), str(error)
         with _execution(tasks, options, watcher) as finished:
-            for i, done in chain(early, finished):
-                cell = planned[i].cell
-                store.keep(cell, done)
-                watcher.finished(cell, done)
-                for place in sharing[cell]:
-                    open_runs.took(place, done)
-                if options.fail_fast and _is_failure(cell, done.outcome):
+            for i, result in finished:
+                done = _without_reference(result, missing[i]) if i in missing else result
+                with interrupts.postponed():  # a cell that is kept is counted as kept
+                    store.keep(planned[i].cell, done)
+                    watcher.finished(planned[i].cell, done)
+                    for place in places[i]:
+                        open_runs.took(place, done)
+                if options.fail_fast and any(
+                    _is_failure(planned[place].cell, done.outcome) for place in places[i]
+                ):
                     break
         return open_runs.close()
 
@@ -241,6 +256,8 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
             sum(one.done is None for one in planned if one.study == s) for s in range(len(studies))
         )
         if any(missing):
+            for study in studies:
+                prune.begun(folder, study)
             return Merged(taken, missing, ())
         open_runs = _OpenRuns(studies, folder, Options(jobs=1), planned, writes=True)
         for i, one in enumerate(planned):
@@ -281,6 +298,27 @@ def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
 
 def _reference(cell: Cell, references: References) -> Reference | None:
     return references.of(cell.problem, cell.t_end) if "error" in cell.measure else None
+
+
+def _looked_after(one: Planned, references: References, store: Store) -> Planned:
+    """A kept cell that lacks its reference is to run as soon as there is one."""
+    if one.done is None or not one.done.outcome.lacks:
+        return one
+    try:
+        references.of(one.cell.problem, one.cell.t_end)
+    except NoReference as error:
+        done = _without_reference(one.done, str(error))
+        if done.outcome.lacks != one.done.outcome.lacks:
+            store.keep(one.cell, done)
+        return replace(one, done=done)
+    return replace(one, done=None, why="its reference can be computed now")
+
+
+def _without_reference(done: Done, reason: str) -> Done:
+    """A cell whose errors are empty, if it came far enough to measure them, says why."""
+    if not any(found.measure == "error" for found in done.outcome.measurements):
+        return done
+    return replace(done, outcome=replace(done.outcome, lacks=(reason,)))
 
 
 @contextlib.contextmanager
@@ -352,23 +390,34 @@ class _OpenRuns:
         return [self._run(s) for s in range(len(self._studies))]
 
     def _run(self, study: int) -> StudyRun:
-        statuses, failures = [], []
-        for i in self._places[study]:
+        places = self._places[study]
+        statuses = []
+        complaints: Counter[str] = Counter()
+        for i in places:
             done = self._done.get(i)
             statuses.append(done.outcome.status if done else "skipped")
-            if done and _is_failure(self._planned[i].cell, done.outcome):
-                failures.append(done.outcome.status)
+            if done:
+                complaints.update(_complaints(self._planned[i].cell, done.outcome))
         return StudyRun(
             self._studies[study].study,
             self._paths.get(study),
             tuple(statuses),
-            tuple(failures),
-            sum(self._planned[i].done is not None for i in self._places[study]),
+            tuple(f"{count} of {len(places)} cells {how}" for how, count in complaints.items()),
+            sum(self._planned[i].done is not None for i in places),
         )
 
 
+def _complaints(cell: Cell, outcome: Outcome) -> list[str]:
+    """In which ways a cell did not end well, as a sentence whose subject is cells."""
+    said = []
+    if outcome.status not in ("ok", *cell.accept):
+        how = "failed" if outcome.status == "failed" else f"ended with status {outcome.status}"
+        said.append(f"{how}: {outcome.reason}" if outcome.reason else how)
+    return said + [f"measured no error: {reason}" for reason in outcome.lacks]
+
+
 def _is_failure(cell: Cell, outcome: Outcome) -> bool:
-    return outcome.status not in ("ok", *cell.accept)
+    return bool(_complaints(cell, outcome))
 
 
 def _cost(cell: Cell) -> int:
@@ -395,12 +444,36 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         for file, text in texts.items()
     }
     record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
-    for file, text in reversed(texts.items()):
-        if file.parent != folder:
-            results.make_subfolder(file.parent)
-        results.write_atomically(file, text, make_folder=False)
-    results.write_json(path.with_suffix(".json"), record, make_folder=False)
+    for cell, told in zip(cells, record["cells"], strict=True):
+        told["kept_as"] = file_name(cell)
+    if moved := _motions(cells):
+        record["motions"] = moved
+    with interrupts.postponed():  # a CSV and its record belong together
+        for file, text in reversed(texts.items()):
+            if file.parent != folder:
+                results.make_subfolder(file.parent)
+            results.write_atomically(file, text, make_folder=False)
+        results.write_json(path.with_suffix(".json"), record, make_folder=False)
+        prune.finished(folder, study)
     return path
+
+
+def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
+    """Problem → what verdicts must know of its motion, where there is something to know."""
+    longest: dict[ProblemSpec, tuple[float, float]] = {}
+    for cell in cells:
+        if cell.steps > 0:
+            t_end, h = longest.get(cell.problem, (0.0, math.inf))
+            longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
+    with np.errstate(all="ignore"):
+        found = {
+            spec.label: motion.facts(spec.load(), t_end, h) for spec, (t_end, h) in longest.items()
+        }
+    return {
+        label: {"singular": list(facts.singular), "still": facts.still}
+        for label, facts in found.items()
+        if facts != motion.Facts()
+    }
 
 
 def weight(planned: Sequence[Planned]) -> int:

@@ -28,6 +28,8 @@ from newmark_cli.study.results import ResultsError
 
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
+#: What reading a record may raise.
+_UNREADABLE = (AttributeError, KeyError, OverflowError, TypeError, ValueError)
 #: Digits of a digest in a file name.
 _DIGITS = 16
 
@@ -41,6 +43,36 @@ class _Key:
     @property
     def file(self) -> str:
         return "-".join(part[:_DIGITS] for part in (self.cell, self.problem, self.core)) + ".json"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A file of a finished cell.
+
+    Attributes:
+        labels: What the cell is, by the CSV's columns and more; see `Cell.labels`.
+        core: Digest of the numerical core that has computed it; see `core`.
+    """
+
+    labels: Mapping[str, Any]
+    core: str
+
+
+def file_name(cell: Cell) -> str:
+    """The file that keeps a cell, in the folder of the finished cells."""
+    return _key(cell).file
+
+
+def opened(file: Path) -> Kept | None:
+    """What a file of a finished cell holds; None when it is damaged."""
+    record = sealed.read(file)
+    try:
+        if record is None or _Key(**record["key"]).file != file.name:
+            return None
+        _outcome(record["outcome"])
+        return Kept(dict(record["cell"]), record["key"]["core"])
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        return None
 
 
 class Store:
@@ -70,18 +102,19 @@ class Store:
             return None
         try:
             kept = Done(_outcome(record["outcome"]), float(record["seconds"]))
-        except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+        except _UNREADABLE:
             return None
         return kept if failed or kept.outcome.status != "failed" else None
 
     def keep(self, cell: Cell, done: Done) -> None:
-        """Keep a cell that has ended, atomically; a failure never in place of a result.
+        """Keep a cell that has ended, atomically; never in place of a better one.
 
         Raises:
             ResultsError: When it cannot be written.
         """
         key = _key(cell)
-        if done.outcome.status == "failed" and self.find(cell) is not None:
+        before = self.find(cell)
+        if before is not None and _worth(done.outcome) < _worth(before.outcome):
             return
         record = {
             "cell": axes.computed(cell),
@@ -128,7 +161,7 @@ class Store:
         new = 0
         for file in files:
             theirs, ours = sealed.read(file), sealed.read(self._folder / file.name)
-            if theirs is not None and _worth(theirs) > _worth(ours):
+            if theirs is not None and _worth_of(theirs) > _worth_of(ours):
                 sealed.write(self._folder / file.name, theirs)
                 new += 1
         return new
@@ -142,11 +175,19 @@ class Store:
         return record if record is not None and record["key"] == asdict(key) else None
 
 
-def _worth(record: Mapping[str, Any] | None) -> int:
-    """Nothing is worth less than a failure, and that less than a result."""
-    if record is None:
+def _worth_of(record: Mapping[str, Any] | None) -> int:
+    """Nothing, or what cannot be read, is worth least."""
+    try:
+        return 0 if record is None else _worth(_outcome(record["outcome"]))
+    except _UNREADABLE:
         return 0
-    return 1 if record["outcome"]["status"] == "failed" else 2
+
+
+def _worth(outcome: Outcome) -> int:
+    """Least if it failed, most if it lacks nothing."""
+    if outcome.status == "failed":
+        return 1
+    return 2 if outcome.lacks else 3
 
 
 def _key(cell: Cell) -> _Key:
@@ -200,6 +241,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "reason": outcome.reason,
         "met": outcome.met,
         "history": [[step, multipliers.tolist()] for step, multipliers in outcome.history],
+        "lacks": list(outcome.lacks),
     }
 
 
@@ -218,4 +260,5 @@ def _outcome(record: dict[str, Any]) -> Outcome:
         reason=record["reason"],
         met=record["met"],
         history=[(int(step), np.array(values, float)) for step, values in record["history"]],
+        lacks=tuple(str(reason) for reason in record.get("lacks", ())),
     )

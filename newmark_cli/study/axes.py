@@ -269,14 +269,22 @@ START = Axis(
 )  # fmt: skip
 
 
+@cache
 def cell_axes() -> tuple[Axis, ...]:
     """Every axis and setting of cells, in the order of the declaration."""
     return _axes(Cell)
 
 
+@cache
 def row_axes() -> tuple[Axis, ...]:
     """Axes of the rows of one cell."""
     return _axes(RowAxes)
+
+
+@cache
+def _places() -> dict[str, int]:
+    """Axis → its place among the values of a `SeriesKey`."""
+    return {each.name: place for place, each in enumerate(series_axes())}
 
 
 @cache
@@ -304,12 +312,9 @@ def computed(cell: Cell) -> dict[str, Any]:
 
 def described(cell: Cell) -> str:
     """A cell in a line: what tells it from others, without what goes without saying."""
-    parts = []
-    for each in sorted(cell_axes(), key=lambda each: each.name in ("h", "steps")):
-        if each.cell and each.name != "h":
-            text = str(each.write(cell))
-            parts.append("" if text == each.usual and each.name != "integrator" else text)
-    return " ".join([*filter(None, parts), f"h={cell.h:g}", f"steps={cell.steps}"])
+    told = [(each.write(cell), each.usual) for each in cell_axes() if each.cell and each.series]
+    parts = [str(given) for given, usual in told if given != usual]
+    return " ".join([*parts, f"h={cell.h:g}", f"steps={cell.steps}"])
 
 
 def grid(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -373,11 +378,10 @@ class SeriesKey:
         return cls(tuple(found))
 
     def __getattr__(self, name: str) -> str:
-        if not name.startswith("_"):
-            for each, value in zip(series_axes(), self.values, strict=True):
-                if each.name == name:
-                    return value
-        raise AttributeError(name)
+        place = None if name.startswith("_") else _places().get(name)
+        if place is None:
+            raise AttributeError(name)
+        return self.values[place]
 
     def named(self) -> dict[str, str]:
         """Axis → value."""

@@ -24,6 +24,8 @@ class Outcome:
         reason: Why, where the status is failed.
         met: Steps that met the tolerance; None where rounding stops Newton.
         history: Rows of the time series, see `newmark_cli.study.results.history_rows`.
+        lacks: Why rows of the CSV are empty although the march reached its end: the
+            reason for each thing that was not to be had, such as a reference.
     """
 
     measurements: list[Measurement]
@@ -33,6 +35,7 @@ class Outcome:
     reason: str = ""
     met: int | None = None
     history: Sequence[tuple[int, Array]] = ()
+    lacks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,8 @@ def compute(
 
     Args:
         cell: What to compute.
-        reference: The solution at the end, where errors are measured.
+        reference: The solution at the end, where errors are measured; without one
+            the errors are empty.
         on_steps: Told how many steps were done, now and then; an exception
             that it raises ends the march.
     """

@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from copy import copy
+from dataclasses import replace
 from itertools import chain, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from newmark_cli import documents
 from newmark_cli.documents import (
@@ -24,7 +26,6 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.spec import ProblemSpec
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import (
@@ -42,10 +43,17 @@ from newmark_cli.newmark.scheme import (
     Scheme,
 )
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
-from newmark_cli.study import axes
+from newmark_cli.spelling import closest, nearest
+from newmark_cli.study import axes, drawing
 from newmark_cli.study.axes import Axis, Cell
-from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of, scaling_of
+from newmark_cli.study.keys import (
+    MOST_STEPS,
+    Figures,
+    Name,
+    Surroundings,
+    problem_of,
+    scaling_of,
+)
 from newmark_cli.study.measures import MEASURES, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
@@ -68,54 +76,56 @@ class _Rules(StrictModel):
     def _consistent(self) -> "_Rules":
         if self.count > _MOST_CELLS:
             raise ValueError(_TOO_MANY_CELLS)
+        documents.together(self._misfits())
+        return self
+
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        """Keys that do not fit each other."""
+        measures = [MEASURES[name] for name in self.measure]
         if (self.t_end is None) == (self.steps is None):
             given = "both" if self.steps is not None else "neither"
-            raise misfit("t_end", f"needs either t_end or steps, given {given}")
+            yield misfit("t_end", f"needs either t_end or steps, given {given}")
         if self.t_end is not None:
             for h in self.h:
                 if h > self.t_end * (1 + 1e-9):
-                    raise misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
+                    yield misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
                 if self.t_end / h > MOST_STEPS:
-                    raise misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
+                    yield misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
                 steps = self.t_end / h
-                at_end = any(MEASURES[name].at_end for name in self.measure)
-                if at_end and abs(steps - round(steps)) > 1e-6:
-                    raise misfit(
-                        "h", f"errors are measured at t_end: no whole number of steps, given {h:g}"
-                    )
-        for name in self.measure:
-            self._require_measurable(MEASURES[name])
+                if any(measure.at_end for measure in measures) and abs(steps - round(steps)) > 1e-6:
+                    yield misfit("h", f"errors need a whole number of steps to t_end, given {h:g}")
+        yield from (error for measure in measures for error in self._unmeasurable(measure))
         labels = [variant.label for variant in self.variants()]
         if len(set(labels)) < len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
-            raise misfit("preconditioning", f"given twice: {twice}")
+            yield misfit("preconditioning", f"given twice: {twice}")
         for name in self.form:
             for variant in self.variants():
                 try:
                     variant.scaling(FORMS[name])
                 except ScalingError as error:
-                    raise misfit("preconditioning", f"{variant.name}: {error}") from None
-        self._require_fit()
-        return self
+                    yield misfit("preconditioning", f"{variant.name}: {error}")
+                    return
+        yield from self._unfit()
 
-    def _require_measurable(self, measure: Measure) -> None:
-        """Refuse a measure that these keys leave nothing of."""
+    def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
+        """Why these keys leave nothing of a measure."""
         if self.steps == 0 and measure.along_steps:
-            raise misfit("steps", f"no {measure.name} without steps; set 'measure: condition'")
+            yield misfit("steps", f"no {measure.name} without steps; set 'measure: condition'")
         if measure.stop is False and self.stop is not None:
-            raise misfit(
+            yield misfit(
                 "measure" if "measure" in self.model_fields_set else "stop",
-                f"with a tolerance Newton stops before rounding does; no {measure.name} "
-                "can be a 'measure'",
+                "with 'stop' Newton's iteration ends at a tolerance, not at rounding; 'measure' "
+                f"cannot have {measure.name}",
             )
         if measure.stop and self.stop is None:
-            raise misfit("measure", f"{measure.name} needs 'stop'")
+            yield misfit("measure", f"{measure.name} needs 'stop'")
         if measure.solvers and not set(self.linear_solver) <= set(measure.solvers):
             solvers = " or ".join(measure.solvers)
-            raise misfit("measure", f"{measure.name} needs linear_solver {solvers}")
+            yield misfit("measure", f"{measure.name} needs linear_solver {solvers}")
 
-    def _require_fit(self) -> None:
-        """Refuse what a problem is not fit for; loads problems only where it matters."""
+    def _unfit(self) -> Iterator[PydanticCustomError]:
+        """What a problem is not fit for; loads problems only where it matters."""
         if not (
             COMPENSATED in self.evaluation
             or MINRES in self.linear_solver
@@ -125,31 +135,32 @@ class _Rules(StrictModel):
         for spec in self.problem:
             traits = spec.traits()
             if COMPENSATED in self.evaluation and not traits.sample.quadratic:
-                raise misfit(
+                yield misfit(
                     "evaluation",
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
             if MINRES in self.linear_solver:
-                self._require_symmetric(spec.label, traits.sample)
+                yield from self._asymmetric(spec.label, traits.sample)
             if "float32" not in self.precision:
                 continue
             if not traits.sample.single:
-                raise misfit("precision", f"{spec.label} is computed in float64 only")
+                yield misfit("precision", f"{spec.label} is computed in float64 only")
             for form, solver in product(self.form, self.linear_solver):
                 if choose(solver, traits, FORMS[form]) != DENSE:
-                    raise misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
+                    yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
-    def _require_symmetric(self, label: str, problem: Problem) -> None:
+    def _asymmetric(self, label: str, problem: Problem) -> Iterator[PydanticCustomError]:
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
             try:
                 symmetric = is_symmetric(problem, scheme)
             except ArithmeticError:
-                raise misfit("h", f"too large or too small, given {self.h[0]:g}") from None
+                yield misfit("h", f"too large or too small, given {self.h[0]:g}")
+                return
             if not symmetric:
-                raise misfit(
+                yield misfit(
                     "linear_solver",
                     f"{MINRES}: the matrix of {label}, {form}, {variant.name} is not "
                     f"symmetric; take {GMRES}",
@@ -231,6 +242,9 @@ class Study(StrictModel):
 
     study: Name = Field(description="names the CSV")
     description: str = Field("", description="one line for `list`")
+    figures: Figures | None = Field(
+        None, description="what `plot` draws of it; default: what its results compare"
+    )
     cases: tuple[Case, ...]
 
     @property
@@ -243,7 +257,7 @@ class Study(StrictModel):
         return [cell for case in self.cases for cell in case.cells()]
 
 
-_STUDY_KEYS = ("study", "description", "cases")
+_STUDY_KEYS = ("study", "description", "figures", "cases")
 
 
 def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study:
@@ -258,7 +272,7 @@ def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study
         allow_code: Whether problems in Python may be loaded.
 
     Raises:
-        DocumentError: Names file, line and key of the first mistake.
+        DocumentError: For every mistake, each with file, line and key.
     """
     return parse(documents.read(path, name), Surroundings(path.parent, allow_code))
 
@@ -268,29 +282,48 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
+    # What is reported already is so for this document only.
+    around = replace(around or Surroundings(), refused=set())
+    mistakes = documents.Mistakes()
     allowed = (*_STUDY_KEYS, *Case.model_fields)
-    for key in data:
-        if key not in allowed:
-            raise document.error((key,), f"unknown key{nearest(key, allowed)}")
-    shared = {key: value for key, value in data.items() if key not in _STUDY_KEYS}
-    given = data.get("cases", [{}])
-    if not isinstance(given, list) or not given:
-        raise document.error(("cases",), "must be a list of cases, at least one")
-    around = around or Surroundings()
+    shared = {key: value for key, value in data.items() if key in Case.model_fields}
+    head = {key: data[key] for key in ("study", "description", "figures") if key in data}
+    unknown = [key for key in data if key not in allowed]
+    for key in unknown[: documents.MOST_REPORTED]:
+        mistakes.note(document.error((key,), f"unknown key{nearest(key, allowed)}"))
+        # What was meant by a misspelled key is not missing.
+        meant = closest(key, allowed)
+        if meant is not None and meant not in data:
+            (shared if meant in Case.model_fields else head)[meant] = documents.REPORTED
+    given = data.get("cases", [] if "cases" in head else [{}])
+    if "cases" in data and (not isinstance(given, list) or not given):
+        mistakes.note(document.error(("cases",), "must be a list of cases, at least one"))
+        given = []
     if len(given) > MOST_CASES:
         raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(given)}")
     if "cases" in data:
         # Also what every case replaces: a mistake is a mistake where nobody looks.
-        documents.validate(document, _Shared, shared, context=around)
-    cases: list[Case] = []
+        try:
+            documents.validate(document, _Shared, shared, context=around)
+        except DocumentError as error:
+            mistakes.note(error)
+            wrong = {mistake.path[0] for mistake in error.mistakes if mistake.path}
+            shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
+    cases: dict[int, Case] = {}
     for i, case in enumerate(given):
-        cases.append(_case(document, shared, case, i, around))
-        if sum(case.count for case in cases) > _MOST_CELLS:
-            raise document.error(("cases",), _TOO_MANY_CELLS)
-    head = {key: data[key] for key in ("study", "description") if key in data}
-    study = documents.validate(document, Study, {**head, "cases": cases})
-    _refuse_repeated_cells(document, study)
-    _refuse_repeated_labels(document, study)
+        with mistakes.gathered():
+            cases[i] = _case(document, shared, case, i, around)
+        if sum(case.count for case in cases.values()) > _MOST_CELLS:
+            mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
+            break
+    with mistakes.gathered():
+        study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels):
+        with mistakes.gathered():
+            refuse(document, cases)
+    mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
+    assert len(study.cases) == len(given)
+    _require_shown(document, study)
     return study
 
 
@@ -310,10 +343,10 @@ def _case(
     return documents.validate(document, Case, {**shared, **given}, locate, around)
 
 
-def _refuse_repeated_cells(document: Document, study: Study) -> None:
+def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
     """Grids have a cell in common if they share a value along every axis."""
     known: list[dict[str, tuple[Any, ...]]] = []
-    for case in study.cases:
+    for case in cases.values():
         ours = case.axes()
         for theirs in known:
             shared = {
@@ -332,16 +365,46 @@ def _refuse_repeated_cells(document: Document, study: Study) -> None:
         known.append(ours)
 
 
-def _refuse_repeated_labels(document: Document, study: Study) -> None:
+def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> None:
     """Problems that the CSV could not tell apart."""
     known: dict[str, ProblemSpec] = {}
-    for i, case in enumerate(study.cases):
+    for i, case in cases.items():
         for spec in case.problem:
             if known.setdefault(spec.label, spec) != spec:
                 path = ("cases", i, "problem") if "cases" in document.data else ("problem",)
                 raise document.error(
                     path, f"two problems would be {spec.label!r} in the CSV; rename a file"
                 )
+
+
+def _require_shown(document: Document, study: Study) -> None:
+    """Figures must be of what the study measures."""
+    cases = study.cases
+    known: dict[str, Collection[str]] = {
+        "measure": {name: None for case in cases for name in case.measure},
+        "problem": {spec.label: None for case in cases for spec in case.problem},
+        "form": {name: None for case in cases for name in case.form},
+    }
+    names: dict[str, int] = {}
+    for i, figure in enumerate(study.figures or ()):
+        given = {
+            "measure": (figure.measure,),
+            "problem": figure.problem or (),
+            "form": figure.form or (),
+        }
+        for key, values in given.items():
+            for value in values:
+                if key == "measure" and set(drawing.needed(value)) & set(known[key]):
+                    continue
+                if value not in known[key]:
+                    raise document.error(
+                        ("figures", i, key),
+                        f"{value!r} is not among the study's{nearest(value, known[key])}",
+                    )
+        if figure.name is not None and names.setdefault(figure.name, i) != i:
+            raise document.error(
+                ("figures", i, "name"), f"{figure.name!r} is the name of another figure"
+            )
 
 
 def shipped_folder() -> Path:
@@ -407,10 +470,12 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
         allow_code: Whether problems in Python may be loaded.
 
     Raises:
-        DocumentError: For the first mistake.
+        DocumentError: For every mistake.
     """
     document = documents.read(path, name)
     if isinstance(document.data, dict) and "points" in document.data:
+        from newmark_cli.mechanisms import planar
+
         problem = planar.built(name, document)
         return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
     study = parse(document, Surroundings(path.parent, allow_code))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -16,6 +16,7 @@ from pydantic import (
     PlainSerializer,
     Strict,
     TypeAdapter,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     WrapValidator,
@@ -57,6 +58,8 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Tolerance,
 )
+from newmark_cli.spelling import closest, nearest
+from newmark_cli.study import drawing
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES
 
@@ -65,14 +68,24 @@ _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_ITEMS = 1_000
+_MOST_FIGURES = 100
+# From the beginning to the end of the text: $ would allow a line end behind it.
+_LINE = r"^[^\x00-\x1f\x7f]{1,200}(?![\s\S])"
 
 
-def _one_or_more(value: Any, validate: Callable[[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
+def _one_or_more(
+    value: Any, validate: Callable[[Any], tuple[Any, ...]], info: ValidationInfo
+) -> tuple[Any, ...]:
     """A value or a list of values, each once."""
     given = value if isinstance(value, list) else [value]
     if len(given) > _MOST_ITEMS:
         raise ValueError(f"at most {_MOST_ITEMS} values, given {len(given)}")
-    values = validate(given)
+    try:
+        values = validate(given)
+    except ValidationError:
+        # Not before: the name of a file may have a comma in it.
+        documents.require_brackets(value, info)
+        raise
     seen = set()
     for item in values:
         # A scaling of one's own has no hash.
@@ -193,6 +206,16 @@ class OwnScaling(StrictModel):
         return Preconditioning(self.name, left, right, own=True)
 
 
+#: Values of parameters in the examples of error messages.
+_EXAMPLES = {"beta": 0.25, "gamma": 0.5, "rho": 0.9, "alpha": 0.1}
+
+
+def _example(method: str) -> str:
+    """How a config spells an integrator."""
+    given = "".join(f", {name}: {_EXAMPLES[name]:g}" for name in parameters(method))
+    return f"{{method: {method}{given}}}"
+
+
 class IntegratorConfig(StrictModel):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
@@ -230,21 +253,49 @@ class IntegratorConfig(StrictModel):
         handler.resolve_ref_schema(reference)["allOf"] = rules
         return reference
 
+    @model_validator(mode="before")
+    @classmethod
+    def _spelled(cls, data: Any) -> Any:
+        """Other spellings are refused with the right one."""
+        if isinstance(data, str):
+            method = closest(data, INTEGRATORS) or "generalized-alpha"
+            text = f"must be a mapping such as {_example(method)}, given {data[:60]!r}"
+            raise documents.refused(IntegratorError(text))
+        return data
+
+    @classmethod
+    def unknown_key(cls, key: str) -> str:
+        """Also where the name of a method stands as a key."""
+        method = closest(key, INTEGRATORS)
+        if method is not None:
+            return f"unknown key; write {_example(method)}"
+        named = [method for method in INTEGRATORS if closest(key, parameters(method))]
+        example = _example(named[0] if named else "generalized-alpha")
+        return f"{super().unknown_key(key)}; for example {example}"
+
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
         given = self._parameters()
         allowed = parameters(self.method)
-        for name in given:
-            if name not in allowed:
-                has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
-                raise misfit(name, f"{name}: is no parameter of {self.method}, which {has}")
+        example = f"for example {_example(self.method)}"
+        has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
+        owners = {name: method for method in INTEGRATORS for name in parameters(method)}
+        documents.together(
+            misfit(
+                name,
+                f"is not a parameter of {self.method}, which {has}; it belongs to "
+                f"{owners[name]}: {_example(owners[name])}",
+            )
+            for name in given
+            if name not in allowed
+        )
         try:
             self.integrator()
         except TypeError:
             missing = [name for name in allowed if name not in given]
-            raise misfit("method", f"{self.method} needs {', '.join(missing)}") from None
+            raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
         except IntegratorError as error:
-            raise misfit(str(error).split()[0], str(error)) from None
+            raise misfit(str(error).split()[0], f"{error}; {example}") from None
         return self
 
     def _parameters(self) -> dict[str, float]:
@@ -301,15 +352,17 @@ def _preconditioning(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a config's meaning depends on beside its text.
+    """What a config's meaning depends on besides its text.
 
     Attributes:
         folder: Where files that it names are looked for.
         allow_code: Whether problems in Python may be loaded.
+        refused: Problems whose mistakes are reported already.
     """
 
     folder: Path = Path()
     allow_code: bool = False
+    refused: set[ProblemSpec] = field(default_factory=set, compare=False)
 
 
 def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
@@ -333,7 +386,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
     if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
-        return _loaded(MechanismFile((around.folder / value).absolute(), value))
+        return _loaded(MechanismFile((around.folder / value).absolute(), value), around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
@@ -350,25 +403,29 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
     if not isinstance(arguments, dict):
         raise misfit("args", "must be a mapping of names to values")
     if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
-        raise misfit("args", "values must be numbers, words or truth values")
+        raise misfit("args", "values must be numbers, text, true or false")
     if not around.allow_code:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
-    return _loaded(PythonFactory(path, factory, tuple(arguments.items()), str(value["python"])))
+    given = tuple(arguments.items())
+    return _loaded(PythonFactory(path, factory, given, str(value["python"])), around)
 
 
-def _loaded(spec: ProblemSpec) -> ProblemSpec:
+def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
     """The problem, once it has shown that it can be used."""
+    if spec in around.refused:
+        raise documents.reported()
     try:
         spec.load()
     except InputError as error:
+        around.refused.add(spec)
         raise documents.refused(error) from None
     return spec
 
 
 def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
     if AUTO in solvers and {DENSE, SPARSE} & set(solvers):
-        raise ValueError(f"{AUTO} becomes {DENSE} or {SPARSE}: given twice")
+        raise ValueError(f"{AUTO} stands for {DENSE} or {SPARSE}, which is then given twice")
     return solvers
 
 
@@ -447,6 +504,88 @@ LinearSolvers = Annotated[
 ]
 Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
 Integrators = OneOrMore[IntegratorConfig]
+
+
+_Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]
+_Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
+
+
+def _one_line(text: str) -> str:
+    if not re.search(_LINE, text):
+        raise ValueError("must be one line of 1 to 200 letters")
+    return text
+
+
+class FigureConfig(StrictModel):
+    """A figure of the study: the rows that it shows, and how it arranges them."""
+
+    measure: Annotated[str, _Known("measure", drawing.SHOWABLE)] = Field(
+        description="what it shows"
+    )
+    quantity: _Quantities | None = Field(
+        None, description="quantities to show; default: all, a figure each"
+    )
+    series: _Compared | None = Field(
+        None, description="axes that tell the series of a panel apart; default: the most varied"
+    )
+    panels: _Compared | None = Field(
+        None, description="axes that tell panels apart; default: what else varies"
+    )
+    problem: OneOrMore[Annotated[str, Strict()]] | None = Field(
+        None, description="problems to show, as in the CSV; default: all, a figure each"
+    )
+    form: Forms | None = Field(None, description="forms to show; default: all, a figure each")
+    title: Annotated[str, Strict(), AfterValidator(_one_line), also(pattern=_LINE)] | None = Field(
+        None, description="title; made from what it shows when omitted"
+    )
+    name: Name | None = Field(None, description="name of its files, behind that of the study")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "FigureConfig":
+        known = drawing.quantities((self.measure,))
+        for quantity in self.quantity or ():
+            if quantity not in known:
+                raise misfit(
+                    "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
+                )
+        for axis in self.panels or ():
+            if axis in (self.series or ()):
+                raise misfit("panels", f"{axis} already tells the series apart")
+        return self
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        rules = []
+        for measure in drawing.SHOWABLE:
+            one = {"enum": [*drawing.quantities((measure,)), None]}
+            rules.append(
+                {
+                    "if": {"properties": {"measure": {"const": measure}}},
+                    "then": {"properties": {"quantity": {"anyOf": [one, _of_array(one)]}}},
+                }
+            )
+        handler.resolve_ref_schema(reference)["allOf"] = rules
+        return reference
+
+
+def _of_array(items: JsonSchema) -> JsonSchema:
+    return {"type": "array", "items": items}
+
+
+def _some(figures: tuple[FigureConfig, ...]) -> tuple[FigureConfig, ...]:
+    if not 1 <= len(figures) <= _MOST_FIGURES:
+        raise ValueError(f"must be 1 to {_MOST_FIGURES} figures, given {len(figures)}")
+    return figures
+
+
+Figures = Annotated[
+    tuple[FigureConfig, ...],
+    AfterValidator(_some),
+    also(minItems=1, maxItems=_MOST_FIGURES),
+]
 
 
 Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]

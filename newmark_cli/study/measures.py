@@ -101,6 +101,7 @@ class Record:
         at_limit: Statistic that is drawn where a Krylov solver has stagnated, if another.
         at_end: Whether it is taken at t_end, so that all of a series must end together.
         coarse: Orders that a series may show while h is too coarse, from its key.
+        quantities: What the rows may be about, as in the CSV.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Record:
     at_limit: str | None = None
     at_end: bool = False
     coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
+    quantities: tuple[str, ...] = ()
 
     def drawn(self, rows: "pd.DataFrame") -> Array:
         """Values as they are drawn and fitted, one for each row of a study's CSV."""
@@ -260,6 +262,7 @@ CORRECTION = Measure(
             _order_of_correction,
             0.15,
             kind="rounding",
+            quantities=(*FIELDS, "lambda"),
         ),
         Record(
             "physical_correction",
@@ -269,6 +272,7 @@ CORRECTION = Measure(
             _order_of_physical_correction,
             0.15,
             kind="rounding",
+            quantities=(*FIELDS, "lambda"),
         ),
     ),
     _Corrections,
@@ -313,6 +317,7 @@ CONDITION = Measure(
             0.05,
             0.02,
             coarse=_coarse_orders_of_condition,
+            quantities=("jacobian",),
         ),
     ),
     _Conditions,
@@ -369,6 +374,7 @@ SENSITIVITY = Measure(
             0.15,
             0.05,
             may_vanish=True,
+            quantities=(*FIELDS, "lambda"),
         ),
     ),
     _Sensitivities,
@@ -386,30 +392,30 @@ class _Errors(Observer):
         self._found: list[Measurement] = []
 
     def sees(self, march: "March") -> None:
-        assert self._reference is not None
         self._found = errors(self._reference, march.state)
 
     def measured(self) -> list[Measurement]:
         return self._found
 
 
-def errors(reference: "Reference", state: "State") -> list[Measurement]:
+def errors(reference: "Reference | None", state: "State") -> list[Measurement]:
     """Measurements of a final state's errors, largest component over largest component.
 
     Args:
-        reference: The solution at the state's time.
+        reference: The solution at the state's time; None where there is none to be
+            had, and the statistics are empty.
         state: The state.
     """
     from newmark_cli.problems.reference import relative_error
 
-    pairs = {
-        "u": (state.fields[0], reference.u),
-        "v": (state.fields[1], reference.v),
-        "lambda": (state.multipliers, reference.multipliers),
-    }
+    found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
+    if reference is not None:
+        found["u"].append(relative_error(state.fields[0], reference.u))
+        found["v"].append(relative_error(state.fields[1], reference.v))
+        found["lambda"].append(relative_error(state.multipliers, reference.multipliers))
     return [
-        Measurement(quantity, "error", "primary", statistics(np.array([relative_error(*pair)])))
-        for quantity, pair in pairs.items()
+        Measurement(quantity, "error", "primary", statistics(np.array(values)))
+        for quantity, values in found.items()
     ]
 
 
@@ -439,6 +445,7 @@ ERROR = Measure(
             at_end=True,
             # From rest λ of undamped integrators has the order too, until it alternates.
             coarse=lambda key: (float(integrator.parse(key.integrator).order),),
+            quantities=("u", "v", "lambda"),
         ),
     ),
     _Errors,
@@ -489,6 +496,7 @@ INVARIANT = Measure(
             lambda key: f"largest error of the invariant: {symbol(key.quantity)}",
             "max",
             kind="truncation",
+            quantities=("position", "velocity", "multiplier", "energy"),
         ),
     ),
     _Invariants,
@@ -529,6 +537,7 @@ KRYLOV = Measure(
             "median",
             linear=True,
             at_limit="max",
+            quantities=("jacobian",),
         ),
         Record(
             "krylov_residual",
@@ -536,6 +545,7 @@ KRYLOV = Measure(
             lambda key: "largest relative residual of a linear solve",
             "max",
             kind="rounding",
+            quantities=("jacobian",),
         ),
     ),
     _Krylov,
@@ -572,6 +582,7 @@ TOLERANCE = Measure(
             kind="rounding",
             linear=True,
             share=True,
+            quantities=("newton",),
         ),
     ),
     _Iterations,
@@ -610,6 +621,7 @@ HISTORY = Measure(
             lambda key: f"{symbol(key.quantity)} over time",
             lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
             "max",
+            quantities=("lambda",),
         ),
     ),
     _History,

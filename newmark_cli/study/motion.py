@@ -1,4 +1,4 @@
-"""Positions of a problem along its motion, for drawings, and how far they can be trusted."""
+"""Motions of problems: for drawings, and what verdicts must know of them."""
 
 import math
 from collections.abc import Sequence
@@ -15,6 +15,7 @@ from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
 
 #: The trapezoidal rule would leave an alternating error of the multipliers undamped.
@@ -128,3 +129,60 @@ def _marched(
             kept = [misfits[name] for name in ("position", "velocity", "energy") if name in misfits]
             worst = max(worst, *(each.error / each.size if each.error else 0.0 for each in kept))
     return Motion(found, h, math.inf, worst)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a verdict must know of a motion.
+
+    Attributes:
+        singular: Times (s since the start) near which the constraints lose rank.
+        still: Whether nothing moves.
+    """
+
+    singular: tuple[float, ...] = ()
+    still: bool = False
+
+
+#: Steps of the march that looks for singular positions, and samples of it.
+_LOOK_STEPS, _LOOKS = 20_000, 400
+#: Speed below which nothing moves, relative to coordinates that turn once in the run.
+_STILL = 1e-12
+
+
+def facts(problem: Problem, t_end: float, h: float) -> Facts:
+    """Singular positions that a motion passes, and whether it moves at all.
+
+    Looks along a damped march; of motions that it does not get through, of large
+    problems and of plain Python, which would take too long, it says nothing.
+
+    Args:
+        problem: The problem.
+        t_end: End (s), counted from the problem's start; positive.
+        h: Smallest step size of the study (s).
+    """
+    if not problem.compiled or problem.n + problem.m > singular.LARGEST:
+        return Facts()
+    form = FORMS["u-lambda"]
+    steps = max(min(round(t_end / h), _LOOK_STEPS), 1)
+    scheme = Scheme(DAMPED, form, named_scaling("optimal", form), t_end / steps)
+    stops = frozenset(np.unique(np.round(np.linspace(0, steps, _LOOKS)).astype(int)).tolist())
+    times, gradients, fastest = [], [], 0.0
+    try:
+        march = March(problem, scheme)
+        for _ in march.stretches(steps, stops):
+            if march.ending != COMPLETED:
+                break
+            if march.done in stops:
+                u, v = march.state.fields[:2]
+                times.append(march.t - problem.t0)
+                gradients.append(singular.gradient(problem, march.t, u))
+                fastest = max(fastest, float(np.abs(v).max()))
+        found = singular.crossings(np.array(times), np.array(gradients)) if len(times) > 2 else []
+    except np.linalg.LinAlgError:
+        return Facts()
+    size = float(np.abs(problem.u0).max()) or 1.0
+    return Facts(
+        tuple(float(f"{crossing.t:.4g}") for crossing in found),
+        still=bool(times) and fastest * t_end < _STILL * size,
+    )

@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
@@ -16,9 +15,11 @@ import numpy as np
 import scipy
 
 import newmark_cli
-from newmark_cli.study import axes
+from newmark_cli.processors import usable
+from newmark_cli.study import axes, checkout
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
+from newmark_cli.study.checkout import Source
 from newmark_cli.study.config import Study
 
 _PACKAGES = (
@@ -27,9 +28,6 @@ _PACKAGES = (
 
 #: Variables that say how many threads a BLAS takes; `newmark_cli.cli.main` sets them.
 THREAD_VARIABLES = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "MKL", "OMP"))
-
-#: Seconds that git may take; without an answer the commit is not known.
-_PATIENCE = 10
 
 
 def record(
@@ -71,7 +69,7 @@ def record(
             "system": platform.platform(),
             "machine": platform.machine(),
             "processor": processor(),
-            "processors": os.cpu_count(),
+            "processors": usable(),
         },
         "jobs": jobs,
         "rows": rows,
@@ -82,6 +80,7 @@ def record(
                 "steps": cell.steps,
                 "status": outcome.status,
                 **({"reason": outcome.reason} if outcome.reason else {}),
+                **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
                 "wall_seconds": round(taken, 4),
             }
             for cell, outcome, taken in zip(cells, outcomes, seconds, strict=True)
@@ -95,38 +94,16 @@ def checksum(content: str | bytes) -> str:
 
 
 @cache
-def source() -> Mapping[str, str | bool | None]:
+def source() -> Source:
     """Commit that the package runs from.
 
     Of the checkout that holds the package, with ``modified`` where its code or its
-    shipped configs differ from the commit; else what the installer noted (PEP 610);
-    None where nobody knows.
+    shipped configs differ from the commit; else what was stamped into the package when
+    it was built; else what the installer noted (PEP 610); None where nobody knows.
     """
     package = Path(newmark_cli.__file__).parent
-    # A package that was installed below some other project's checkout is not tracked there.
-    if _git(package, "ls-files", "--error-unmatch", "__init__.py") is not None:
-        commit = _git(package, "rev-parse", "HEAD")
-        changes = _git(package, "status", "--porcelain", "--", ".", "../configs")
-        if commit is not None:
-            return {"commit": commit, "modified": None if changes is None else bool(changes)}
-    return {"commit": _installed_commit(), "modified": None}
-
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    # A hook's GIT_DIR would answer for another repository.
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *arguments],
-            env=environment | {"GIT_OPTIONAL_LOCKS": "0"},
-            capture_output=True,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            timeout=_PATIENCE,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() if done.returncode == 0 else None
+    found = checkout.asked(package) or checkout.stamped(package)
+    return found or Source(commit=_installed_commit(), modified=None)
 
 
 def _installed_commit() -> str | None:

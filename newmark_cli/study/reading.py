@@ -6,14 +6,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.results import COLUMNS, NUMBERS, ResultsError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Axes that a CSV has a column for, besides the step size.
 _AXES = (
@@ -66,7 +67,7 @@ def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> N
 
 def read_csv(
     path: Path, columns: Sequence[str], defaults: Mapping[str, str] = MappingProxyType({})
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """A CSV as text, cell by cell.
 
     Args:
@@ -102,6 +103,8 @@ def read_csv(
             raise ResultsError(
                 f"{path}, line {row}: {len(line)} fields where {len(header)} belong; truncated?"
             )
+    import pandas as pd
+
     frame = pd.DataFrame(lines[1:], columns=list(header))
     for name, text in defaults.items():
         if name not in header:
@@ -109,7 +112,7 @@ def read_csv(
     return frame
 
 
-def read_study(path: Path) -> pd.DataFrame:
+def read_study(path: Path) -> "pd.DataFrame":
     """Rows of one study's CSV.
 
     Args:
@@ -154,6 +157,20 @@ def accepted_statuses(path: Path) -> tuple[str, ...]:
         given = case.get("accept") if isinstance(case, dict) else None
         accepted += [word for word in given or [] if word in (*STATUSES, NOT_CONVERGING)]
     return tuple(dict.fromkeys(accepted))
+
+
+def motions(path: Path) -> dict[str, tuple[tuple[float, ...], bool]]:
+    """Problem → times of singular positions (s), and whether nothing moves, as recorded."""
+    recorded = _record(path).get("motions")
+    found = {}
+    for label, facts in recorded.items() if isinstance(recorded, dict) else ():
+        given = facts.get("singular") if isinstance(facts, dict) else None
+        times = given if isinstance(given, list) else []
+        found[str(label)] = (
+            tuple(float(t) for t in times if isinstance(t, int | float)),
+            isinstance(facts, dict) and facts.get("still") is True,
+        )
+    return found
 
 
 def _require_recorded_rows(path: Path, rows: int) -> None:

@@ -163,8 +163,9 @@ def require_writable(folder: Path, names: Iterable[str]) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=".probe."):
-            pass
+        descriptor, probe = tempfile.mkstemp(dir=folder, prefix=".probe.")
+        os.close(descriptor)
+        Path(probe).unlink(missing_ok=True)
     except OSError as error:
         raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from None
     for name in names:

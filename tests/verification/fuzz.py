@@ -1,8 +1,9 @@
 """Damage configs and mechanism files in every way and see that `validate` stays calm.
 
 Every input is one of the project's own files, changed one to four times, by turns as a
-tree of YAML nodes or as bytes.  `validate` must print one line and end with code 0
-or 2 within a second of processor time, raise nothing, and load no Python file.
+tree of YAML nodes or as bytes.  Within a second of processor time `validate` must print
+one line and end with code 0, or print some different complaints, each of which names the
+file, in the order of lines, and end with code 2; raise nothing, and load no Python file.
 
     python tests/verification/fuzz.py 100000 --seed 1 --processes 2
 """
@@ -30,6 +31,7 @@ from pathlib import Path
 import yaml
 
 from newmark_cli.cli import main as newmark_study
+from newmark_cli.documents import MOST_REPORTED
 from newmark_cli.problems import python_problem
 
 ROOT = Path(__file__).parents[2]
@@ -78,6 +80,7 @@ project_velocities: true
 """
 TRAP = "raise SystemExit('code was run')\n"
 SECONDS = 1.0
+_LINE = re.compile(r"newmark-study: m\.yaml, line (\d+)")
 _HANG = 5.0
 
 NUMBERS = (
@@ -450,15 +453,26 @@ def judge(number: int, file: Path, tally: Tally) -> None:
 
 def fault(code: int, out: str, err: str) -> str:
     """What is wrong with how `validate` ended, if anything."""
-    printed, complaint = out.splitlines(), err.splitlines()
+    printed, complaints = out.splitlines(), err.splitlines()
     if code not in (0, 2):
         return f"exit code {code}"
-    if (len(printed), len(complaint)) != ((1, 0) if code == 0 else (0, 1)):
-        return f"code {code} with {len(printed)} lines, and {len(complaint)} of complaint"
-    (line,) = printed or complaint
-    if len(line) > 2000:
-        return "more than 2000 characters"
-    return "" if line.isprintable() else "control characters in what is printed"
+    if len(printed) != (code == 0) or bool(complaints) != (code == 2):
+        return f"code {code} with {len(printed)} lines, and {len(complaints)} of complaint"
+    if len(complaints) > MOST_REPORTED + 1:
+        return "more complaints than a terminal shows"
+    if len(set(complaints)) < len(complaints):
+        return "a complaint is repeated"
+    if not all(line.startswith("newmark-study: m.yaml") for line in complaints):
+        return "a complaint does not name the file"
+    places = [int(found[1]) for line in complaints if (found := _LINE.match(line))]
+    if places != sorted(places):
+        return "complaints are not in the order of lines"
+    for line in printed + complaints:
+        if len(line) > 2000:
+            return "more than 2000 characters"
+        if not line.isprintable():
+            return "control characters in what is printed"
+    return ""
 
 
 def located(error: BaseException) -> str:

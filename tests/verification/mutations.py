@@ -90,23 +90,25 @@ def signs() -> Iterator[Mutation]:
             ('"u": identity', '"u": -identity'), ("-relations.u_from_a", "relations.u_from_a"),
             ("terms.G.T", "-terms.G.T"),
         )),
-        (CORE / "kernel.py", "def _march", "_compiling", engines, (
+        (CORE / "kernel.py", "def _fill_constant", "def solve_in_place", engines, (
             ("+= factor * problem.mass", "-= factor * problem.mass"),
             ("i] = factor\n", "i] = -factor\n"),
-            ("+= x_factor", "-= x_factor"), ("+= y_factor", "-= y_factor"),
-            ("+= gt_factor", "-= gt_factor"), ("-= g_factor", "+= g_factor"),
-            ("force[i] - dynamic", "-force[i] - dynamic"),
-            ("force[i] - dynamic", "force[i] + dynamic"),
-            ("rhs[mass_rows[e]] -=", "rhs[mass_rows[e]] +="),
+            ("+= blocks.x_factor", "-= blocks.x_factor"),
+            ("+= blocks.y_factor", "-= blocks.y_factor"),
+            ("+= blocks.gt_factor", "-= blocks.gt_factor"),
+            ("-= blocks.g_factor", "+= blocks.g_factor"),
+            ("values.force[i] - history", "-values.force[i] - history"),
+            ("values.force[i] - history", "values.force[i] + history"),
+            ("rhs[blocks.mass_rows[e]] -=", "rhs[blocks.mass_rows[e]] +="),
             ("-left[1 + r] * residual", "left[1 + r] * residual"),
-            ("-left[1 + extra] * phi", "left[1 + extra] * phi"),
+            ("-left[1 + extra] * values.phi", "left[1 + extra] * values.phi"),
         )),
         (CORE / "scipy_march.py", "def residual", "def march", engines, (
             ("+ self.dynamic_history", "- self.dynamic_history"),
             ("- force,", "+ force,"),
             ("+ self.row_history", "- self.row_history"),
         )),
-        (CORE / "sparse.py", "class SparseSystem", "def scaled_entries",
+        (CORE / "linear/sparse.py", "class SparseSystem", "def scaled_entries",
          ("tests/test_sparse.py",), (
             ("relations.acceleration[0] *", "-relations.acceleration[0] *"),
             ("[1.0, -rel", "[-1.0, -rel"),
@@ -172,21 +174,24 @@ def increments() -> Iterator[Mutation]:
     yield from _changes(CORE / "scheme.py", "def marched", "def elimination", tests, (
         ("v_past[:2] = ", "v_past[:1] = "), ("u_past[:2] = ", "v_past[:2] = "),
     ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "def _take_increments", "def _scaled_size", tests, (
-        ("+ moving[0, i])", "- moving[0, i])"), ("(lows[0, i] + shift[i])", "shift[i]"),
+    yield from _changes(CORE / "kernel.py", "def _take_increments", "def _increase_phi", tests, (
+        ("+ iterate.moving[0, i]", "- iterate.moving[0, i]"),
+        ("(state.lows[0, i] + iterate.shift[i])", "iterate.shift[i]"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _increase_phi", "def _assemble", tests, (
         ("half * (g_old[e] + g_new[e])", "g_new[e]"), ("phi_old[k]", "0"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _carry_over", "def _march", tests, (
+        ("state.phi[k] = values.phi[k]", "pass"), ("iterate.g_old[e] = values.g[e]", "pass"),
+        ("_add_exactly(state.past[0], state.lows[0], iterate.shift, new_past[0])", "pass"),
+        ("_add_exactly(state.past[1], state.lows[1], iterate.moving[1], new_past[1])", "pass"),
         ("low[i] + increment[i]", "increment[i]"), ("(high[i] - (", "(high[i] + ("),
         ("+ (added - of_added)", "- (added - of_added)"),
     ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "# G and Φ at the end", "return", tests, (
-        ("carried_phi[:] = phi", "pass"), ("g_old[:] = g_values", "pass"),
-        ("_add_exactly(past[0], lows[0], shift, new_past[0])", "pass"),
-        ("_add_exactly(past[1], lows[1], moving[1], new_past[1])", "pass"),
-    ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "def _increase_phi", "def _add", precision, (
+    yield from _changes(CORE / "kernel.py", "def _increase_phi", "def _assemble", precision, (
         ("phi.dtype.type(0.5)", "0.5"),
     ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "            if to_tolerance:", "size_of_u", stops, (
+    yield from _changes(CORE / "kernel.py", "            if to_tolerance:", "else:", stops, (
         ("limit = absolute", "limit = 0.0"), ("norm <= limit", "norm > limit"),
         ("limit += relative", "limit -= relative"),
     ))  # fmt: skip

@@ -2,10 +2,12 @@
 
     python tests/verification/page.py report.html [--shots FOLDER]
 
-Needs Chromium (or Chrome) on the path, or named by CHROMIUM.  Checks, at widths of 400
-and 1400 px, light and dark: no message on the console, no request but for the page, nothing
-wider than the window, a text for every image.  With --shots also writes screenshots and
-the printed page.  Exits with 1 when something is found.
+Needs Chromium (or Chrome) on the path, or named by CHROMIUM.  Checks, at widths of 400,
+800 and 1400 px, light and dark: no message on the console, no request but for the page,
+nothing wider than the window, a text for every image, no cell of a table that another
+element covers, no verdict that has to be scrolled for, no column so narrow that its words
+break.  With --shots also writes screenshots and the printed page.  Exits with 1 when
+something is found.
 """
 
 import argparse
@@ -23,7 +25,7 @@ import urllib.request
 from pathlib import Path
 from urllib.parse import urlsplit
 
-WIDTHS = (400, 1400)
+WIDTHS = (400, 800, 1400)
 SCHEMES = ("light", "dark")
 
 #: Overflow of the page, and images without a text.
@@ -34,13 +36,71 @@ LOOK = """({
     e => !(e.getAttribute('aria-label') || e.getAttribute('alt'))).length,
   height: document.documentElement.scrollHeight})"""
 
+#: Cells that cannot be read, as lines of text: of each kind of fault how many, and the first.
+#: Of a long table the first rows and some of the others are looked at.
+CELLS = """(() => {
+  const faults = new Map();
+  const note = (kind, cell) => {
+    const known = faults.get(kind) || [0, JSON.stringify(cell.innerText.slice(0, 40))];
+    faults.set(kind, [known[0] + 1, known[1]]);
+  };
+  const textOf = cell => {
+    const text = document.createRange();
+    text.selectNodeContents(cell);
+    return [...text.getClientRects()];
+  };
+  const rows = [...document.querySelectorAll('tr')].filter(
+    r => (r.rowIndex < 12 || r.rowIndex % 97 == 0) && r.checkVisibility()
+      // Headings that stand before each cell of a block instead are for screen readers.
+      && getComputedStyle(r.parentElement).position != 'absolute');
+  for (const cell of rows.flatMap(row => [...row.cells])) {
+    const style = getComputedStyle(cell);
+    const inner = cell.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+    const lines = new Set(textOf(cell).map(line => Math.round(line.bottom))).size;
+    if (cell.textContent.length > 8 && lines > 1 && inner < 8 * 0.5 * parseFloat(style.fontSize))
+      note('column narrower than 8 characters', cell);
+    if (cell.scrollWidth > cell.clientWidth + 1) note('text wider than its cell', cell);
+  }
+  for (const table of document.querySelectorAll('.verdicts')) {
+    const around = table.closest('.scroll');
+    if (around.checkVisibility() && around.scrollWidth > around.clientWidth + 1)
+      note('table of verdicts wider than the page', table.rows[0].cells[0]);
+  }
+  // What lies on top at either end and in the middle of a text belongs to its cell.
+  const height = window.innerHeight;
+  for (const row of rows) {
+    let box = row.getBoundingClientRect();
+    if (box.top < 0 || box.bottom > height) {
+      window.scrollTo({top: window.scrollY + box.top - 8, behavior: 'instant'});
+    }
+    const scroller = row.closest('.scroll');
+    for (const end of scroller.scrollWidth > scroller.clientWidth ? [1e6, 0] : [0]) {
+      scroller.scrollLeft = end;
+      const around = scroller.getBoundingClientRect();
+      for (const cell of row.cells) {
+        for (const line of textOf(cell)) {
+          const y = (line.top + line.bottom) / 2;
+          if (y <= 0 || y >= height) continue;
+          for (const x of [line.left + 2, (line.left + line.right) / 2, line.right - 2]) {
+            if (x <= around.left || x >= around.right) continue;
+            const upper = document.elementFromPoint(x, y);
+            if (upper && !cell.contains(upper)) note('covered text', cell);
+          }
+        }
+      }
+    }
+  }
+  window.scrollTo(0, 0);
+  return [...faults].map(([kind, [count, first]]) => `${count} times ${kind}, first ${first}`);
+})()"""
+
 
 class DevTools:
     """Chromium's DevTools protocol over a WebSocket (RFC 6455)."""
 
     def __init__(self, address):
         where = urlsplit(address)
-        self.socket = socket.create_connection((where.hostname, where.port), timeout=60)
+        self.socket = socket.create_connection((where.hostname, where.port), timeout=300)
         key = base64.b64encode(os.urandom(16)).decode()
         self.socket.sendall(
             f"GET {where.path} HTTP/1.1\r\nHost: {where.netloc}\r\nUpgrade: websocket\r\n"
@@ -102,6 +162,14 @@ class DevTools:
         return data
 
 
+def value_of(browser, expression):
+    """What an expression comes to on the page."""
+    answer = browser.call("Runtime.evaluate", expression=expression, returnByValue=True)
+    if "exceptionDetails" in answer:
+        raise RuntimeError(answer["exceptionDetails"]["exception"]["description"])
+    return answer["result"]["value"]
+
+
 def faults(browser, page, width, scheme, shots):
     """What is wrong with the page at one width in one colour scheme."""
     browser.events.clear()
@@ -114,13 +182,13 @@ def faults(browser, page, width, scheme, shots):
     )
     browser.call("Page.navigate", url=page.as_uri())
     browser.wait_for("Page.loadEventFired")
-    found = browser.call("Runtime.evaluate", expression=LOOK, returnByValue=True)["result"]["value"]
+    found, cells = value_of(browser, LOOK), value_of(browser, CELLS)
     # With everything unfolded too.
     browser.call(
         "Runtime.evaluate",
         expression="document.querySelectorAll('details').forEach(e => e.open = true)",
     )
-    open_ = browser.call("Runtime.evaluate", expression=LOOK, returnByValue=True)["result"]["value"]
+    open_, open_cells = value_of(browser, LOOK), value_of(browser, CELLS)
     time.sleep(0.5)
     browser.call("Runtime.evaluate", expression="0")  # collects late events
     if shots:
@@ -140,7 +208,9 @@ def faults(browser, page, width, scheme, shots):
             url = event["params"]["request"]["url"]
             if url != page.as_uri() and not url.startswith("data:"):
                 yield f"request: {url}"
-    for state, look in (("", found), (" unfolded", open_)):
+    for state, look, unread in (("", found, cells), (" unfolded", open_, open_cells)):
+        for fault in unread:
+            yield f"{fault}{state}"
         if look["width"] > look["inner"] or look["inner"] > width:
             yield f"{look['width']} px wide{state}"
         if look["unnamed"]:

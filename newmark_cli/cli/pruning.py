@@ -1,0 +1,60 @@
+"""The command that takes away kept cells which nobody needs."""
+
+from pathlib import Path
+
+import click
+
+from newmark_cli.cli.options import allow_code_option, complete_config, results_folder
+
+
+@click.command()
+@click.argument("configs", nargs=-1, metavar="[CONFIG]...", shell_complete=complete_config)
+@results_folder
+@click.option("--dry-run", is_flag=True, help="Say what would be removed, and remove nothing.")
+@allow_code_option
+def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: bool) -> int:
+    """Remove kept cells that no study needs.
+
+    Cells stay in DIR/cells that a CSV in DIR was made from, or that belong to a
+    study which is not finished.  With a CONFIG, what it needs now takes the place
+    of what its CSV was made from.  Removes besides: damaged cells, cells of
+    another version of the numerical core that no CSV was made from, and temporary
+    files of runs that were killed.  CSVs and figures are not touched.
+
+    \b
+    Example:
+      newmark-study prune --dry-run
+    """
+    from newmark_cli.running import prune as pruning
+    from newmark_cli.study import config
+
+    pruned = pruning.prune(folder, [config.find(name, allow_code) for name in configs], dry_run)
+    verb = "would remove" if dry_run else "removed"
+    for removed in pruned.removed:
+        count = len(removed.files)
+        what = removed.one if count == 1 else removed.many
+        click.echo(f"{verb} {count} {what} ({_bytes(removed.size)})")
+    if not pruned.removed:
+        click.echo("nothing to remove")
+    cells = "1 cell stays" if pruned.stay == 1 else f"{pruned.stay} cells stay"
+    click.echo(f"{cells} ({_bytes(pruned.size)})")
+    if pruned.outdated:
+        are = "is" if pruned.outdated == 1 else "are"
+        click.echo(
+            f"{pruned.outdated} of them {are} of another numerical core: run their studies again "
+            "and prune again, or name their configs"
+        )
+    if pruned.unfinished:
+        click.echo(f"not finished, so that their cells stay: {', '.join(pruned.unfinished)}")
+    return 0
+
+
+def _bytes(size: int) -> str:
+    """A size for people, in powers of 1000."""
+    if size < 1000:
+        return f"{size} bytes"
+    for unit in ("kB", "MB"):
+        size_in = size / (1e3 if unit == "kB" else 1e6)
+        if size_in < 1000:
+            return f"{size_in:.3g} {unit}"
+    return f"{size / 1e9:.3g} GB"

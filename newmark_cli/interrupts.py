@@ -1,0 +1,187 @@
+"""Interrupts: Ctrl-C, SIGTERM and SIGHUP end a command in order, with a line and a code.
+
+The first signal raises `Interrupt` in the main thread, so that everything open is closed
+on the way out.  Python swallows exceptions in some places, such as finalizers and
+callbacks from C: an interrupt that was lost there is raised again.  Whoever sends a second
+signal while the command is closing does not want to wait, and it ends at once.
+
+A signal that was ignored when the process started, as under ``nohup``, stays ignored.
+"""
+
+import contextlib
+import gc
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Any
+
+#: What the signals are called; the exit code is 128 plus the signal's number.
+NAMES = {
+    signal.SIGINT: "interrupted",
+    signal.SIGTERM: "terminated",
+    signal.SIGHUP: "hung up",
+}
+
+#: Seconds between two looks whether an interrupt was lost.
+_AGAIN = 0.1
+#: Seconds within which a second signal counts as the first: `timeout` sends two.
+_ONE = 1.0
+
+
+class Interrupt(KeyboardInterrupt):
+    """A signal has asked the process to end."""
+
+
+class _State:
+    """What has arrived, and how the process stands."""
+
+    def __init__(self) -> None:
+        self.before: dict[int, Any] = {}
+        self.hook = sys.unraisablehook
+        self.first: int | None = None
+        self.since = 0.0
+        self.postponed = 0
+        self.settled = False
+        self.threads_left = False
+        self.note: Callable[[], str] = str
+
+
+_state = _State()
+
+
+def catch() -> None:
+    """Answer signals from now on; outside the main thread this does nothing."""
+    global _state
+    _state = _State()
+    defaults = (signal.SIG_DFL, signal.default_int_handler)
+    with contextlib.suppress(ValueError):  # not in the main thread
+        for number in NAMES:
+            if signal.getsignal(number) in defaults:
+                _state.before[number] = signal.signal(number, _arrived)
+        sys.unraisablehook = _unraisable
+
+
+def release() -> None:
+    """Leave signals to whom they belonged before `catch`."""
+    sys.unraisablehook = _state.hook
+    for number, handler in _state.before.items():
+        signal.signal(number, handler)
+
+
+def note(told: Callable[[], str]) -> None:
+    """What the line of an interrupt says besides that there was one."""
+    _state.note = told
+
+
+def received() -> bool:
+    """Whether a signal has arrived."""
+    return _state.first is not None
+
+
+def settle() -> None:
+    """The command has come to its end: what arrives from now on changes nothing."""
+    _state.settled = True
+    if _state.first is not None:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def answer() -> int:
+    """Say that the process was interrupted; its exit code."""
+    settle()
+    with contextlib.suppress(OSError, ValueError):  # a terminal that was closed
+        print(_line(), file=sys.stderr, flush=True)
+    return _code()
+
+
+def leave_threads() -> None:
+    """There are threads that nobody waits for when the process ends; see `end`."""
+    _state.threads_left = True
+
+
+def end(code: int) -> None:
+    """End the process here if threads would keep it from its end; return if there are none."""
+    if _state.threads_left:
+        gc.collect()  # semaphores of processes that have ended
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+
+
+@contextlib.contextmanager
+def postponed() -> Iterator[None]:
+    """Interrupts wait until the end of this context: what is begun in it is completed."""
+    _state.postponed += 1
+    try:
+        yield
+    finally:
+        _state.postponed -= 1
+        _raise(sys._getframe())
+
+
+def _arrived(number: int, frame: FrameType | None) -> None:
+    if _state.first is None:
+        _state.first, _state.since = number, time.monotonic()
+        if not _state.settled:
+            signal.signal(signal.SIGALRM, _look_again)
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+    elif time.monotonic() - _state.since > _ONE:
+        _leave()
+    _raise(frame)
+
+
+def _leave() -> None:
+    """End the process at once; its children notice."""
+    text = "" if _state.settled else f"{_line()}\n"
+    if os.isatty(2) and os.environ.get("TERM") != "dumb":
+        text = f"\x1b[?25h{text}"  # a progress display hides the cursor
+    with contextlib.suppress(OSError):
+        os.write(2, text.encode())
+    os._exit(_code())
+
+
+def _look_again(number: int, frame: FrameType | None) -> None:
+    _raise(frame)
+
+
+def _raise(frame: FrameType | None) -> None:
+    if _state.first is None or _state.settled or _state.postponed:
+        return
+    if not _under_way() and not _in_llvm(frame):
+        raise Interrupt
+
+
+def _in_llvm(frame: FrameType | None) -> bool:
+    """Whether memory that is not Python's is being taken or given back: it must be once."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).startswith("llvmlite.binding"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _under_way() -> bool:
+    """Whether an interrupt is being handled: something is closing because of it."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, Interrupt):
+        error = error.__context__
+    return error is not None
+
+
+def _unraisable(lost: Any) -> None:
+    """Say nothing of an interrupt that was lost; it comes again."""
+    if not (lost.exc_type and issubclass(lost.exc_type, Interrupt)):
+        _state.hook(lost)
+
+
+def _line() -> str:
+    assert _state.first is not None
+    return f"newmark-study: {NAMES[signal.Signals(_state.first)]}{_state.note()}"
+
+
+def _code() -> int:
+    assert _state.first is not None
+    return 128 + _state.first

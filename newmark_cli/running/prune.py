@@ -1,0 +1,248 @@
+"""Taking away what a results folder need not keep: cells, and litter of runs that were killed.
+
+A kept cell stays when it is needed:
+
+- by a CSV of the folder that was made from it, as its record says;
+- by a study that has begun and is not finished, whose cells stand in ``.unfinished-<study>``;
+- by a config that is given, which takes the place of its study's record.
+
+Cells of another numerical core are of no use to this one, but they stay as long as a CSV
+that was made from them: when its study has run again, its record names the new ones.
+A damaged cell never stays; it would be computed again.
+"""
+
+import json
+import re
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from newmark_cli.running import store
+from newmark_cli.running.lock import locked
+from newmark_cli.study import results
+from newmark_cli.study.config import Study
+from newmark_cli.study.reading import NOT_STUDIES
+from newmark_cli.study.results import ResultsError
+
+_UNFINISHED = ".unfinished-"
+_CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
+#: What `results.write_atomically` and `results.require_writable` leave when they are killed.
+_TEMPORARY = re.compile(
+    r"\.(?:probe|\.unfinished-.+|.+\.(?:csv|gif|html|json|md|mp4|pdf|png|svg|tex))\.[a-z0-9_]{8}"
+)
+#: Folders whose files are written by whoever holds the lock, and by nobody else.
+_UNDER_LOCK = ("cells", "history", "references")
+#: Seconds after which nobody writes a file any more that needs no lock.
+_LONG_AGO = 3600.0
+
+
+@dataclass(frozen=True)
+class Removed:
+    """Files that are removed for one reason.
+
+    Attributes:
+        one, many: What they are, such as "damaged cell" and "damaged cells".
+        files: The files.
+        size: Their bytes.
+    """
+
+    one: str
+    many: str
+    files: tuple[Path, ...]
+    size: int
+
+
+@dataclass(frozen=True)
+class Pruned:
+    """How a results folder was pruned.
+
+    Attributes:
+        removed: What was removed, without reasons that hold for nothing.
+        stay: Cells that stay.
+        size: Their bytes.
+        outdated: How many of them are of another numerical core.
+        unfinished: Studies that have begun and are not finished.
+    """
+
+    removed: tuple[Removed, ...]
+    stay: int
+    size: int
+    outdated: int
+    unfinished: tuple[str, ...]
+
+
+def begun(folder: Path, study: Study) -> None:
+    """Note the cells of a study that no CSV names yet.
+
+    Raises:
+        ResultsError: When this cannot be written.
+    """
+    cells = [store.file_name(cell) for cell in study.cells()]
+    results.write_json(folder / f"{_UNFINISHED}{study.study}", {"cells": cells}, make_folder=False)
+
+
+def finished(folder: Path, study: Study) -> None:
+    """The record of the study's CSV names its cells from now on."""
+    (folder / f"{_UNFINISHED}{study.study}").unlink(missing_ok=True)
+
+
+def prune(folder: Path, studies: Sequence[Study] = (), dry_run: bool = False) -> Pruned:
+    """Remove what is not needed; see the module.
+
+    Args:
+        folder: Results folder.
+        studies: What is needed of these studies, whatever their records say.
+        dry_run: Whether nothing is removed.
+
+    Raises:
+        ResultsError: There is no such folder, it is in use, a file cannot be read or
+            removed, or nobody knows what a CSV was made from.
+    """
+    if not folder.is_dir():
+        raise ResultsError(f"{folder}: no such folder")
+    if dry_run:
+        return _plan(folder, studies)
+    with locked(folder, "prune"):
+        pruned = _plan(folder, studies)
+        for removed in pruned.removed:
+            for file in removed.files:
+                try:
+                    file.unlink(missing_ok=True)
+                except OSError as error:
+                    raise ResultsError(f"{file}: cannot be removed: {error.strerror}") from None
+        return pruned
+
+
+def _plan(folder: Path, studies: Sequence[Study]) -> Pruned:
+    names = {study.study for study in studies}
+    unfinished = _unfinished(folder, names)
+    needed = {store.file_name(cell) for study in studies for cell in study.cells()}
+    needed.update(*unfinished.values())
+    described: list[Mapping[str, Any]] = []
+    for cell in _recorded(folder, names):
+        if isinstance(cell.get("kept_as"), str):
+            needed.add(cell["kept_as"])
+        else:
+            described.append(cell)
+    damaged, foreign, needless, stay, outdated = [], [], [], [], 0
+    for file in sorted((folder / "cells").glob("*.json")):
+        if not _CELL.fullmatch(file.name):
+            continue
+        _require_readable(file)
+        kept = store.opened(file)
+        if kept is None:
+            damaged.append(file)
+        elif file.name in needed or _among(described, kept):
+            stay.append(file)
+            outdated += kept.core != store.core()
+        elif kept.core != store.core():
+            foreign.append(file)
+        else:
+            needless.append(file)
+    reasons = (
+        ("cell that no study needs", "cells that no study needs", needless),
+        ("cell of another numerical core", "cells of another numerical core", foreign),
+        ("damaged cell", "damaged cells", damaged),
+        ("temporary file", "temporary files", list(_temporaries(folder))),
+    )
+    return Pruned(
+        tuple(
+            Removed(one, many, tuple(files), _size(files)) for one, many, files in reasons if files
+        ),
+        len(stay),
+        _size(stay),
+        outdated,
+        tuple(unfinished),
+    )
+
+
+def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
+    """Studies that have begun → their cells."""
+    found = {}
+    for file in sorted(folder.glob(f"{_UNFINISHED}*")):
+        name = file.name.removeprefix(_UNFINISHED)
+        if name not in but:
+            cells = _json(file, f"the cells of {name!r}").get("cells")
+            found[name] = {str(cell) for cell in cells or ()}
+    return found
+
+
+def _recorded(folder: Path, but: Iterable[str]) -> Iterator[Mapping[str, Any]]:
+    """Every cell that the folder's CSVs were made from, as their records describe it."""
+    csvs = {file.stem for file in folder.glob("*.csv") if file.name not in NOT_STUDIES}
+    others = {file.stem for file in folder.glob("*.json")}
+    for name in sorted((csvs | others) - set(but)):
+        file = folder / f"{name}.json"
+        record = _json(file, f"the cells of {name}.csv") if name in csvs else _anything(file)
+        if name in csvs or record.get("study") == name:
+            cells = record.get("cells")
+            if not isinstance(cells, list) or not all(isinstance(cell, dict) for cell in cells):
+                raise ResultsError(f"{file}: does not say what {name}.csv was made from")
+            yield from cells
+
+
+def _json(file: Path, what: str) -> dict[str, Any]:
+    record = _anything(file)
+    if not record:
+        raise ResultsError(
+            f"{file}: missing or damaged, so that {what} are not known; name the study's config"
+        )
+    return record
+
+
+def _anything(file: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def _among(described: Iterable[Mapping[str, Any]], kept: store.Kept) -> bool:
+    """Whether a record that names no files may describe this cell.
+
+    Such records were written by older versions: what they say may fit several cells.
+    """
+    return any(
+        cell and all(cell[name] == kept.labels[name] for name in cell if name in _told(kept))
+        for cell in described
+    )
+
+
+def _told(kept: store.Kept) -> set[str]:
+    """What a record and a kept cell say in the same words."""
+    return set(kept.labels) - {"stop"}
+
+
+def _temporaries(folder: Path) -> Iterator[Path]:
+    """Files under temporary names that nobody writes, since the folder is held."""
+    for file in sorted(folder.rglob(".*")):
+        if not _TEMPORARY.fullmatch(file.name) or file.is_symlink() or not file.is_file():
+            continue
+        place = file.relative_to(folder).parts[:-1]
+        target = file.name[1:-9]
+        of_run = target == "probe" or target.endswith((".csv", ".json")) or target[0] == "."
+        held = place[0] in _UNDER_LOCK if place else of_run and target not in NOT_STUDIES
+        if held or _is_old(file):
+            yield file
+
+
+def _is_old(file: Path) -> bool:
+    try:
+        return time.time() - file.stat().st_mtime > _LONG_AGO
+    except OSError:  # it has its name now
+        return False
+
+
+def _require_readable(file: Path) -> None:
+    try:
+        with file.open("rb"):
+            pass
+    except OSError as error:
+        raise ResultsError(f"{file}: cannot be read: {error.strerror}") from None
+
+
+def _size(files: Iterable[Path]) -> int:
+    return sum(file.stat().st_size for file in files)

@@ -1,0 +1,60 @@
+"""All that a config can name, each with one line of text.
+
+Nothing is built or compiled: of mechanisms and configs only the files are read.
+"""
+
+from newmark_cli import documents
+from newmark_cli.mechanisms import registry
+from newmark_cli.mechanisms.families import FAMILIES, Family
+from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.integrator import INTEGRATORS
+from newmark_cli.newmark.scaling import VARIANTS
+from newmark_cli.study import config
+from newmark_cli.study.measures import MEASURES
+
+
+def sections() -> dict[str, dict[str, str]]:
+    """Section → name → what it is, in one line."""
+    return {
+        "problems": {name: _problem(name) for name in registry.PROBLEMS},
+        "families of problems": {name: _family(family) for name, family in FAMILIES.items()},
+        "forms": {name: _form(form) for name, form in FORMS.items()},
+        "integrators": {name: kind.description for name, kind in INTEGRATORS.items()},
+        "preconditioning": {name: variant.description for name, variant in VARIANTS.items()},
+        "measures": {name: measure.about.replace("`", "") for name, measure in MEASURES.items()},
+        "configs": {name: _config(name) for name in config.shipped()},
+    }
+
+
+def _problem(name: str) -> str:
+    about = registry.about(name)
+    return f"{about.title}: {about.description}; n = {about.n}, m = {about.m}"
+
+
+def _family(family: Family) -> str:
+    """Title, parameters, and n and m, which are linear in each of the parameters."""
+    ones = dict.fromkeys(family.parameters, 1)
+    least = registry.size(family.mechanism(**ones))
+    counts = []
+    for i, symbol in enumerate(("n", "m")):
+        factors = {
+            name: registry.size(family.mechanism(**(ones | {name: 2})))[i] - least[i]
+            for name in family.parameters
+        }
+        rest = least[i] - sum(factors.values())
+        terms = [name if k == 1 else f"{k} {name}" for name, k in factors.items()]
+        counts.append(f"{symbol} = {' + '.join([*terms, *([str(rest)] if rest else [])])}")
+    return f"{family.title}; size: {', '.join(family.parameters)}; {', '.join(counts)}"
+
+
+def _form(form: Form) -> str:
+    unknowns = ", ".join(form.unknowns).replace("lambda", "λ")
+    text = f"unknowns {unknowns}; rows {', '.join(form.rows)}"
+    if form.eliminated:
+        text += f"; {' and '.join(form.eliminated)} eliminated"
+    return text + ("" if form.in_paper else "; not in the paper")
+
+
+def _config(name: str) -> str:
+    data = documents.read(config.shipped_folder() / f"{name}.yaml").data
+    return str(data.get("description", ""))

@@ -1,0 +1,218 @@
+"""One declaration of what tells cells, rows and series apart."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+
+from newmark_cli.newmark.scaling import Preconditioning, canonical
+from newmark_cli.report import slopes
+from newmark_cli.study import axes, config, reading, results
+
+#: The columns of CSVs as they have always been, by hand.
+STUDY_COLUMNS = (
+    "study,problem,integrator,form,preconditioning,evaluation,precision,linear_solver,h,t_end,"
+    "steps,quantity,measure,role,rms,max,median,last,zeros,not_converged,newton_iterations,status,"
+    "row_block,stop,met"
+)
+SLOPE_COLUMNS = (
+    "figure,study,form,preconditioning,quantity,measure,slope,stderr,points,expected,tolerance,"
+    "verdict,problem,integrator,row_block,evaluation,precision,linear_solver,stop"
+)
+
+
+def test_columns_are_appended():
+    """What older programs read stands where it stood."""
+    assert ",".join(results.COLUMNS) == STUDY_COLUMNS
+    assert ",".join(slopes.COLUMNS).startswith(SLOPE_COLUMNS + ",")
+
+
+def test_cells_come_in_the_order_of_the_csv():
+    """Form, scaling and step size vary fastest, in the order given."""
+    study = config.load_shipped("integrators")
+    found = [(c.integrator.label, c.form, c.preconditioning.label, c.h) for c in study.cells()]
+    (case,) = study.cases[:1]
+    expected = [
+        (i.integrator().label, form, v.label, h)
+        for i in case.integrator for form in case.form for v in case.variants() for h in case.h
+    ]  # fmt: skip
+    assert found[: len(expected)] == expected
+    assert case.count == len(expected)
+
+
+def strip(path, *columns):
+    """A CSV as a version wrote it that did not know some columns."""
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    kept = [name for name in rows[0] if name not in columns]
+    path.write_text(
+        "\n".join([",".join(kept), *(",".join(row[name] for name in kept) for row in rows)]) + "\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")]
+)
+def test_older_csvs_are_read_with_defaults(cli, committed_folder, missing):
+    """A column that did not exist has the value that went without saying; verdicts stay."""
+    path = cli.folder / "pendulum-u.csv"
+    path.write_text((committed_folder / path.name).read_text())
+    now = [slope.row() for slope in slopes.study_slopes(reading.read_study(path), path)]
+    strip(path, *missing)
+    then = [slope.row() for slope in slopes.study_slopes(reading.read_study(path), path)]
+    assert json.dumps(then) == json.dumps(now)
+
+
+def test_two_spellings_of_a_scaling_are_one():
+    """In configs, in CSVs and in what is kept."""
+    one = Preconditioning("x", (("C", "1"), ("D", "beta*h^2")), (("lambda", "1/h"),), own=True)
+    other = Preconditioning("x", (("D", "h*beta * h"), ("C", "1")), (("lambda", "h^-1"),), own=True)
+    assert one == other
+    assert one.label == "x[left D=beta*h^2 C=1; right lambda=1/h]"
+    assert canonical("x[left C=1 D=h^2*beta; right lambda=h^-1]") == one.label
+    assert canonical("no label[") == "no label["
+
+
+def test_a_series_at_the_start_is_another():
+    """Condition numbers at the initial state and along a run differ in their key."""
+    row = {"study": "s", "problem": "p", "form": "u-lambda", "preconditioning": "none",
+           "quantity": "jacobian", "measure": "condition"}  # fmt: skip
+    start, run = (axes.SeriesKey.of(row | {"steps": steps}) for steps in (0, 30))
+    assert start != run
+    assert (start.start, run.start) == ("start", "")
+    # What goes without saying need not be said.
+    assert run == axes.SeriesKey.of(row | {"steps": 30, "evaluation": "direct", "row_block": ""})
+
+
+#: Runs the command line with one file of the package changed, and everything else as it is.
+CHANGED = """\
+import importlib.util
+import json
+import sys
+
+name, old, new, arguments = json.loads(sys.argv[1])
+spec = importlib.util.find_spec(name)
+source = open(spec.origin).read()
+assert source.count(old) == 1
+module = importlib.util.module_from_spec(spec)
+sys.modules[name] = module
+exec(compile(source.replace(old, new), spec.origin, "exec"), module.__dict__)
+parent, _, child = name.rpartition(".")
+setattr(sys.modules[parent], child, module)
+from newmark_cli.cli import main
+
+main(arguments)
+"""
+
+
+@pytest.fixture
+def changed(cli):
+    """The command line with a change of one file."""
+
+    def run(name, old, new, *arguments, code=0):
+        done = subprocess.run(
+            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, arguments])],
+            cwd=cli.folder, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == code, done.stdout + done.stderr
+        return done
+
+    return run
+
+
+#: A new axis: how often a cell is repeated.  This field is the whole of it.
+REPEAT = (
+    "newmark_cli.study.axes",
+    "    stop: Tolerance | None = axis(\n",
+    """\
+    repeat: str = axis(
+        usual="1",
+        initial="1",
+        since=(3, 4),
+        config=lambda: _keys().OneOrMore[str],
+        default=("1",),
+        about="names of repetitions",
+    )
+    stop: Tolerance | None = axis(
+""",
+)
+
+
+def test_a_new_axis_touches_one_file(cli, quick, changed, committed_folder):
+    """Its key, column, series, slopes and lines follow from the declaration."""
+    text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 1e-3, 1e-4]")
+    text = text.replace("t_end: 1.0", "t_end: 0.1") + "measure: condition\n"
+    quick.write_text(text + 'repeat: ["1", second]\n')
+    told = changed(*REPEAT, "run", "quick.yaml", "-v").stderr
+    assert "pendulum u-lambda optimal second h=0.001 steps=100" in told
+    with (cli.folder / "results/quick.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat"
+    assert {row["repeat"] for row in rows} == {"1", "second"}
+    record = json.loads((cli.folder / "results/quick.json").read_text())
+    assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
+    # Kept cells know it, and so do slopes.
+    assert "12 kept" in changed(*REPEAT, "run", "quick.yaml").stdout
+    found = json.loads(changed(*REPEAT, "check", "--json").stdout)
+    assert [row["repeat"] for row in found] == ["1", "1", "second", "second"]
+    # A CSV that lacks the column has the value that goes without saying.
+    (cli.folder / "old").mkdir()
+    (cli.folder / "old/pendulum-u.csv").write_text(
+        (committed_folder / "pendulum-u.csv").read_text()
+    )
+    found = json.loads(changed(*REPEAT, "check", "--json", "--results", "old").stdout)
+    assert {row["repeat"] for row in found} == {"1"}
+    # Without it the key is refused.
+    assert "unknown key" in cli.refused("validate", "quick.yaml")
+
+
+#: A new measure: the largest speed along the way.  This entry is the whole of it.
+SPEED = (
+    "newmark_cli.study.measures",
+    "def _by_name(*measures: Measure) -> Mapping[str, Measure]:\n",
+    """\
+class _Speed(Observer):
+    def __init__(self, cell, march, reference):
+        self.stops = _sampled(cell)
+        self._values = []
+
+    def sees(self, march):
+        self._values.append(float(np.abs(march.state.fields[1]).max()))
+
+    def measured(self):
+        return [Measurement("v", "speed", "primary", statistics(np.array(self._values)))]
+
+
+SPEED = Measure(
+    "speed",
+    "largest speed along the way",
+    (Record("speed", lambda key: "max |v|", lambda key: "largest speed (m/s)", "max",
+            lambda key: 0.0, 0.1),),
+    _Speed,
+)
+
+
+def _by_name(*measures: Measure) -> Mapping[str, Measure]:
+    measures = (*measures, SPEED)
+""",
+)
+
+
+def test_a_new_measure_touches_one_file(cli, quick, changed):
+    """Config, CSV, prediction and verdict follow from its record."""
+    text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 5e-3, 2e-3]")
+    quick.write_text(text.replace("t_end: 1.0", "t_end: 2.0") + "measure: speed\n")
+    changed(*SPEED, "run", "quick.yaml")
+    with (cli.folder / "results/quick.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["measure"] for row in rows} == {"speed"}
+    # The pendulum falls by 1 at most: |v| <= √2, and one component by that at the bottom.
+    assert all(1.3 < float(row["max"]) < 1.4143 for row in rows)
+    found = json.loads(changed(*SPEED, "check", "--json").stdout)
+    assert [(row["verdict"], row["expected"]) for row in found] == [("pass", 0.0)] * 2
+    shown = changed(*SPEED, "check", "--all").stdout
+    assert "max |v|" in shown
+    assert "2 of 2 slopes as predicted" in shown
+    assert "unknown measure 'speed'" in cli.refused("validate", "quick.yaml")

@@ -1,0 +1,346 @@
+"""Ctrl-C, SIGTERM and SIGHUP: when they come, what they leave, and what is said of them."""
+
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+
+import pytest
+from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells
+from warm import SCRIPT
+
+from newmark_cli import interrupts
+from newmark_cli.study import config
+
+#: Cells of compiled code on threads, and of plain Python in processes.
+MIXED = """\
+study: mixed
+preconditioning: [none, left, right, optimal]
+h: [2e-3, 4e-3]
+t_end: 1.0
+cases:
+  - problem: pendulum
+    form: [u-lambda, a-lambda]
+  - problem: {python: "mine.py:swing"}
+    form: u-lambda
+"""
+CELLS = 24
+ONE = """\
+study: one
+problem: {python: "mine.py:swing"}
+form: u-lambda
+preconditioning: none
+h: 0.1
+t_end: 1.0
+"""
+
+
+def kept(cli):
+    """Cells that stand in the results folder."""
+    return len(list((cli.folder / "results/cells").glob("*.json")))
+
+
+def python(code, **options):
+    """Run a script that has `main`, `interrupts` and what it needs to signal itself."""
+    head = "import os, signal, sys, time\nfrom newmark_cli import interrupts\n"
+    return subprocess.run(
+        [sys.executable, "-c", head + textwrap.dedent(code)],
+        capture_output=True, text=True, timeout=60, **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "numba", "newmark_cli.study.config"])
+def test_interrupts_while_modules_are_imported(tmp_path, module):
+    """From the first import of a command on: one line, and the code of the signal."""
+    code = f"""
+    class Finder:
+        def find_spec(name, path, target=None):
+            if name == {module!r}:
+                os.kill(os.getpid(), signal.SIGTERM)
+    sys.meta_path.insert(0, Finder)
+    from newmark_cli.cli import main
+    sys.argv[1:] = ["run", "pendulum-u"]
+    main()
+    """
+    done = python(code, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (143, "newmark-study: terminated\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("where", ["module", "factory"])
+def test_interrupts_in_the_users_code(cli, where):
+    """They are no fault of the code, wherever it is when they come."""
+    begin = "import os, signal, time\n"
+    lines = ["os.kill(os.getpid(), signal.SIGINT)", "time.sleep(30)", ""]
+    if where == "factory":
+        lines = ["def swing():", *(f"    {line}" for line in lines)]
+    cli.write("mine.py", begin + "\n".join(lines))
+    cli.write("one.yaml", ONE)
+    done = cli("run", "one.yaml", "--allow-code", code=130)
+    assert done.stderr == "newmark-study: interrupted\n"
+
+
+def test_interrupts_that_are_no_signals(cli):
+    """A `KeyboardInterrupt` of the user's code ends the command like Ctrl-C."""
+    cli.write("mine.py", "raise KeyboardInterrupt\n")
+    cli.write("one.yaml", ONE)
+    done = cli("run", "one.yaml", "--allow-code", code=130)
+    assert done.stderr == "newmark-study: interrupted\n"
+
+
+def test_an_interrupt_that_python_swallows_comes_again():
+    """In a finalizer nothing can be raised: a moment later it is, and nothing else is said."""
+    done = python("""
+    class Swallows:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+            for _ in range(1000):
+                pass
+    interrupts.catch()
+    try:
+        Swallows()
+        print("lost")
+        time.sleep(30)
+        print("never here")
+    except interrupts.Interrupt:
+        sys.exit(interrupts.answer())
+    """)
+    assert (done.returncode, done.stdout) == (130, "lost\n")
+    assert done.stderr == "newmark-study: interrupted\n"
+
+
+def test_what_closes_is_not_interrupted():
+    """Cleaning up takes as long as it takes; interrupts that come in it change nothing."""
+    done = python("""
+    interrupts.catch()
+    try:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+            time.sleep(30)
+        finally:
+            try:
+                raise OSError
+            except OSError:
+                signal.raise_signal(signal.SIGINT)
+                time.sleep(0.5)
+            print("closed")
+    except interrupts.Interrupt:
+        code = interrupts.answer()
+        time.sleep(0.3)
+        sys.exit(code)
+    """)
+    assert (done.returncode, done.stdout) == (143, "closed\n")
+    assert done.stderr == "newmark-study: terminated\n"
+
+
+def test_who_signals_twice_does_not_wait():
+    """A second signal, a second later, ends a command that does not come to its end."""
+    done = python("""
+    interrupts.catch()
+    interrupts.note(lambda: "; 3 cells")
+    try:
+        signal.raise_signal(signal.SIGTERM)
+        time.sleep(30)
+    finally:
+        time.sleep(1.2)
+        signal.raise_signal(signal.SIGINT)
+        print("never here", flush=True)
+    """)
+    assert (done.returncode, done.stdout) == (143, "")
+    assert done.stderr == "newmark-study: terminated; 3 cells\n"
+
+
+def test_postponed_interrupts_wait():
+    """What is begun is completed first, whatever is nested in it."""
+    done = python("""
+    interrupts.catch()
+    try:
+        with interrupts.postponed():
+            with interrupts.postponed():
+                signal.raise_signal(signal.SIGINT)
+            time.sleep(0.3)
+            print("completed")
+        print("never here")
+    except interrupts.Interrupt:
+        sys.exit(interrupts.answer())
+    """)
+    assert (done.returncode, done.stdout) == (130, "completed\n")
+
+
+def test_after_the_end_nothing_changes():
+    """A signal that comes while Python shuts down alters neither output nor code."""
+    done = python("""
+    import atexit
+    atexit.register(lambda: (signal.raise_signal(signal.SIGINT), time.sleep(0.3)))
+    from newmark_cli.cli import main
+    sys.argv[1:] = ["orders"]
+    main()
+    """)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_callers_in_python_keep_their_handlers():
+    """`main` with arguments gives handlers back, and runs in any thread."""
+    handlers = [signal.getsignal(number) for number in ENDINGS]
+    from newmark_cli.cli import main
+
+    codes = []
+
+    def call():
+        with pytest.raises(SystemExit) as ending:
+            main(["--version"])
+        codes.append(ending.value.code)
+
+    call()
+    thread = threading.Thread(target=call)
+    thread.start()
+    thread.join()
+    assert codes == [0, 0]
+    assert [signal.getsignal(number) for number in ENDINGS] == handlers
+    assert interrupts.NAMES == ENDINGS
+
+
+def test_ignored_signals_stay_ignored(cli):
+    """Under nohup, or in the background of a script, only SIGTERM ends a run."""
+    cli.write("long.yaml", LONG)
+
+    def ignore():
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+
+    run = cli.start("run", "long.yaml", "--jobs", 1, preexec_fn=ignore)
+    wait_for_cells(cli.folder / "results", 2)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        run.send_signal(number)
+    time.sleep(0.5)
+    assert run.poll() is None
+    run.send_signal(signal.SIGTERM)
+    _, errors = run.communicate(timeout=60)
+    require_ended(run, signal.SIGTERM, errors, kept(cli), 24)
+
+
+def test_a_forced_run_promises_nothing(cli):
+    """The same command would begin again: the line tells what is kept, and not to repeat it."""
+    cli.write("long.yaml", LONG)
+    run = cli.start("run", "long.yaml", "--force", "--jobs", 1)
+    wait_for_cells(cli.folder / "results", 2)
+    run.send_signal(signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are kept\n"
+    assert run.returncode == 130
+
+
+def test_reproduce_tells_too(cli):
+    """Of all cells of its studies, those kept in an earlier run included."""
+    cli("run", "pendulum-v")
+    run = cli.start("reproduce", "-q")
+    wait_for_cells(cli.folder / "results", 18)
+    run.send_signal(signal.SIGTERM)
+    _, errors = run.communicate(timeout=60)
+    cells = sum(config.load_shipped(name).count for name in config.REPRODUCED)
+    require_ended(run, signal.SIGTERM, errors, kept(cli), cells)
+    assert errors.count("\n") == 1
+
+
+def test_an_interrupt_does_not_wait_for_threads():
+    """Such as one that compiles: the processes are ended, nothing else is said, and the code."""
+    done = python("""
+    import threading
+    from newmark_cli.running import executors
+    from newmark_cli.study import config
+
+    inside = threading.Event()
+
+    def endless(task, timeout, on_steps):
+        inside.set()
+        while True:
+            time.sleep(0.01)
+
+    def command(arguments):
+        cells = config.load_shipped("pendulum-u").cells()
+        tasks = {i: executors.Task(cell) for i, cell in enumerate(cells)}
+        executors.perform = endless
+        with executors.local(tasks, 2, None, print):
+            inside.wait()
+            print("begun")
+            signal.raise_signal(signal.SIGTERM)
+
+    import newmark_cli.cli.commands
+    newmark_cli.cli.commands.run = command
+    from newmark_cli.cli import main
+    main()
+    """)
+    assert (done.returncode, done.stdout) == (143, "begun\n")
+    assert done.stderr == "newmark-study: terminated\n"
+
+
+def test_llvm_is_not_interrupted():
+    """Between taking memory from LLVM and noting it, or giving it back: after that."""
+    done = python("""
+    code = "def work(then):\\n    then()\\n    print('completed')\\n"
+    binding = {"__name__": "llvmlite.binding.ffi"}
+    exec(code, binding)
+    interrupts.catch()
+    try:
+        binding["work"](lambda: signal.raise_signal(signal.SIGINT))
+        time.sleep(30)
+    except interrupts.Interrupt:
+        sys.exit(interrupts.answer())
+    """)
+    assert (done.returncode, done.stdout) == (130, "completed\n")
+
+
+def test_the_cursor_comes_back(cli):
+    """A display that is interrupted stands as it was, and the line of the interrupt below it."""
+    cli.write("long.yaml", LONG)
+    ours, theirs = pty.openpty()
+    try:
+        run = subprocess.Popen(
+            [SCRIPT, "run", "long.yaml", "--jobs", "1"], cwd=cli.folder, stderr=theirs,
+            env=os.environ | {"COLUMNS": "120", "TERM": "xterm"},
+        )  # fmt: skip
+        wait_for_cells(cli.folder / "results", 2)
+        time.sleep(0.5)
+        run.send_signal(signal.SIGINT)
+        assert run.wait(60) == 130
+        os.write(theirs, b"$")
+        text = b""
+        while not text.endswith(b"$"):
+            text += os.read(ours, 4096)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    hidden, shown = b"\x1b[?25l", b"\x1b[?25h"
+    assert text.count(hidden) == text.count(shown) == 1
+    display, _, last = text.partition(shown)
+    count = kept(cli)
+    assert f"{count} done, 0 failed, {24 - count} left" in display.decode()
+    assert last.decode().split("\r\n")[-2] == (
+        f"newmark-study: interrupted; {count} of 24 cells are kept, "
+        "run the same command again to go on"
+    )
+
+
+def test_interrupted_and_resumed_again_and_again(cli):
+    """Threads and processes together: right codes and lines, no semaphore left, the same bytes."""
+    cli.write("mine.py", SWING)
+    cli.write("mixed.yaml", MIXED)
+    run = ("run", "mixed.yaml", "--allow-code")
+    cli(*run, "--results", "whole")
+    moments = ((signal.SIGTERM, 2), (signal.SIGINT, 9), (signal.SIGTERM, 16))
+    for ending, count in moments:
+        started = cli.start(*run, start_new_session=True)
+        wait_for_cells(cli.folder / "results", count)
+        os.killpg(started.pid, ending)
+        _, errors = started.communicate(timeout=60)
+        require_ended(started, ending, errors, kept(cli), CELLS)
+        assert errors.count("\n") == 1, errors
+    done = cli(*run).stdout
+    assert re.fullmatch(r"mixed: 24 ok \(\d+ kept\) -> results/mixed.csv\n", done)
+    mine, whole = (cli.folder / name / "mixed.csv" for name in ("results", "whole"))
+    assert mine.read_bytes() == whole.read_bytes()

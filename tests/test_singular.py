@@ -1,0 +1,391 @@
+"""Singular positions: found along a motion, and motions through them against quadratures."""
+
+import math
+
+import numpy as np
+import pytest
+from conftest import SWING
+from scipy.integrate import solve_ivp
+
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.known import KNOWN
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.mechanisms.spec import PythonFactory
+from newmark_cli.problems import collocation, reference, singular
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.reference import NoReference, relative_error, solution
+from newmark_cli.problems.singular import Crossing, crossings
+
+GRAVITY = 9.81
+
+
+def built(tmp_path, text):
+    """The problem of a mechanism file."""
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    return planar.load(path, "mine")
+
+
+class Linkage:
+    """A motion of one degree of freedom that never turns, by quadrature.
+
+    Places of the moving points are functions of a crank angle; energy gives its rate, and
+    the integral of its inverse the time: by Gauss, to rounding.
+    """
+
+    def __init__(self, masses, places, begin, rate):
+        self.masses, self.places = np.array(masses, float), places
+        self.begin, self.rate = begin, rate
+
+    def speeds(self, angle):
+        """Derivatives of the places by the angle, by a complex step."""
+        return self.places(angle + 1e-40j).imag / 1e-40
+
+    def rate_at(self, angle):
+        """Rate of the angle, by the energy."""
+
+        def inertia(a):
+            return self.masses @ (self.speeds(a) ** 2).reshape(-1, 2).sum(axis=1)
+
+        def height(a):
+            return self.masses @ self.places(a)[1::2]
+
+        gained = 2 * GRAVITY * (height(self.begin) - height(angle))
+        energy = self.rate**2 * inertia(self.begin) + gained
+        return math.copysign(math.sqrt(energy / inertia(angle)), self.rate)
+
+    def at(self, t, guess):
+        """(u, v) at a time; ``guess`` is an angle close to that there."""
+        nodes, weights = np.polynomial.legendre.leggauss(300)
+        angle = guess
+        for _ in range(8):
+            turned = angle - self.begin
+            rates = [self.rate_at(self.begin + turned * (1 + x) / 2) for x in nodes]
+            angle += (t - turned / 2 * (weights @ (1 / np.array(rates)))) * self.rate_at(angle)
+        return self.places(angle), self.rate_at(angle) * self.speeds(angle)
+
+
+def mechanism(linkage, bars, extra=""):
+    """YAML of a linkage on P, S, ... at its start."""
+    u = [float(x) for x in linkage.places(linkage.begin)]
+    v = [float(linkage.rate * x) for x in linkage.speeds(linkage.begin)]
+    points = "".join(
+        f"  {name}: {{at: [{u[2 * k]!r}, {u[2 * k + 1]!r}], mass: {mass}, "
+        f"velocity: [{v[2 * k]!r}, {v[2 * k + 1]!r}]}}\n"
+        for k, (name, mass) in enumerate(zip("PS", linkage.masses, strict=True))
+    )
+    return (
+        f"points:\n  O: {{fixed: [0, 0]}}\n  Q: {{fixed: [4, 0]}}\n{points}bars:\n{bars}{extra}"
+        f"gravity: [0, -{GRAVITY}]\nassemble: true\nproject_velocities: true\n"
+    )
+
+
+#: A crank and a rod of the same length: the slider passes the crank's pin.
+SLIDER_CRANK = Linkage(
+    (1, 2),
+    lambda a: np.array([np.cos(a), np.sin(a), 2 * np.cos(a), 0 * a]),
+    math.atan2(4, 3),
+    2.0,
+)
+SLIDER_CRANK_BARS = """\
+  crank: {from: O, to: P, length: 1}
+  rod: {from: P, to: S, length: ROD}
+sliders:
+  rail: {point: S, through: [0, 0], direction: [1, 0]}
+"""
+PARALLELOGRAM = Linkage(
+    (1, 3),
+    lambda a: np.array([np.cos(a), np.sin(a), 4 + np.cos(a), np.sin(a)]),
+    math.atan2(4, 3),
+    5.0,
+)
+PARALLELOGRAM_BARS = """\
+  one: {from: O, to: P, length: 1}
+  two: {from: Q, to: S, length: 1}
+  three: {from: P, to: S, length: 4}
+"""
+
+
+def change_point(angle):
+    """Four-bar of lengths 1, 3, 2 on a ground of 4.
+
+    With p, q the cotangents of half the angles, 2p²q² − p² + 5q² − 2pq = 0; q/p is smooth
+    where both vanish and the bars are in line.
+    """
+    p = 1 / np.tan(angle / 2)
+    q = p * (1 + np.sqrt(6 + 2 * p**2)) / (5 + 2 * p**2)
+    cosine, sine = (q**2 - 1) / (q**2 + 1), 2 * q / (q**2 + 1)
+    return np.array([np.cos(angle), np.sin(angle), 4 + 2 * cosine, 2 * sine])
+
+
+CHANGE_POINT = Linkage((1, 1.5), change_point, math.pi / 2, 8.0)
+CHANGE_POINT_BARS = """\
+  one: {from: O, to: P, length: 1}
+  two: {from: Q, to: S, length: 2}
+  three: {from: P, to: S, length: 3}
+"""
+
+
+@pytest.mark.parametrize(
+    ("linkage", "bars", "t", "guess"),
+    [
+        (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.0, 2.3),
+        (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.9, 5.4),
+        (PARALLELOGRAM, PARALLELOGRAM_BARS, 0.6, 4.3),
+        (PARALLELOGRAM, PARALLELOGRAM_BARS, 1.0, 7.0),
+        (CHANGE_POINT, CHANGE_POINT_BARS, 0.3, 4.3),
+    ],
+    ids=["slider-crank", "slider-crank twice", "parallelogram", "parallelogram twice", "4-1-3-2"],
+)
+def test_motions_through_dead_centres(tmp_path, linkage, bars, t, guess):
+    """They keep to their branch, to the accuracy that the reference says, which is high."""
+    subject = built(tmp_path, mechanism(linkage, bars))
+    u, v = linkage.at(t, guess)
+    found = solution(subject, t)
+    true = np.array([relative_error(found.u, u), relative_error(found.v, v)])
+    estimated = np.array([found.u_error, found.v_error])
+    assert np.all(true <= 3 * estimated)
+    assert np.all(estimated < 1e-10)
+    # λ by the equations of motion, from quotients of the exact velocities.
+    step = 1e-4
+    later, earlier = (linkage.at(t + shift, guess)[1] for shift in (step, -step))
+    terms = subject.evaluate(subject.t0 + t, u, v, np.zeros(subject.m))
+    load = subject.M @ (later - earlier) / (2 * step) - terms.force
+    multipliers = np.linalg.lstsq(terms.G, load, rcond=None)[0]
+    assert relative_error(found.multipliers, multipliers) < 1e-5
+    assert found.multipliers_error < 1e-9
+
+
+def test_four_bars_fall_through_the_horizontal():
+    """In each window a singular value vanishes at once; all rods stay parallel, as pendula."""
+    subject = FAMILIES["four-bars"].problem("four-bars", {"windows": 2})
+    found = solution(subject, 2.0)
+    tops = found.u.reshape(-1, 2) - [[0, 0], [1, 0], [2, 0]]
+    np.testing.assert_allclose(tops, tops[:1].repeat(3, axis=0), atol=1e-11)
+    # Rods turn about their ends, couplers do not turn: (3/3 + 2) θ'²/2, of heights 3/2 + 2.
+    height, speed = tops[0, 1], np.linalg.norm(found.v.reshape(-1, 2)[0])
+    assert 1.5 * speed**2 + 3.5 * GRAVITY * height == pytest.approx(1.5 + 3.5 * GRAVITY, abs=1e-9)
+    # As one point of mass 3 with a weight of 3.5.
+    weight = 3.5 / 3 * GRAVITY
+    turned = solve_ivp(
+        lambda t, y: [y[1], weight * np.sin(y[0])], (0, 2), [0, 1], "DOP853", rtol=1e-13, atol=1e-14
+    ).y[0, -1]
+    np.testing.assert_allclose(tops[0], [math.sin(turned), math.cos(turned)], atol=1e-10)
+
+
+def test_a_position_that_is_singular_to_ten_digits_is_none(tmp_path):
+    """With a longer rod the slider stays where the pin has passed it, after a jerk."""
+    for rod, stays in (("1", False), ("1.0001", True)):
+        subject = built(tmp_path, mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", rod)))
+        found = solution(subject, 0.5)
+        begin, end = (
+            sum(subject.energies(*at))
+            for at in ((0, subject.u0, subject.v0), (0.5, found.u, found.v))
+        )
+        assert end == pytest.approx(begin, rel=1e-10)
+        assert found.u[0] < -0.1
+        assert found.u[2] == pytest.approx(0 if stays else 2 * found.u[0], abs=1e-3)
+    text = mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1.00000000001"))
+    with pytest.raises(
+        NoReference, match=r"beyond t = 0\.[34]\d*, close to which the constraints lose rank"
+    ):
+        solution(built(tmp_path, text), 1.0)
+
+
+LAWS = {
+    # The slider is pulled beyond its reach.
+    "pulled": (
+        SLIDER_CRANK,
+        SLIDER_CRANK_BARS.replace("ROD", "1") + "motions: {m: {point: S, x: {rate: 1}}}\n",
+        1.0,
+        r"no reference beyond t = 0\.799\d*, close to which the constraints lose rank: it ends or "
+        "is not smooth there",
+    ),
+    # y = 0.8 (1 − t)²: at rest in line.
+    "at rest": (
+        PARALLELOGRAM,
+        PARALLELOGRAM_BARS + "motions: {m: {point: P, y: {rate: -1.6, acceleration: 1.6}}}\n",
+        1.5,
+        "no reference beyond t = 1, close to which the constraints lose rank: branches of the "
+        "motion touch, and it may take either",
+    ),
+    # y = 0.8 (1 − t): in line at the end.
+    "at the end": (
+        PARALLELOGRAM,
+        PARALLELOGRAM_BARS + "motions: {m: {point: P, y: {rate: -0.8}}}\n",
+        1.0,
+        r"no reference beyond t = 0\.99\d*, close to which the constraints lose rank: it ends or "
+        "is not smooth there",
+    ),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_motions_that_do_not_get_through(tmp_path, law):
+    """They end in a locked position, or may go on in two ways: time and reason are said."""
+    linkage, bars, t, words = LAWS[law]
+    subject = built(tmp_path, mechanism(linkage, bars))
+    assert solution(subject, 0.5 * t).u_error < 1e-12
+    with pytest.raises(NoReference, match=words) as caught:
+        solution(subject, t)
+    assert "\n" not in str(caught.value)
+
+
+def test_multipliers_close_to_a_singular_position(tmp_path):
+    """What is left of them is estimated, and no reference if that is too little."""
+    linkage, bars, t, _ = LAWS["at the end"]
+    subject = built(tmp_path, mechanism(linkage, bars))
+    found = solution(subject, 0.9999 * t)
+    assert singular.smallest(subject, 0.9999, found.u) < 1e-4
+    assert found.u_error < 1e-11
+    assert 1e-7 < found.multipliers_error < 1e-3
+    with pytest.raises(NoReference, match=r"nearly lose rank there, and λ is known to .* only"):
+        solution(subject, 0.99998 * t)
+
+
+def test_driven_through(tmp_path):
+    """Positions that a law of time prescribes: y = 0.8 − 1.2 t, on both sides of the line."""
+    law = "motions: {m: {point: P, y: {rate: -1.2}}}\n"
+    subject = built(tmp_path, mechanism(PARALLELOGRAM, PARALLELOGRAM_BARS + law))
+    for t in (0.5, 0.9):
+        found = solution(subject, t)
+        y = 0.8 - 1.2 * t
+        x = math.sqrt(1 - y * y)
+        exact = np.array([x, y, 4 + x, y])
+        assert relative_error(found.u, exact) < 1e-12
+        assert relative_error(found.v, np.array([1.2 * y / x, -1.2, 1.2 * y / x, -1.2])) < 1e-11
+
+
+def test_large_problems_end_there(monkeypatch):
+    """At once, in a line; where they pass by luck they are what they were."""
+    subject = FAMILIES["four-bars"].problem("four-bars", {"windows": 2})
+    through = solution(subject, 1.0)
+    monkeypatch.setattr(collocation, "LARGEST", 10)
+    assert relative_error(solution(subject, 1.0).u, through.u) < 1e-11
+    with pytest.raises(
+        NoReference,
+        match=r"no reference beyond t = 0\.71\d*, where the constraints lose rank: a problem of "
+        "more than 10 coordinates and constraints is not followed through",
+    ):
+        solution(subject, 2.0)
+
+
+@pytest.mark.parametrize(("weight", "right"), [(9.81, True), (9.8, False)])
+def test_python_problem_through_its_dead_centre(tmp_path, weight, right):
+    """Plain functions, tangents by differences: the slider-crank in three coordinates.
+
+    An energy that is not conserved tells that something is wrong.
+    """
+    path = tmp_path / "mine.py"
+    path.write_text(
+        SWING.split("def swing")[0] + "def crank():\n"
+        "    return Definition(\n"
+        "        mass_matrix=np.diag([1.0, 1.0, 2.0]),\n"
+        "        u0=np.array([0.6, 0.8, 1.2]),\n"
+        "        v0=np.array([-1.6, 1.2, -3.2]),\n"
+        "        force=lambda u, v, t: np.array([0.0, -9.81, 0.0]),\n"
+        "        constraints=lambda u, t: np.array(\n"
+        "            [u[0]**2 + u[1]**2 - 1, (u[2] - u[0])**2 + u[1]**2 - 1]) / 2,\n"
+        "        gradient=lambda u, t: np.array(\n"
+        "            [[u[0], u[0] - u[2]], [u[1], u[1]], [0, u[2] - u[0]]]),\n"
+        f"        energy=lambda u, v, t: v @ (v * [1, 1, 2]) / 2 + {weight} * u[1],\n"
+        "    )\n"
+    )
+    subject = PythonFactory(path, "crank", (), "mine.py:crank").load()
+    if not right:
+        with pytest.raises(NoReference, match=r"its energy is not conserved: .* gained, .* releas"):
+            solution(subject, 1.0)
+        return
+    found = solution(subject, 1.0)
+    u, v = (part[:3] for part in SLIDER_CRANK.at(1.0, 2.3))
+    assert relative_error(found.u, u) < 1e-10
+    assert relative_error(found.v, v) < 1e-10
+
+
+def test_regular_motions_are_not_computed_anew(monkeypatch):
+    """Collocation is for singular positions only, though it would give the same."""
+
+    def never(*given):
+        raise AssertionError
+
+    subject = problem("double-pendulum")
+    found = solution(subject, 1.0)
+    system = Index1(subject)
+    sizes = reference._initial_sizes(system, 1.0)
+    passage = collocation.motion(subject, 1.0, sizes, 12, 1e-14, system.projected, lambda: None)
+    assert passage.singular == ()
+    assert relative_error(passage.u, found.u) < 1e-12
+    assert relative_error(passage.v, found.v) < 1e-12
+    monkeypatch.setattr(collocation, "motion", never)
+    for name, t in (("double-pendulum", 1.0), ("andrews", 0.02), ("pendulum", 3.0)):
+        assert solution(problem(name), t).u_error < 1e-11
+
+
+@pytest.mark.parametrize("nodes", [8, 10, 12])
+def test_collocation_alone(nodes):
+    """On the pendulum: as good as rounding allows, whatever the number of nodes."""
+    subject = problem("pendulum")
+    system = Index1(subject)
+    sizes = reference._initial_sizes(system, 3.0)
+    found = collocation.motion(subject, 3.0, sizes, nodes, 1e-14, system.projected, lambda: None)
+    exact = KNOWN["pendulum"](3.0)
+    assert relative_error(found.u, exact.u) < 1e-12
+    assert relative_error(found.v, exact.v) < 1e-12
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 0.01, 0.3])
+def test_smallest_singular_value(tmp_path, angle):
+    """Of a slider-crank near its dead centre, where it is about the angle to it."""
+    subject = built(tmp_path, mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1")))
+    c, s = math.sin(angle), math.cos(angle)  # of the crank, away from the upright position
+    g = np.array([[c, s, 0, 0], [-c, s, c, -s], [0, 0, 0, 1]]).T
+    g /= np.linalg.norm(g, axis=0)
+    expected = np.linalg.svd(g)[1][-1]
+    place = np.array([c, s, 2 * c, 0.0])
+    assert singular.smallest(subject, 0.0, place) == pytest.approx(expected, rel=1e-9, abs=1e-15)
+    assert singular.smallest(subject, 0.0, place * np.nan) == 0
+    assert expected == pytest.approx(math.sqrt(1.25) * angle, rel=0.05, abs=1e-12)
+
+
+def test_smallest_singular_value_of_large_problems():
+    """Too dear to decompose."""
+    subject = FAMILIES["chain"].problem("chain", {"links": 41})
+    assert singular.smallest(subject, 0.0, subject.u0) is None
+    subject = FAMILIES["chain"].problem("chain", {"links": 40})
+    assert 0 < singular.smallest(subject, 0.0, subject.u0) < 1
+
+
+TIMES = np.array([-0.5, -0.3, -0.12, 0.07, 0.25, 0.41])
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (lambda t: t, [(0.0, True)]),
+        (lambda t: t - 0.07, [(0.07, True)]),
+        (lambda t: np.sin(t) - 0.2, [(math.asin(0.2), True)]),
+        (lambda t: 0.1 * t**3, [(0.0, False)]),
+        (lambda t: 0.1 * (t - 0.05) ** 2, [(0.05, False)]),
+        (lambda t: 0.1 * (t - 0.07) ** 2, [(0.07, False)]),
+        (lambda t: np.hypot(t, 0.05), []),
+        (lambda t: 0.001 + t**2, []),
+        (lambda t: 1 + t, []),
+        (lambda t: (t - 0.3) * (t + 0.2), [(-0.2, True), (0.3, True)]),
+    ],
+)
+def test_crossings(value, expected):
+    """Zeros of a singular value whose vectors turn, and how it gets to them."""
+    frames = [np.linalg.qr(np.random.default_rng(k).normal(size=(k, k)))[0] for k in (5, 3)]
+    g = []
+    for t in TIMES:
+        cosine, sine = np.cos(t / 2), np.sin(t / 2)
+        turned = np.eye(5)
+        turned[:2, :2] = [[cosine, -sine], [sine, cosine]]
+        middle = np.zeros((5, 3))
+        middle[:3] = np.diag([value(t), 0.9, 0.7])
+        g.append(frames[0] @ turned @ middle @ frames[1].T)
+    found = crossings(TIMES, np.array(g))
+    assert [one.straight for one in found] == [straight for _, straight in expected]
+    np.testing.assert_allclose([one.t for one in found], [t for t, _ in expected], atol=0.04)
+    assert all(isinstance(one, Crossing) for one in found)

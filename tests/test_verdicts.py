@@ -1,0 +1,250 @@
+"""Verdicts on series: each rule, and a series that must not slip through it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from newmark_cli.report.verdicts import (
+    INCOMPLETE,
+    LEAST,
+    MISS,
+    NOT_ASYMPTOTIC,
+    NOT_CONVERGING,
+    PASS,
+    SHOWN,
+    TOO_FEW,
+    Evidence,
+    judge,
+    local_orders,
+)
+
+NAN = float("nan")
+
+
+def evidence(values, h=None, kind="truncation", expected=2.0, tolerance=0.2, **rest):
+    """A run over one second, a decade between step sizes unless they are given."""
+    values = np.array(values, float)
+    h = 10.0 ** -np.arange(2, 2 + len(values)) if h is None else np.array(h)
+    return Evidence(
+        h, values, 1 / h, kind, expected=expected, tolerance=tolerance, **rest
+    )  # fmt: skip
+
+
+def words(given):
+    found = judge(given)
+    return found.verdict, found.reason
+
+
+# -- errors -------------------------------------------------------------------------------------
+
+
+def test_local_orders():
+    """Exponents between successive points; none next to a zero."""
+    h = np.array([1e-1, 1e-2, 1e-3, 1e-4])
+    assert local_orders(h, h**3) == pytest.approx([3, 3, 3])
+    np.testing.assert_equal(np.isnan(local_orders(h, np.array([1, 0, 1, 1]))), [True, True, False])
+
+
+def test_an_order_and_then_the_floor_of_rounding():
+    """The fit is for the middle; the tail is explained, not fitted."""
+    found = judge(evidence([2.4e-5, 2.4e-7, 2.4e-9, 8.3e-10]))
+    assert found.verdict == PASS
+    assert found.fit.slope == pytest.approx(2)
+    assert found.fitted.tolist() == [True, True, True, False]
+    assert found.reason == "rounding rules below h = 0.0001"
+
+
+def test_a_floor_far_above_rounding_is_no_floor():
+    """It converges to something else."""
+    verdict, reason = words(evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-6, 2.2e-6], quantity="u"))
+    assert verdict == NOT_CONVERGING
+    assert reason.startswith("stalls at 2.2e-06, where rounding may reach ")
+    # Undamped, an alternation grows as h falls; this one does not.
+    assert words(evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-3, 2.2e-3], damped=False))[0] == (
+        NOT_CONVERGING
+    )
+
+
+def test_an_alternation_that_rounding_feeds():
+    """Without damping it carries rounding far, and it grows as h falls."""
+    values = [3.6e-3, 3.6e-5, 3.6e-7, 4.2e-7, 4.2e-5]
+    verdict, reason = words(evidence(values, damped=False))
+    assert verdict == PASS
+    assert "an alternation that is not damped" in reason
+    assert words(evidence(values, damped=True))[0] == NOT_CONVERGING
+    # A solution that is lost is lost, whatever fed it.
+    assert words(evidence([*values[:4], 0.8], damped=False))[0] == NOT_CONVERGING
+
+
+@pytest.mark.parametrize("expected", [2.0, NAN])
+def test_garbage_is_not_green(expected):
+    """The errors that were once dropped but for one, so that nothing was left to judge."""
+    verdict, reason = words(evidence([0.75, 1.9, 1.15], h=[1e-3, 3e-4, 1e-4], expected=expected))
+    assert verdict == NOT_CONVERGING
+    assert reason == "at h = 0.0001 it is 1.1 times as large as what it is an error of"
+
+
+def test_multipliers_that_alternate_have_their_reason():
+    """The trapezoidal rule, wrong by truncation at every h; with damping the reason is another."""
+    values = [2.135, 2.135, 2.121]
+    for damped in (False, True):
+        verdict, reason = words(
+            evidence(values, expected=NAN, quantity="lambda", damped=damped)
+        )  # fmt: skip
+        assert verdict == NOT_CONVERGING
+        assert ("does not damp multipliers that alternate" in reason) == (not damped)
+
+
+def test_an_error_that_grows_while_h_falls():
+    """Far above rounding, predicted or not."""
+    for expected in (2.0, NAN):
+        assert words(evidence([1e-3, 2e-3, 4e-3], expected=expected))[0] == NOT_CONVERGING
+    # At the level of rounding it may do what it likes.
+    assert words(evidence([1e-15, 2e-15, 4e-15], expected=NAN))[0] == SHOWN
+
+
+def test_an_error_above_its_size_at_large_h_alone():
+    """What counts is where it goes."""
+    assert words(evidence([197, 2.16, 0.0216]))[0] == PASS
+
+
+def test_another_order_is_a_miss():
+    """Order 1 where 2 is predicted, with and without a floor behind it."""
+    verdict, reason = words(evidence([1e-2, 1e-3, 1e-4]))
+    assert verdict == MISS
+    assert reason == "order 1 over h = 0.01 … 0.0001"
+    assert words(evidence([1e-2, 1e-3, 1e-4, 1e-5]))[0] == MISS
+
+
+def test_an_order_that_is_lost_is_a_miss():
+    """Three points of order 2 do not hide what follows."""
+    assert words(evidence([1e-1, 1e-3, 1e-5, 1e-6, 1e-7], quantity="u"))[0] == MISS
+
+
+def test_coarse_steps_are_not_asymptotic():
+    """It falls, and the local orders go their way to the prediction."""
+    assert words(evidence([5e-2, 2e-2, 1e-3, 2e-5], h=[1e-1, 5e-2, 1e-2, 2e-3]))[0] == (
+        NOT_ASYMPTOTIC
+    )
+
+
+def test_a_head_is_left_out():
+    """Three step sizes that show the order are enough."""
+    found = judge(evidence([0.089, 8.7e-5, 8.7e-7, 8.7e-9]))
+    assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
+    assert found.fitted.tolist() == [False, True, True, True]
+
+
+def test_rounding_from_the_start():
+    """Nothing can be said of an order."""
+    assert words(evidence([1e-15, 3e-15, 2e-15]))[0] == TOO_FEW
+
+
+def test_two_points_are_too_few():
+    """Two points fit any line."""
+    assert words(evidence([1e-4, 1e-6]))[0] == TOO_FEW
+    # Two clean ones before rounding as well.
+    assert words(evidence([1.5e-6, 1.5e-8, 8e-10], h=[1e-3, 1e-4, 1e-5]))[0] == TOO_FEW
+
+
+def test_no_value_is_incomplete():
+    """A reference that could not be had leaves an empty error."""
+    assert words(evidence([NAN, NAN, NAN]))[0] == INCOMPLETE
+
+
+@given(
+    st.floats(1, 3), st.floats(-6, -1), st.integers(LEAST, 7),
+    st.lists(st.floats(-0.04, 0.04), min_size=7, max_size=7),
+)  # fmt: skip
+def test_a_clean_power_passes(order, size, points, noise):
+    """Any order that is the predicted one, with a few per cent of disturbance; and no other."""
+    h = 10.0 ** -np.arange(1, 1 + points)
+    values = 10**size * (h / h[0]) ** order * np.exp(noise[:points])
+    values = np.maximum(values, 1e-300)
+    series = Evidence(h, values, 1 / h, "truncation", expected=order, tolerance=0.2)
+    above = values > series.rounding
+    if above[:LEAST].all():
+        assert judge(series).verdict == PASS
+        other = Evidence(h, values, 1 / h, "truncation", expected=order + 1, tolerance=0.2)
+        assert judge(other).verdict != PASS
+
+
+# -- corrections --------------------------------------------------------------------------------
+
+
+def rounding(values, expected, **rest):
+    return evidence(values, kind="rounding", expected=expected, tolerance=0.15, **rest)
+
+
+def test_scatter_about_an_order_passes():
+    """As the pendulum's corrections do."""
+    assert words(rounding([5e-9, 4e-7, 6e-5, 5e-3], -2.0))[0] == PASS
+
+
+def test_a_head_of_corrections_is_left_out():
+    """A stiff spring is not resolved by the largest step."""
+    found = judge(rounding([4.3e-16, 6.2e-17, 6.5e-17, 8.1e-17, 6.9e-17, 5.9e-17], 0.0,
+                           h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]))  # fmt: skip
+    assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.01")
+
+
+def test_corrections_of_another_order_are_a_miss():
+    """Flat where −2 is predicted; −2.6 as well."""
+    assert words(rounding([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0))[0] == MISS
+    assert words(rounding([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0))[0] == MISS
+
+
+def test_a_jump_of_the_smallest_step_is_no_drift():
+    """Three points as predicted do not hide a fourth a thousand times too large."""
+    values = [1e-12, 1e-10, 1e-8, 1e-3]
+    assert words(rounding(values, -2.0, damped=False))[0] == MISS
+    # The multipliers' drift is a factor of a few.
+    drift = [1e-12, 1e-10, 1e-8, 5e-6]
+    assert words(rounding(drift, -2.0, damped=False))[0] == PASS
+    assert words(rounding(drift, -2.0, damped=True))[0] == MISS
+
+
+def test_zeros_are_counted():
+    """They have no logarithm, and are not silently dropped."""
+    verdict, reason = words(rounding([0, 0, 1e-16], 0.0))
+    assert (verdict, reason) == (TOO_FEW, "2 of 3 values are exactly 0")
+    verdict, reason = words(rounding([0, 1e-16, 1e-16, 1e-16], 0.0))
+    assert (verdict, reason) == (PASS, "1 of 4 values are exactly 0")
+
+
+# -- condition numbers ----------------------------------------------------------------------------
+
+
+def condition(orders, expected, **rest):
+    values = 10.0 ** np.cumsum([0.0, *(-order for order in orders)])
+    return evidence(values, kind="determined", expected=expected, tolerance=0.05, **rest)
+
+
+def test_a_crossover_at_coarse_h():
+    """(u, v, λ) without scaling: the last two local orders are the predicted one."""
+    found = judge(condition([-2.65, -2.989, -2.9997], -3.0))
+    assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
+
+
+def test_a_crossover_that_is_not_over():
+    """On its way, or known to theory as what coarse steps show."""
+    assert words(condition([-2.0, -2.1, -2.7], -3.0))[0] == NOT_ASYMPTOTIC
+    assert words(condition([-2.0, -2.0, -2.0], -3.0, coarse=(-3.0, -2.0)))[0] == NOT_ASYMPTOTIC
+    # Not what theory knows.
+    assert words(condition([-2.5, -2.5, -2.5], -3.0, coarse=(-3.0, -2.0)))[0] == MISS
+    # Growing faster than predicted is never for lack of smaller steps.
+    assert words(condition([-1.0, -1.0, -1.0], 0.0, coarse=(0.0, 1.0)))[0] == MISS
+
+
+def test_drift_of_the_multipliers_in_the_matrix():
+    """Only where nothing damps it, and only by a little."""
+    orders = [-2.0, -2.0, -2.34]
+    assert words(condition(orders, -2.0, damped=False))[0] == PASS
+    assert words(condition(orders, -2.0, damped=True))[0] == MISS
+    assert words(condition([-2.0, -2.0, -4.0], -2.0, damped=False))[0] == MISS
+
+
+def test_nothing_predicted_is_shown():
+    """Iterations, histories."""
+    assert words(evidence([1, 2, 3], kind="determined", expected=NAN))[0] == SHOWN
