@@ -13,6 +13,8 @@ from newmark_cli.study.cell import STATUSES
 
 #: Least width of a table, however narrow the terminal.
 _LEAST = 40
+#: Longest word for which other columns give way; longer ones are broken.
+_WORD = 20
 #: Spaces between two columns.
 _GAP = 2
 #: Colours of words on a terminal.
@@ -76,14 +78,15 @@ def _blocks(rows: Sequence[Sequence[str]], room: int) -> Iterator[list[int]]:
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
-    """(least, natural) width of each column: its longest word, its longest line."""
+    """(least, natural) width of each column: of its longest word, of its longest line."""
     from rich.cells import cell_len
 
     columns = zip(*(row for row in rows if len(row) > 1 or len(rows[0]) == 1), strict=True)
-    return [
-        (_longest(column, str.split, cell_len), _longest(column, str.splitlines, cell_len))
-        for column in columns
-    ]
+    found = []
+    for column in columns:
+        word = _longest(column, str.split, cell_len)
+        found.append((min(word, _WORD), _longest(column, str.splitlines, cell_len)))
+    return found
 
 
 def _longest(

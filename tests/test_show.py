@@ -1,0 +1,334 @@
+"""`show`, and how tables fit a terminal: values as in the CSV, nothing lost, colour for people."""
+
+import csv
+import fcntl
+import json
+import math
+import os
+import pty
+import re
+import struct
+import subprocess
+import termios
+
+import pytest
+import synthetic
+from test_slopes import power, series
+from warm import SCRIPT
+
+from newmark_cli.report import text
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.study import results
+
+#: A series with an order of its own between every two step sizes: 1e-9 h² and so on.
+BENT = {1e-2: 8e-5, 1e-3: 8e-7, 1e-4: 2e-8, 1e-5: 2e-10}
+DAMPED = "generalized-alpha rho=0.9"
+
+
+def write(cli, table, study="own"):
+    """A study's CSV in the results folder."""
+    table = [row | {"study": study} for row in table]
+    return cli.write(f"results/{study}.csv", results.csv_text(results.COLUMNS, table))
+
+
+def tables(printed):
+    """Rows of the printed tables, entry by entry, in the order of the lines."""
+    return [re.split(r"\s{2,}", line.strip()) for line in printed.splitlines()]
+
+
+# -- values -----------------------------------------------------------------------------------
+
+
+def test_values_and_local_orders(cli):
+    """Values as in the CSV, largest h first, with the order between each two in closed form."""
+    path = write(cli, series(BENT, measure="error", quantity="u", integrator=DAMPED))
+    lines = tables(cli("show", "own").stdout)
+    start = lines.index(["h", "value"])
+    printed = lines[start + 2 : start + 6]
+    with path.open(newline="") as file:
+        by_h = sorted((float(r["h"]), float(r["last"])) for r in csv.DictReader(file))[::-1]
+    for place, ((h, value), line) in enumerate(zip(by_h, printed, strict=True)):
+        assert line[:2] == [f"{h:g}", f"{value:.3g}"]
+        if place:
+            order = math.log10(by_h[place - 1][1] / value)
+            assert line[2] == f"{order:.2f}"
+    assert [line[2] for line in printed[1:]] == ["2.00", "1.60", "2.00"]
+
+
+def test_fits_are_those_of_slopes_csv(cli, monkeypatch):
+    """Slope, range, prediction, verdict below each series; the JSON has the same."""
+    monkeypatch.setenv("COLUMNS", "120")
+    cli("run", "pendulum-u")
+    cli("check")
+    with (cli.folder / "results/slopes.csv").open(newline="") as file:
+        fits = {
+            (r["measure"], r["quantity"], r["preconditioning"]): r for r in csv.DictReader(file)
+        }
+    lines = tables(cli("show", "pendulum-u", "--quantity", "jacobian").stdout)
+    assert ["h", "none", "left", "right", "optimal"] in lines
+    (slopes,) = (line for line in lines if line[0] == "slope")
+    for name, printed in zip(("none", "left", "right", "optimal"), slopes[1:], strict=True):
+        given = float(fits["condition", "jacobian", name]["slope"])
+        assert float(printed.partition(" ")[0].replace("−", "-")) == pytest.approx(given, abs=1e-4)
+    assert ["fitted", *["0.1 … 0.0001"] * 4] in lines
+    assert ["predicted", "−4 ± 0.02", "−2 ± 0.02", "−2 ± 0.02", "0 ± 0.02"] in lines
+    assert ["verdict", *["pass"] * 4] in lines
+    (study,) = json.loads(cli("show", "pendulum-u", "--json", "--measure", "condition").stdout)
+    assert (study["cells"], study["statuses"]) == (16, {"ok": 16})
+    assert len(study["series"]) == 4
+    with (cli.folder / "results/pendulum-u.csv").open(newline="") as file:
+        rows = [r for r in csv.DictReader(file) if r["measure"] == "condition"]
+    for found in study["series"]:
+        ours = [r for r in rows if r["preconditioning"] == found["preconditioning"]]
+        points = {p["h"]: p["value"] for p in found["values"]}
+        assert points == {float(r["h"]): float(r["median"]) for r in ours}
+        assert found["slope"] == float(
+            fits["condition", "jacobian", found["preconditioning"]]["slope"]
+        )
+        assert found["values"][0]["local_order"] is None
+
+
+def test_zeros_statuses_and_holes(cli):
+    """A zero is 0, what is not there –, and a cell that is not ok says so under its value."""
+    values = {1e-1: 1e-9, 1e-2: 0.0, 1e-3: 3e-9}
+    table = series(values, preconditioning="none")
+    table += series({1e-1: 1e-9, 1e-2: 2e-9}, preconditioning="optimal")
+    table[-1] |= {"status": "not_converged"}
+    table += series({1e-2: ""}, preconditioning="left", status="diverged")
+    lines = tables(write(cli, table) and cli("show", "own").stdout)
+    start = lines.index(["h", "none", "optimal", "left"])
+    assert lines[start + 2 : start + 6] == [
+        ["0.1", "1e-09", "1e-09", "–"],
+        ["0.01", "0", "2e-09", "−0.30", "diverged"],
+        ["not_converged"],
+        ["0.001", "3e-09", "–", "–"],
+    ]
+
+
+def test_series_at_the_start_and_along_a_run(cli):
+    """Two series of one table, told apart by where they were measured."""
+    rows = {"measure": "condition", "quantity": "jacobian"}
+    table = series(power(-4), **rows) + series(power(-4), steps=0, **rows)
+    write(cli, table)
+    lines = tables(cli("show", "own").stdout)
+    assert ["h", "along the run", "start"] in lines
+
+
+def test_recovered_fields_only_when_asked_for(cli, quick):
+    """By default the unknowns of the form; --quantity a shows what was recovered."""
+    cli("run", "quick.yaml")
+    shown = cli("show", "quick").stdout
+    assert "Δu (physical)" in shown
+    assert "Δa (physical)" not in shown
+    assert "4 series of recovered fields are not shown" in shown
+    shown = cli("show", "quick", "--quantity", "a").stdout
+    assert "Δa (physical)" in shown
+    assert "Δu" not in shown
+
+
+@pytest.mark.parametrize(
+    ("options", "names"),
+    [
+        (["--integrator", "trapezoidal"], {("newmark beta=0.25 gamma=0.5", "andrews")}),
+        (["--integrator", "generalized-alpha"], {(DAMPED, "swing.yaml")}),
+        (["--problem", "swing"], {(DAMPED, "swing.yaml")}),
+        (["--problem", "andrews", "--quantity", "u"], set()),
+        (
+            ["--quantity", "λ", "--problem", "swing", "--problem", "andrews"],
+            {("newmark beta=0.25 gamma=0.5", "andrews"), (DAMPED, "swing.yaml")},
+        ),
+    ],
+)
+def test_choosers(cli, options, names):
+    """Values of the CSV, and the short names of problems, integrators and quantities."""
+    write(cli, series(power(-2)) + series(power(-2), problem="swing.yaml", integrator=DAMPED))
+    if not names:
+        line = cli.refused("show", "own", *options)
+        assert line.endswith("own: no series matches --quantity 'u'; allowed: lambda")
+        return
+    (study,) = json.loads(cli("show", "own", "--json", *options).stdout)
+    assert {(s["integrator"], s["problem"]) for s in study["series"]} == names
+
+
+def test_bad_names(cli):
+    """One line that offers the nearest name, or says what is there; exit code 2."""
+    write(cli, series(power(-2)), "swing")
+    for command in ("show", "check", "verify"):
+        line = cli.refused(command, "swin")
+        assert line.endswith("results: no results of 'swin'; did you mean 'swing'? allowed: swing")
+    line = cli.refused("show", "swing", "--form", "u-lambd")
+    assert line.endswith("--form 'u-lambd'; did you mean 'u-lambda'? allowed: u-lambda")
+    assert "no results" in cli.refused("show", "--results", "nowhere")
+
+
+def test_studies_of_a_folder(cli):
+    """Without a study: cells by status, measures, verdicts of each."""
+    write(cli, series(power(-2)))
+    write(cli, series({1e-1: ""}, status="failed", measure="", quantity="", role=""), "broken")
+    found = {study["study"]: study for study in json.loads(cli("show", "--json").stdout)}
+    assert found == {
+        "broken": {
+            "study": "broken",
+            "cells": 1,
+            "statuses": {"failed": 1},
+            "measures": [],
+            "verdicts": {"incomplete": 1},
+        },
+        "own": {
+            "study": "own",
+            "cells": 4,
+            "statuses": {"ok": 4},
+            "measures": ["correction"],
+            "verdicts": {"pass": 1},
+        },
+    }
+    assert ["own", "4 ok", "correction", "1 pass"] in tables(cli("show").stdout)
+    assert "andrews, u-lambda: incomplete, cells failed: none" in cli("show", "broken").stdout
+
+
+# -- check and verify of one study --------------------------------------------------------------
+
+
+def test_check_of_one_study(cli):
+    """Only it is judged and printed; slopes.csv keeps the rows of all."""
+    write(cli, series(power(-2)), "good")
+    write(cli, series(power(-3)), "bad")
+    whole = cli("check", code=1)
+    rows = (cli.folder / "results/slopes.csv").read_text()
+    assert {r["study"] for r in csv.DictReader(rows.splitlines())} == {"good", "bad"}
+    done = cli("check", "good")
+    assert done.stdout == "1 of 1 slopes as predicted\n"
+    assert (cli.folder / "results/slopes.csv").read_text() == rows
+    assert [r["study"] for r in json.loads(cli("check", "good", "--json").stdout)] == ["good"]
+    assert cli("check", "bad", code=1).stdout == whole.stdout.replace("1 of 2", "0 of 1")
+    assert "miss: bad andrews u-lambda none, Δλ: local orders −3.00 −3.00 −3.00" in whole.stdout
+
+
+def test_check_warns_of_what_it_cannot_judge(cli):
+    """Next to a series that passes: exit 0, one line on stderr.  Alone: exit 1."""
+    few = series(power(-2, (1e-1, 1e-2)))
+    write(cli, few, "few")
+    warning = "newmark-study: warning: not judged: 1 too few points\n"
+    done = cli("check", code=1)
+    assert done.stderr == warning
+    assert done.stdout.endswith("1 too few points: nothing could be judged\n")
+    write(cli, series(power(-2)))
+    assert cli("check").stderr == warning
+    assert cli("check", "own").stderr == ""
+
+
+def test_remarks_are_not_endless(cli):
+    """Twenty series are explained, all of them with --all; Markdown and JSON have none."""
+    write(cli, [row for n in range(23) for row in series(power(-3), problem=f"p{n}")])
+    lines = cli("check", code=1).stdout.splitlines()
+    assert sum(line.startswith("miss: ") for line in lines) == 20
+    assert "… and 3 more (--all)" in lines
+    lines = cli("check", "--all", code=1).stdout.splitlines()
+    assert sum(line.startswith("miss: ") for line in lines) == 23
+    assert "miss: " not in cli("check", "--markdown", code=1).stdout
+
+
+def test_verify_of_one_study(cli, quick):
+    """Another study's file may differ: only the named one is verified."""
+    cli("run", "quick.yaml")
+    write(cli, series(power(-2)))
+    assert "own.csv: no record" in cli("verify", code=1).stdout
+    assert cli("verify", "quick").stdout == "results/quick.csv: ok\n"
+    assert cli("verify", "own", code=1).stdout.startswith("results/own.csv: no record")
+
+
+# -- tables -----------------------------------------------------------------------------------
+
+WIDE = [
+    ("name", "number", "said"),
+    ("first", "−2.05 ± 0.05", "one two three four five six seven " * 4),
+    ("a heading of what is below",),
+    ("second", "0", "unbreakable" * 12),
+]
+
+
+@pytest.mark.parametrize("columns", ["40", "80", "120", "400"])
+def test_tables_are_folded_not_cut(monkeypatch, columns):
+    """No line is wider than the terminal, and every character of every entry is there."""
+    monkeypatch.setenv("COLUMNS", columns)
+    printed = text.text_table(WIDE)
+    assert max(map(len, printed.splitlines())) <= int(columns)
+    letters = sorted("".join("".join(row) for row in WIDE).replace(" ", ""))
+    assert sorted(re.sub(r"[\s-]", "", printed)) == letters
+    assert columns == "40" or "−2.05 ± 0.05" in printed
+    assert "a heading of what is below" in printed.splitlines()
+
+
+def test_columns_go_into_blocks(monkeypatch):
+    """Each block begins with the first column; every column is there once, in order."""
+    monkeypatch.setenv("COLUMNS", "60")
+    rows = [["h", *(f"c{i}" for i in range(7))], ["0.1", *(f"1.23e-05  {i}.00" for i in range(7))]]
+    blocks = [tables(block) for block in text.text_table(rows, blocks=True).split("\n\n")]
+    assert [block[0] for block in blocks] == [
+        ["h", "c0", "c1", "c2"], ["h", "c3", "c4", "c5"], ["h", "c6"]
+    ]  # fmt: skip
+    assert [block[2][2::2] for block in blocks] == [
+        ["0.00", "1.00", "2.00"], ["3.00", "4.00", "5.00"], ["6.00"]
+    ]  # fmt: skip
+
+
+def test_every_table_fits_a_pipe(cli):
+    """80 columns, or those of COLUMNS: checks, studies, comparisons."""
+    for name in ("10", "11", "12", "13"):
+        synthetic.write(cli.folder / "results", FIGURES[name])
+    for arguments in (["check", "--all"], ["show"], ["show", "error"], ["show", "krylov"]):
+        code = 1 if arguments[0] == "check" else 0
+        lines = cli(*arguments, code=code).stdout.splitlines()
+        assert len(lines) >= 7
+        assert max(map(len, lines)) <= 80, max(lines, key=len)
+
+
+def on_a_terminal(cli, *arguments, columns=100, **environment):
+    """What a command writes to a terminal."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+    given = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR", "TERM")}
+    process = subprocess.Popen(
+        [SCRIPT, *arguments], cwd=cli.folder, stdout=theirs, stderr=subprocess.DEVNULL,
+        env=given | {"TERM": "xterm-256color"} | environment,
+    )  # fmt: skip
+    os.close(theirs)
+    found = b""
+    while True:
+        try:
+            part = os.read(ours, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        found += part
+    os.close(ours)
+    process.wait()
+    return found.decode().replace("\r\n", "\n")
+
+
+def test_colour_on_a_terminal(cli):
+    """A miss is red on a terminal; not with NO_COLOR, on a dumb one, or in a pipe."""
+    write(cli, series(power(-3)) + series(power(0), preconditioning="optimal"))
+    coloured = on_a_terminal(cli, "check", "--all")
+    assert re.search(r"\x1b\[31mmiss\s*\x1b\[0m", coloured)
+    assert not re.search(r"\x1b\[[0-9;]*mpass", coloured)
+    plain = re.sub(r"\s*\x1b\[[0-9;]*m", "", coloured.replace("\x1b[31m", ""))
+    for environment in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
+        found = on_a_terminal(cli, "check", "--all", **environment)
+        assert "\x1b" not in found
+        assert found == plain
+    assert "\x1b" not in cli("check", "--all", code=1).stdout
+
+
+def test_width_of_a_terminal(cli):
+    """Tables are as wide as the terminal allows, unless COLUMNS says otherwise."""
+    synthetic.write(cli.folder / "results", FIGURES["13"])
+    shown = ("show", "krylov")
+    widths = [
+        max(map(len, on_a_terminal(cli, *shown, columns=columns, NO_COLOR="1").splitlines()))
+        for columns in (60, 120)
+    ]
+    assert widths[0] <= 60 < widths[1] <= 120
+    narrow = on_a_terminal(cli, *shown, columns=120, COLUMNS="60", NO_COLOR="1")
+    assert max(map(len, narrow.splitlines())) == widths[0]
