@@ -95,8 +95,9 @@ def panel(
         fits: Whether fits are written into the panel; otherwise the legend has them.
     """
     first = slopes[0]
-    # Fits are written above the traces.
-    values, headroom = [slope.values for slope in slopes], 0.4 if fits else 0.12
+    values = [slope.values for slope in slopes]
+    # Fits are written above the traces, a line each.
+    headroom = max(0.4, 0.15 + 0.16 * len(traces)) if fits else 0.12
     limits = _linear_limits(slopes) if linear else spread(values, headroom)
     references = () if linear or limits is None else predicted(slopes, limits)
     return Panel(

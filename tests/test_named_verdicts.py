@@ -1,0 +1,49 @@
+"""Series whose truth is known by construction, judged from a CSV as `check` judges them."""
+
+import csv
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+from newmark_cli.report.slopes import study_slopes
+from newmark_cli.report.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
+from newmark_cli.study.reading import read_study
+
+VERDICTS = Path(__file__).parent / "verification/verdicts"
+
+
+def named():
+    spec = importlib.util.spec_from_file_location("named_series", VERDICTS / "named.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+NAMED = named()
+with (VERDICTS / "truth.csv").open() as file:
+    TRUTH = {row["problem"]: row for row in csv.DictReader(file) if row["study"] == NAMED.STUDY}
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("named")
+    NAMED.write(folder)
+    path = folder / f"{NAMED.STUDY}.csv"
+    return {slope.problem: slope for slope in study_slopes(read_study(path), path)}
+
+
+@pytest.mark.parametrize("series", NAMED.NAMED, ids=lambda series: series.problem)
+def test_named_series(judged, series):
+    """No right series is a miss, no wrong one passes, and of too few points nothing is said."""
+    slope, label = judged[series.problem], TRUTH[series.problem]["label"]
+    told = f"{slope.verdict}: {slope.reason}"
+    if label in ("order", "floor"):
+        assert slope.verdict == PASS, told
+    elif label == "wrong":
+        assert slope.verdict != PASS, told
+    else:
+        assert slope.verdict not in (PASS, MISS), told
+        assert slope.verdict not in FAILING or slope.verdict == NOT_CONVERGING, told
