@@ -143,7 +143,6 @@ def check(
     \b
     Example:
       newmark-study check pendulum-u
-      newmark-study check --json
     """
     from newmark_cli.report import check as checking
     from newmark_cli.report import slopes

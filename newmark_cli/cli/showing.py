@@ -42,7 +42,6 @@ def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[
 
     \b
     Example:
-      newmark-study show
       newmark-study show pendulum-u --quantity lambda --preconditioning none
     """
     from newmark_cli.report import showing
