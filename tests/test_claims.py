@@ -148,7 +148,7 @@ def test_claims_of_the_figures():
             "none, smallest h: stagnated",
         ],
         "14": ["float32 / float64 / 2²⁹, every form, unknown, variant and h: 0.25 to 4"],
-        "15": ["max |λ|, trapezoidal, direct / generalized-α, direct: at least 100"],
+        "15": ["max |λ|, trapezoidal, direct / generalized-α, direct: at least 10"],
     }
 
 

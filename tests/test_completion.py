@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -132,4 +133,5 @@ def test_list_as_json(cli):
     for section, entries in found.items():
         assert f"{section}:\n" in text
         for name, words in entries.items():
-            assert f"  {name:<16} {words}".rstrip() in text
+            line = rf"^  {re.escape(name)} *{re.escape(words)}$"
+            assert re.search(line, text, re.MULTILINE), name

@@ -360,7 +360,8 @@ def multiplier_rows(slope, zero_at=None, status="ok"):
         (0.149, None, "ok", PASS),
         (0.151, None, "ok", MISS),
         (-1.0, None, "ok", MISS),
-        (0.0, 2, "ok", INCOMPLETE),
+        # A zero has no logarithm; the rest shows the order, and the reason counts it.
+        (0.0, 2, "ok", PASS),
         (0.0, None, "not_converged", INCOMPLETE),
     ],
 )
@@ -371,6 +372,7 @@ def test_verdicts(tmp_path, slope, zero_at, status, verdict):
     (found,) = study_slopes(read_study(path), path)
     assert found.figures == ("2",)
     assert (found.expected, found.tolerance, found.verdict) == (0.0, 0.15, verdict)
+    assert ("exactly 0" in found.reason) == (zero_at is not None)
 
 
 @pytest.mark.parametrize(

@@ -163,13 +163,17 @@ def test_times_are_those_of_the_runs(folder, text):
 
 
 def test_a_single_small_study(cli):
-    """Without figures, tables or Andrews' mechanism; in an empty folder."""
+    """With figures of its own, without tables or Andrews' mechanism; in an empty folder."""
     cli.write("quick.yaml", QUICK)
     cli("run", "quick.yaml")
     assert cli("report", "--output", "own/page.html").stdout == "own/page.html\n"
     read = Reader((cli.folder / "own/page.html").read_text())
-    assert read.attributes("svg") == []
-    assert {"#claims", "#studies"} == {attributes["href"] for attributes in read.attributes("a")}
+    labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
+    assert len(labels) == 7
+    assert all(label.startswith("pendulum, (u, λ) form: ") for label in labels)
+    assert {"#claims", "#figures", "#studies"} <= {
+        attributes["href"] for attributes in read.attributes("a")
+    }
     # All series are of one's own: none is folded away as further ones.
     assert len(read.attributes("details")) == 3
     found = slopes.collect(cli.folder / "results")

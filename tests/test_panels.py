@@ -8,7 +8,7 @@ import pytest
 import synthetic
 from click.testing import CliRunner
 
-from newmark_cli.cli import cli as command_line
+from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report import draw, figures, panels, plot
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.figures import FIGURES

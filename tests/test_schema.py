@@ -177,6 +177,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("schema")
     (folder / "broken").mkdir()
     (folder / "hoist.yaml").write_text(EXAMPLE)
+    for file in (ROOT / "docs/examples").glob("*.yaml"):
+        (folder / file.name).write_text(file.read_text())
     (folder / "driven.yaml").write_text(DRIVEN)
     (folder / "broken/driven.yaml").write_text(DRIVEN.replace("rate", "rtae"))
     return folder

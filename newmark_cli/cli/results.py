@@ -89,15 +89,15 @@ def plot(
     everything: bool,
     **values: tuple[str, ...],
 ) -> int:
-    """Draw figures of the paper and of studies, by default all that the CSVs in DIR allow.
+    """Draw figures of the paper and of studies.
 
-    A study without figures of its own gets one for each problem, form, quantity and
-    measure; its config can define others under 'figures:'.  Writes
-    DIR/figures/figure-<n> or <study>-<what it shows>, and DIR/slopes.csv.
+    By default draws all that the CSVs in DIR are enough for.  A study without
+    figures of its own gets one for each problem, form, quantity and measure; its
+    config can define others under 'figures:'.  Writes DIR/figures/figure-<n> or
+    <study>-<what it shows>, and DIR/slopes.csv.
 
     \b
-    Examples:
-      newmark-study plot 2 8
+    Example:
       newmark-study plot my-study --measure error --format pdf --size 5x4
     """
     from newmark_cli.report import plot as plotting
@@ -214,7 +214,7 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
 @studies_argument
 @results_folder
 def verify(studies: tuple[str, ...], folder: Path) -> int:
-    """Compare CSVs with the checksums that were recorded next to them.
+    """Compare CSVs with their recorded checksums.
 
     Verifies the studies that are named, by default all in DIR.  Prints a line for each
     file; exits with 1 if one differs, is missing, or has no record.
@@ -299,6 +299,8 @@ def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: boo
     judged = checking.judge(slopes)
     chosen = checking.chosen(slopes, show_all)
     if markdown:
+        # A table to publish: what nothing can be said of is for those who run the check.
+        chosen = [s for s in chosen if show_all or s.figures or s.fails]
         for table in (checking.slope_rows(chosen), checking.claim_rows(judged)):
             if len(table) > 1:
                 click.echo(checking.markdown_table(table) + "\n")

@@ -123,7 +123,7 @@ def merge(
 @running_options
 @click.option("--all", "everything", is_flag=True, help="Also run the studies past the paper.")
 def reproduce(folder: Path, how: How, everything: bool) -> int:
-    """Run the paper's studies, draw its figures, check every slope.
+    """Run the paper's studies, draw its figures, check slopes.
 
     With --all, does the same for the studies past the paper and checks their
     claims.  Exits with 1 if a slope is not as predicted or a claim fails.

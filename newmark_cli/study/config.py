@@ -36,7 +36,6 @@ from newmark_cli.newmark.linear.choice import (
     SPARSE,
     choose,
 )
-from newmark_cli.newmark.linear.krylov import is_symmetric
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
@@ -151,6 +150,8 @@ class _Rules(StrictModel):
                     yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
     def _asymmetric(self, label: str, problem: Problem) -> Iterator[PydanticCustomError]:
+        from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
+
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
