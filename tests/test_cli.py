@@ -372,7 +372,7 @@ def test_two_studies_with_one_name(cli, before):
 def test_unknown_figures_and_options(cli, before):
     """Usage errors are one line too."""
     assert "unknown figure or study '17'" in cli.refused("plot", "17")
-    assert "unknown figure 'x'" in cli.refused("plot", "x")
+    assert "unknown figure or study 'x'" in cli.refused("plot", "x")
     assert "No such option" in cli.refused("plot", "--resluts", "x")
     assert "No such command" in cli.refused("polt")
     assert "Missing argument" in cli.refused("run")

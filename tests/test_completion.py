@@ -131,7 +131,7 @@ def test_list_as_json(cli):
     found = json.loads(cli("list", "--json").stdout)
     text = cli("list").stdout
     for section, entries in found.items():
-        assert f"{section}:\n" in text
+        assert re.search(rf"^{re.escape(section)}\b.*:$", text, re.MULTILINE), section
         for name, words in entries.items():
             line = rf"^  {re.escape(name)} *{re.escape(words)}$"
             assert re.search(line, text, re.MULTILINE), name

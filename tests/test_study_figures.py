@@ -245,7 +245,7 @@ def test_sheet_of_a_single_panel(tmp_path):
     assert optimal.x.tolist() == sorted(H)
     assert optimal.y == pytest.approx(np.array(sorted(H)) ** 2)
     assert optimal.fit == "2.00"
-    assert none.fit == f"1.00 ± 0.00, {given.by_key[figure.curves[1].key].verdict}"
+    assert none.fit == f"1.00, {given.by_key[figure.curves[1].key].verdict}"
     assert none.fit.endswith("miss")
     (line,) = panel.references
     assert line.text == "h²"
@@ -254,7 +254,7 @@ def test_sheet_of_a_single_panel(tmp_path):
     assert sheet.words == (
         "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u. "
         "error of u, optimal: slope 2.00, predicted 2, pass. "
-        "error of u, none: slope 1.00 ± 0.00, predicted 2, miss."
+        "error of u, none: slope 1.00, predicted 2, miss."
     )
     draw.drawn(sheet)
 

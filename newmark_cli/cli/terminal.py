@@ -77,6 +77,7 @@ class Told(Counts):
                 self._stack.enter_context(display)
                 self._display = display
                 self._count()
+                display.refresh()  # a run may end before the next frame
 
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
