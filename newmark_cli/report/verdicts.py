@@ -8,7 +8,7 @@ says so instead of calling a right series a miss or a wrong one a pass.
 """
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -387,11 +387,3 @@ def _determined(given: Evidence, usable: Mask) -> Judgement:
             )
             return _judged(given, NOT_ASYMPTOTIC, usable, reason)
     return _judged(given, MISS, usable)
-
-
-#: Judges of evidence by its kind, for tests and for those who add one.
-JUDGES: dict[str, Callable[[Evidence, Mask], Judgement]] = {
-    "truncation": _truncation,
-    "rounding": _rounding,
-    "determined": _determined,
-}
