@@ -161,9 +161,11 @@ def _runs(near: Mask) -> list[tuple[int, int]]:
     return sorted(found, key=lambda run: (run[0] - run[1], -run[0]))
 
 
-def _window(given: Evidence, first: int, last: int) -> Mask:
-    places = np.arange(len(given.h))
-    return np.asarray((places >= first) & (places <= last))
+def _window(usable: Mask, first: int, last: int) -> Mask:
+    """Which points are the first-th to the last-th of those that are usable."""
+    window = np.full(len(usable), False)
+    window[np.flatnonzero(usable)[first : last + 1]] = True
+    return window
 
 
 def _listed(given: Evidence, first: int, last: int) -> str:
@@ -193,7 +195,7 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
     orders = given.local_orders
     near = np.abs(orders - given.expected) <= max(_LOCAL["truncation"], given.tolerance)
     for first, last in _runs(near):
-        window = _window(given, first, last)
+        window = _window(everything, first, last)
         if last - first + 1 < LEAST:
             break
         fit = power_law(h[window], values[window])
@@ -221,7 +223,7 @@ def _unpredicted(given: Evidence, above: Mask, everything: Mask) -> Judgement:
                         f"order {order:g} down to h = {given.h[last]:g}; below it rounding feeds "
                         "an alternation that is not damped"
                     )
-                    return _judged(given, SHOWN, _window(given, first, last), reason)
+                    return _judged(given, SHOWN, _window(everything, first, last), reason)
         low = given.rounding[-1]
         reason = (
             f"does not fall with h: {given.values[-1]:.2g} at h = {given.h[-1]:g}, where rounding "
@@ -271,7 +273,7 @@ def _without_middle(given: Evidence, above: Mask, everything: Mask) -> Judgement
             _LOCAL["truncation"], given.tolerance
         ):
             reason = f"order {pair.mean():.2g} over {_listed(given, i, i + 2)}"
-            return _judged(given, MISS, _window(given, i, i + 2), reason)
+            return _judged(given, MISS, _window(everything, i, i + 2), reason)
     if above[-1]:
         smallest = values[:-1].min() if len(values) > 1 else math.inf
         if values[-1] >= _LOST and len(h) >= LEAST:
@@ -299,16 +301,10 @@ def _without_middle(given: Evidence, above: Mask, everything: Mask) -> Judgement
 def _rounding(given: Evidence, usable: Mask) -> Judgement:
     """Corrections at saturation: they scatter, and the order is that of the trend."""
     h, values = given.h[usable], given.values[usable]
-    places = np.flatnonzero(usable)
     points = len(h)
     orders = local_orders(h, values)
     zeros = int(np.count_nonzero(given.values == 0))
     parts = [f"{zeros} of {len(given.h)} values are exactly 0"] if zeros else []
-
-    def masked(first: int, last: int) -> Mask:
-        mask = np.full(len(given.h), False)
-        mask[places[first : last + 1]] = True
-        return mask
 
     # The whole first, then without a head, then (where λ drifts) without a tail.
     tails = range(points - 1, points - 1 if given.damped else LEAST - 2, -1) or (points - 1,)
@@ -333,7 +329,7 @@ def _rounding(given: Evidence, usable: Mask) -> Judgement:
                 parts.append(f"order shows from h = {h[first]:g}")
             if last < points - 1:
                 parts.append(f"drift of the multipliers rules below h = {h[last]:g}")
-            return _judged(given, PASS, masked(first, last), "; ".join(parts))
+            return _judged(given, PASS, _window(usable, first, last), "; ".join(parts))
     fit = power_law(h, values)
     # A trend that scatter hides is no trend: its error is as large as what it misses.
     hidden = abs(fit.slope - given.expected) <= 1.5 * fit.stderr and fit.stderr > given.tolerance
@@ -354,15 +350,9 @@ def _rounding(given: Evidence, usable: Mask) -> Judgement:
 def _determined(given: Evidence, usable: Mask) -> Judgement:
     """Smooth in h: a crossover from other orders at coarse h, the predicted one below."""
     h, values = given.h[usable], given.values[usable]
-    places = np.flatnonzero(usable)
     points = len(h)
     orders = local_orders(h, values)
     off = np.abs(orders - given.expected)
-
-    def masked(first: int, last: int) -> Mask:
-        mask = np.full(len(given.h), False)
-        mask[places[first : last + 1]] = True
-        return mask
 
     whole = power_law(h, values)
     if abs(whole.slope - given.expected) <= given.tolerance and off[-1] <= 2 * given.tolerance:
@@ -371,11 +361,13 @@ def _determined(given: Evidence, usable: Mask) -> Judgement:
         if last - first + 1 < LEAST:
             break
         if last == points - 1:
-            return _judged(given, PASS, masked(first, last), f"order shows from h = {h[first]:g}")
+            return _judged(
+                given, PASS, _window(usable, first, last), f"order shows from h = {h[first]:g}"
+            )
         fit = power_law(h[first : last + 1], values[first : last + 1])
         if not given.damped and np.all(values[last + 1 :] <= _DRIFT * fit(h[last + 1 :])):
             reason = f"drift of the multipliers enters the matrix below h = {h[last]:g}"
-            return _judged(given, PASS, masked(first, last), reason)
+            return _judged(given, PASS, _window(usable, first, last), reason)
     approaching = points > 2 and off[-1] < min(0.8 * off[-2], 1.0)
     if off[-1] <= given.tolerance or approaching:
         return _judged(given, NOT_ASYMPTOTIC, usable, "local orders still approach the prediction")

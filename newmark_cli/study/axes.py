@@ -92,7 +92,6 @@ def setting(about: str, **rest: Any) -> Any:
     return axis(about=about, series=False, cell=False, many=False, **rest)
 
 
-@cache
 def _axes(of: type) -> tuple[Axis, ...]:
     return tuple(_axis(each.name, dict(each.metadata)) for each in fields(of))
 
