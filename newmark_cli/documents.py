@@ -8,7 +8,7 @@ import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
@@ -26,6 +26,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from newmark_cli import files
 from newmark_cli.errors import InputError, one_line
 from newmark_cli.spelling import closest, nearest
 
@@ -151,15 +152,20 @@ class Document:
         name: File as the user named it.
         data: Mappings, lists and scalars.
         lines: Path of keys and indices → line, counted from 1.
+        linked: Whether the file is a symbolic link.  Errors then do not quote it.
     """
 
     name: str
     data: Any
     lines: Mapping[KeyPath, int]
+    linked: bool = False
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
         line, key = self.line(path), _spell(path)
+        if self.linked:
+            text = _unquoted(self.name, line)
+            return DocumentError(text, [Mistake(line, (), text)])
         text = f"{self.name}, line {line}: {key + ': ' if key else ''}{message}"
         return DocumentError(text, [Mistake(line, path, text)])
 
@@ -280,19 +286,26 @@ def read(path: Path, name: str | None = None) -> Document:
     """
     name = name or str(path)
     try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
+        content = files.read_given(path, _MOST_BYTES)
     except OSError as error:
-        raise DocumentError(f"{name}: cannot be read: {error.strerror}") from None
-    except ValueError:  # a NUL, or half a surrogate pair
-        raise DocumentError(f"{one_line(name)}: is not a file name") from None
-    if len(content) > _MOST_BYTES:
-        raise DocumentError(f"{name}: larger than {_MOST_BYTES} bytes, not a config")
+        raise DocumentError(f"{one_line(name)}: cannot be read: {error.strerror}") from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise DocumentError(f"{name}, line 1: not a text file in UTF-8") from None
-    return parse(text, name)
+    linked = path.is_symlink()
+    try:
+        return replace(parse(text, name), linked=linked)
+    except DocumentError as error:
+        if not linked:
+            raise
+        raise DocumentError(_unquoted(name, error.mistakes[0].line)) from None
+
+
+def _unquoted(name: str, line: int) -> str:
+    """A mistake behind a link, which may lead to what is nobody's business."""
+    where = f"{name}, line {line}" if line else name
+    return f"{where}: cannot be used; what is wrong is not quoted because the file is a link"
 
 
 def parse(text: str, name: str) -> Document:

@@ -8,6 +8,10 @@ class InputError(ValueError):
     """
 
 
+class ResultsError(InputError):
+    """The results folder or a file in it cannot be used."""
+
+
 class ExecutorError(Exception):
     """What runs the cells is gone; what had finished is kept."""
 

@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 
+from newmark_cli import files
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import results
 
@@ -152,7 +153,7 @@ def write_history(folder, figure):
             table.append(row | {f"lambda_{k + 1}": float(v) for k, v in enumerate(values)})
     columns = (*results.HISTORY_COLUMNS, "lambda_1", "lambda_2")
     path = results.history_path(folder, figure.study)
-    results.write_atomically(path, results.csv_text(columns, table))
+    files.write(path, results.csv_text(columns, table))
     return path
 
 

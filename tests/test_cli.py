@@ -14,9 +14,10 @@ import pytest
 from conftest import QUICK, CommandLine
 from warm import SCRIPT
 
-from newmark_cli import __version__
+from newmark_cli import __version__, files
 from newmark_cli.cli import main, running
 from newmark_cli.cli.commands import cli as command_line
+from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
@@ -488,8 +489,8 @@ def test_interrupted_writes_leave_what_was_there(tmp_path, monkeypatch, broken):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(broken, fail)
-    with pytest.raises(results.ResultsError, match="No space left"):
-        results.write_atomically(path, "new")
+    with pytest.raises(ResultsError, match="No space left"):
+        files.write(path, "new")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 

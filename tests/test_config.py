@@ -212,7 +212,7 @@ MISTAKES = [
         "more than 20000 cells",
     ),
     ("pendulum", "x" * 5_000, 2, "x..."),
-    ("pendulum", '"a\\0.yaml"', 2, "a\\x00.yaml: is not a file name"),
+    ("pendulum", '"a\\0.yaml"', 2, "a\\x00.yaml: cannot be read: it is not a file name"),
     ("study: quick", 'study: "\\e[2J"', 1, "study: must be a name"),
     ("t_end: 1.0", 't_end: 1\n"\\a\\u2028\\u202e": 2', 7, "\\x07 \\u202e: unknown key"),
     ("t_end: 1.0", "t_end: *end", 6, "*end refers to nothing"),

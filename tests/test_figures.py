@@ -9,6 +9,7 @@ import pytest
 import synthetic
 
 import newmark_cli
+from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.report import draw, plot, style
 from newmark_cli.report.figures import FIGURES
@@ -237,7 +238,7 @@ def test_damaged_history(tmp_path, damage, words):
     figure = FIGURES["15"]
     path = synthetic.write_history(tmp_path, figure)
     path.write_text(damage(path.read_text()))
-    with pytest.raises(results.ResultsError, match=words) as caught:
+    with pytest.raises(ResultsError, match=words) as caught:
         figure.require(Results(tmp_path, []))
     assert str(path) in str(caught.value)
 

@@ -9,6 +9,7 @@ import synthetic
 from click.testing import CliRunner
 
 from newmark_cli.cli.commands import cli as command_line
+from newmark_cli.errors import ResultsError
 from newmark_cli.report import draw, figures, panels, plot
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.figures import FIGURES
@@ -363,7 +364,7 @@ def test_a_new_kind_says_what_it_lacks(tmp_path, ratio):
     enough, lacking = plot.enough(given)
     assert [figure.name for figure in enough] == ["6", "12"]
     assert ratio in lacking
-    with pytest.raises(results.ResultsError, match="figure ratio needs none, optimal, compensated"):
+    with pytest.raises(ResultsError, match="figure ratio needs none, optimal, compensated"):
         ratio.sheet(given)
 
 

@@ -203,8 +203,9 @@ def draw(
     if animated is not None:
         click.echo(draw_mechanism.animation(title, subject, places, animated))
         return 0
-    stem = folder / "figures" / re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-")
-    for file in style.save(draw_mechanism.mechanism_figure(title, subject, places[-1]), stem):
+    name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-")
+    figure = draw_mechanism.mechanism_figure(title, subject, places[-1])
+    for file in style.save(figure, folder, name):
         click.echo(file)
     return 0
 

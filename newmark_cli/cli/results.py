@@ -287,7 +287,7 @@ def report(folder: Path, output: Path | None) -> int:
     """
     from newmark_cli.report import page
 
-    click.echo(page.write(folder, output or folder / "report.html"))
+    click.echo(page.write(folder, output))
     return 0
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
+from newmark_cli import files
 from newmark_cli.arrays import Array
 from newmark_cli.problems import user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
@@ -27,6 +28,8 @@ from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 #: Largest relative difference of a given tangent from its finite differences.
 _TANGENT_TOLERANCE = 1e-5
 _CONSISTENCY = 1e-9
+#: Largest Python file that is read (bytes).
+_MOST_BYTES = 10_000_000
 #: Steps (s) of differences in time.  The longest is short enough for motions of some
 #: hundred radians a second, the shortest for some thousand.  No power of two stands
 #: between them, lest all be periods of one motion.
@@ -93,7 +96,7 @@ def load(
     """
     file = spelled or str(path)
     try:
-        source = path.read_bytes()
+        source = files.read(path, _MOST_BYTES, links=True)
     except OSError as error:
         raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"

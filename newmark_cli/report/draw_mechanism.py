@@ -16,12 +16,12 @@ from matplotlib.patches import Arc, Polygon
 from PIL import Image
 
 from newmark_cli.arrays import Array
+from newmark_cli.files import write_output
 from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.problems.problem import Problem
 from newmark_cli.report.draw import drawn
 from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
 from newmark_cli.report.style import STYLE
-from newmark_cli.study.results import write_atomically
 
 #: Moving points up to which a mechanism is drawn with all its names and symbols.
 _MOST_LABELS = 30
@@ -435,5 +435,5 @@ def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Pa
     frames[0].save(
         content, format="GIF", save_all=True, append_images=frames[1:], duration=40, loop=0
     )
-    write_atomically(stem, content.getvalue())
+    write_output(stem, content.getvalue())
     return stem

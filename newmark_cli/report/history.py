@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli.arrays import Array
+from newmark_cli.errors import ResultsError
 from newmark_cli.report.curves import Curve
 from newmark_cli.study import axes
 from newmark_cli.study.reading import number, read_csv
 from newmark_cli.study.results import (
     HISTORY_COLUMNS,
     HISTORY_MAY_HAVE,
-    ResultsError,
     history_path,
+    read,
 )
 
 
@@ -46,7 +47,8 @@ def read_histories(
         ResultsError: When the file is missing, truncated or of another schema.
     """
     path = history_path(folder, study)
-    frame = read_csv(path, HISTORY_COLUMNS)
+    content = read(folder / f"{study}.csv")[path]
+    frame = read_csv(path, HISTORY_COLUMNS, content=content)
     known = (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)
     names = [name for name in frame.columns if name not in known]
     if not names or names != [f"lambda_{k + 1}" for k in range(len(names))]:

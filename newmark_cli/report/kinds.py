@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
+from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
 from newmark_cli.report import traces
@@ -35,7 +36,7 @@ from newmark_cli.report.panels import (
     spread,
 )
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.results import ResultsError, history_path
+from newmark_cli.study.results import history_path
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope

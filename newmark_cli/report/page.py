@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import newmark_cli
-from newmark_cli.errors import InputError
+from newmark_cli import files
+from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.report import check, draw, paper_tables, plot, records, slopes
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import Drawing, rendered
-from newmark_cli.study.results import ResultsError, write_atomically
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "{http://www.w3.org/1999/xlink}href"
@@ -58,14 +58,23 @@ class Run:
     config: str
 
 
-def write(folder: Path, output: Path) -> Path:
+def write(folder: Path, output: Path | None = None) -> Path:
     """Write the page; returns the file.
+
+    Args:
+        folder: Results folder.
+        output: The file; ``report.html`` of the results folder if omitted.
 
     Raises:
         InputError: When jinja2 is not installed.
         ResultsError: When there are no results, or they cannot be used.
     """
-    write_atomically(output, html(folder))
+    text = html(folder)
+    if output is None:
+        output = folder / "report.html"
+        files.write(output, text)
+    else:
+        files.write_output(output, text)
     return output
 
 

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.forms import FORMS, ROWS
 from newmark_cli.newmark.integrator import FIELDS
@@ -26,7 +28,6 @@ from newmark_cli.report.fits import Fit, fit_parts, format_fit, format_order, po
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.study import results
-from newmark_cli.study.results import ResultsError
 
 #: Study that the tables read.
 STUDY = "all-forms"
@@ -217,7 +218,8 @@ def _cell(entry: Entry | None) -> str:
 
 def write(folder: Path, entries: Sequence[Entry]) -> list[Path]:
     """Write both tables as Markdown, CSV and LaTeX below ``tables``; returns the files."""
-    files = []
+    written = []
+    files.make_folder(folder / "tables", folder, parents=True)
     for table in (1, 2):
         ours = [e for e in entries if e.table == table]
         shown = ([factors()] if table == 2 else []) + grids(ours)
@@ -228,9 +230,9 @@ def write(folder: Path, entries: Sequence[Entry]) -> list[Path]:
             (".csv", results.csv_text(COLUMNS, map(_csv_row, ours))),
         ):
             file = stem.with_suffix(suffix)
-            results.write_atomically(file, text)
-            files.append(file)
-    return files
+            files.write(file, text, folder)
+            written.append(file)
+    return written
 
 
 def _csv_row(entry: Entry) -> dict[str, object]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from newmark_cli.errors import InputError
+from newmark_cli import files
+from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.report import automatic, records
 from newmark_cli.report.figures import FIGURES, TABLED
 from newmark_cli.report.kinds import Figure, Results
@@ -13,7 +14,6 @@ from newmark_cli.report.panels import Sheet
 from newmark_cli.spelling import nearest
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import SHOWABLE, definitions, kinds
-from newmark_cli.study.results import ResultsError, write_atomically
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
@@ -254,6 +254,8 @@ def plot(
             if style_file is None:
                 raise
             raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
+    if contents:
+        files.make_folder(results.folder / "figures", results.folder, parents=True)
     for path, content in contents.items():
-        write_atomically(path, content)
+        files.write(path, content, results.folder)
     return list(contents)

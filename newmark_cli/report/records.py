@@ -1,21 +1,23 @@
 """Reading provenance back: what stands beside CSVs, for people, and their checksums."""
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from newmark_cli.study import axes
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
+from newmark_cli.study import axes, results
 from newmark_cli.study.provenance import checksum
 from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
-from newmark_cli.study.results import ResultsError
 
 #: What a record does not say.
 UNKNOWN = "not recorded"
+#: Finding on a file that is what was written.
+_AS_RECORDED = "ok"
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -27,13 +29,18 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         ResultsError: When there is no record, or it cannot be read.
     """
+    return _parsed(path, results.read(path))
+
+
+def _parsed(path: Path, contents: Mapping[Path, bytes | OSError]) -> dict[str, Any]:
     file = path.with_suffix(".json")
+    content = contents[file]
+    if isinstance(content, FileNotFoundError):
+        raise ResultsError(f"{file}: no record of {path.name}")
+    if isinstance(content, OSError):
+        raise ResultsError(f"{file}: cannot be read: {content.strerror}")
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ResultsError(f"{file}: no record of {path.name}") from None
-    except OSError as error:
-        raise ResultsError(f"{file}: cannot be read: {error.strerror}") from None
+        record = files.parse_json(content)
     except ValueError as error:
         raise ResultsError(f"{file}: not JSON: {error}") from None
     if not isinstance(record, dict) or record.get("study") != path.stem:
@@ -195,42 +202,63 @@ def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
         ResultsError: When the folder has neither a CSV of a study nor a record, or no
             study of a name.
     """
-    described = [file.with_suffix(".csv") for file in folder.glob("*.json")]
-    records = [path for path in described if known(path)]
+    series = {file.stem for file in (folder / "history").glob("*.csv")}
+    described = {f.stem for f in folder.glob("*.json") if known(f.with_suffix(".csv"))}
+    described -= {Path(name).stem for name in NOT_STUDIES}
     try:
-        studies = set(study_files(folder))
+        studies = {file.stem for file in study_files(folder)}
     except ResultsError:
-        if not records:
+        if not described:
             raise
         studies = set()
-    series = set((folder / "history").glob("*.csv"))
-    owners = {path: path for path in {*studies, *records} if path.name not in NOT_STUDIES}
-    owners |= {path: folder / path.name for path in series}
-    for path in list(owners.values()):
-        owners |= {folder / name: path for name in checksums(known(path))}
-    require_known(folder, names, sorted({owner.stem for owner in owners.values()}))
-    return [
-        _verified(folder, path, owners[path])
-        for path in sorted(owners)
-        if owners[path].stem in names or not names
+    every = sorted({*studies, *described, *series})
+    require_known(folder, names, every)
+    found = [
+        entry
+        for study in every
+        if study in names or not names
+        for entry in _verified(folder, study, study in studies)
     ]
+    return sorted(found, key=lambda entry: entry.path)
 
 
-def _verified(folder: Path, path: Path, owner: Path) -> Verified:
+def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
+    """Findings on the files of one study.
+
+    Args:
+        folder: Results folder.
+        study: Its name.
+        written: Whether there is a CSV.
+    """
+    path = folder / f"{study}.csv"
+    contents = results.read(path)
+    _, file, history = results.study_paths(path)
+    recorded: dict[str, str] = {}
+    lacking = ""
     try:
-        recorded = checksums(read(owner)).get(path.relative_to(folder).as_posix())
-        if recorded is None:
-            return Verified(path, f"not in {owner.with_suffix('.json').name}", False)
-        found = checksum(path.read_bytes())
+        recorded = checksums(_parsed(path, contents))
     except ResultsError as error:
-        return Verified(path, f"no record: {error}", False)
-    except FileNotFoundError:
-        return Verified(path, "missing", False)
-    except OSError as error:
-        return Verified(path, f"cannot be read: {error.strerror}", False)
-    if found != recorded:
-        return Verified(path, "differs from its record", False)
-    return Verified(path, "ok", True)
+        lacking = f"no record: {error}"
+    for csv in (path, history):
+        content, name = contents[csv], csv.relative_to(folder).as_posix()
+        there = written if csv is path else not isinstance(content, FileNotFoundError)
+        if not there and name not in recorded and (csv is history or lacking):
+            continue
+        finding = lacking or _finding(content, recorded.get(name), file.name)
+        yield Verified(csv, finding, finding == _AS_RECORDED)
+    for name in recorded:
+        if folder / name not in (path, history):
+            yield Verified(file, f"names {name!r}, which is not a file of this study", False)
+
+
+def _finding(content: bytes | OSError, recorded: str | None, described: str) -> str:
+    if recorded is None:
+        return f"not in {described}"
+    if isinstance(content, FileNotFoundError):
+        return "missing"
+    if isinstance(content, OSError):
+        return f"cannot be read: {content.strerror}"
+    return _AS_RECORDED if checksum(content) == recorded else "differs from its record"
 
 
 def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli.errors import ResultsError
 from newmark_cli.report.check import format_prediction, format_verdict
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
@@ -19,7 +20,6 @@ from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.measures import MEASURES, symbol
 from newmark_cli.study.reading import named_studies, read_study
-from newmark_cli.study.results import ResultsError
 
 #: The integrator that goes without saying, in a word.
 TRAPEZOIDAL = "trapezoidal"

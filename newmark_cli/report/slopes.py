@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from newmark_cli import files
 from newmark_cli.arrays import Array, Mask
-from newmark_cli.errors import InputError
+from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import UNKNOWNS
@@ -48,7 +49,6 @@ from newmark_cli.study.reading import (
     read_study,
     study_files,
 )
-from newmark_cli.study.results import ResultsError
 
 #: Columns of ``slopes.csv``; a new one is appended.
 COLUMNS = axes.appended(
@@ -190,7 +190,7 @@ def write(folder: Path, slopes: Sequence[Slope]) -> None:
     rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
     ordered = in_figure_order(slopes) + rest
     text = results.csv_text(COLUMNS, (slope.row() for slope in ordered))
-    results.write_atomically(folder / "slopes.csv", text)
+    files.write(folder / "slopes.csv", text)
 
 
 def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:

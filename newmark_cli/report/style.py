@@ -10,8 +10,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from newmark_cli import files
 from newmark_cli.errors import InputError
-from newmark_cli.study.results import write_atomically
 
 #: What the drawing modules make.
 Drawing = Figure
@@ -62,7 +62,8 @@ def read(path: Path) -> dict[str, Any]:
     logger.addHandler(listener)
     logger.propagate = False
     try:
-        path.read_bytes()  # matplotlib would look for a name that is no file on the network
+        # matplotlib would look for a name that is no file on the network, and wait for a pipe
+        files.read(path, 1 << 20, links=True)
         found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
     except OSError as error:
         raise InputError(f"--style {path}: cannot be read: {error.strerror}") from None
@@ -76,13 +77,18 @@ def read(path: Path) -> dict[str, Any]:
     return {key: value for key, value in found.items() if key not in _NOT_STYLE}
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write a figure as PNG and SVG, the same bytes each time; returns the files."""
-    files = []
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure of a results folder as PNG and SVG, the same bytes each time.
+
+    Returns:
+        The files, ``figures/<name>.png`` and ``.svg``.
+    """
+    files.make_folder(folder / "figures", folder, parents=True)
+    written = []
     for kind in ("png", "svg"):
-        files.append(stem.with_suffix(f".{kind}"))
-        write_atomically(files[-1], rendered(figure, kind))
-    return files
+        written.append(folder / "figures" / f"{name}.{kind}")
+        files.write(written[-1], rendered(figure, kind), folder)
+    return written
 
 
 def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from newmark_cli.arrays import Array
+from newmark_cli.errors import ResultsError
 from newmark_cli.report import records, traces
 from newmark_cli.report.claims import Claim
 from newmark_cli.report.curves import Curve
@@ -15,7 +16,6 @@ from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Panel, Sheet, Trace, look, spread
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.results import ResultsError
 
 if TYPE_CHECKING:
     from newmark_cli.report.automatic import Part

@@ -10,7 +10,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO
 
-from newmark_cli.study.results import ResultsError
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
 
 
 @contextlib.contextmanager
@@ -41,10 +42,10 @@ def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
 @contextlib.contextmanager
 def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
     try:
-        file = path.open("a+", encoding="utf-8")
+        descriptor = files.descriptor_of_own(path)
     except OSError as error:
-        raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from None
-    with file:
+        raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
+    with open(descriptor, "r+", encoding="utf-8") as file:
         try:
             fcntl.flock(file, kind | fcntl.LOCK_NB)
         except OSError:
@@ -62,10 +63,10 @@ def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
 def _holder(file: IO[str]) -> str:
     try:
         file.seek(0)
-        found = json.load(file)
+        found = json.loads(file.read(10_000))
         return (
             f"'{found['what']}', process {found['process']} on {found['host']} "
             f"since {found['started']}"
         )
-    except (ValueError, KeyError, TypeError, OSError):
+    except (ValueError, KeyError, TypeError, OSError, RecursionError):
         return "another run"

@@ -11,7 +11,8 @@ that was made from them: when its study has run again, its record names the new 
 A damaged cell never stays; it would be computed again.
 """
 
-import json
+import contextlib
+import errno
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,18 +20,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
 from newmark_cli.running import store
 from newmark_cli.running.lock import locked
-from newmark_cli.study import results
 from newmark_cli.study.config import Study
 from newmark_cli.study.reading import NOT_STUDIES
-from newmark_cli.study.results import ResultsError
 
 _UNFINISHED = ".unfinished-"
 _CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
-#: What `results.write_atomically` and `results.require_writable` leave when they are killed.
-_TEMPORARY = re.compile(
-    r"\.(?:probe|\.unfinished-.+|.+\.(?:csv|gif|html|json|md|mp4|pdf|png|svg|tex))\.[a-z0-9_]{8}"
+#: Names of the files whose temporary ones stay when a writer is killed.
+_WRITTEN = re.compile(
+    r"probe|\.(?:unfinished|replacing)-.+|.+\.(?:csv|gif|html|json|md|mp4|pdf|png|svg|tex)"
 )
 #: Folders whose files are written by whoever holds the lock, and by nobody else.
 _UNDER_LOCK = ("cells", "history", "references")
@@ -80,7 +81,7 @@ def begun(folder: Path, study: Study) -> None:
         ResultsError: When this cannot be written.
     """
     cells = [store.file_name(cell) for cell in study.cells()]
-    results.write_json(folder / f"{_UNFINISHED}{study.study}", {"cells": cells}, make_folder=False)
+    files.write_json(folder / f"{_UNFINISHED}{study.study}", {"cells": cells})
 
 
 def finished(folder: Path, study: Study) -> None:
@@ -105,14 +106,24 @@ def prune(folder: Path, studies: Sequence[Study] = (), dry_run: bool = False) ->
     if dry_run:
         return _plan(folder, studies)
     with locked(folder, "prune"):
+        files.settle(folder)
         pruned = _plan(folder, studies)
         for removed in pruned.removed:
             for file in removed.files:
                 try:
+                    files.require_within(file.parent, folder)
                     file.unlink(missing_ok=True)
                 except OSError as error:
                     raise ResultsError(f"{file}: cannot be removed: {error.strerror}") from None
         return pruned
+
+
+def sweep(folder: Path) -> None:
+    """Finish or remove what killed runs left in a results folder, which is held."""
+    files.settle(folder)
+    for file in _temporaries(folder):
+        with contextlib.suppress(OSError):  # it does no harm
+            file.unlink(missing_ok=True)
 
 
 def _plan(folder: Path, studies: Sequence[Study]) -> Pruned:
@@ -165,7 +176,7 @@ def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
         name = file.name.removeprefix(_UNFINISHED)
         if name not in but:
             cells = _json(file, f"the cells of {name!r}").get("cells")
-            found[name] = {str(cell) for cell in cells or ()}
+            found[name] = set(map(str, cells)) if isinstance(cells, list) else set()
     return found
 
 
@@ -194,8 +205,8 @@ def _json(file: Path, what: str) -> dict[str, Any]:
 
 def _anything(file: Path) -> dict[str, Any]:
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        record = files.read_json(file)
+    except (OSError, ValueError):
         return {}
     return record if isinstance(record, dict) else {}
 
@@ -218,11 +229,10 @@ def _told(kept: store.Kept) -> set[str]:
 
 def _temporaries(folder: Path) -> Iterator[Path]:
     """Files under temporary names that nobody writes, since the folder is held."""
-    for file in sorted(folder.rglob(".*")):
-        if not _TEMPORARY.fullmatch(file.name) or file.is_symlink() or not file.is_file():
+    for file, target in files.temporaries(folder):
+        if not _WRITTEN.fullmatch(target):
             continue
         place = file.relative_to(folder).parts[:-1]
-        target = file.name[1:-9]
         of_run = target == "probe" or target.endswith((".csv", ".json")) or target[0] == "."
         held = place[0] in _UNDER_LOCK if place else of_run and target not in NOT_STUDIES
         if held or _is_old(file):
@@ -238,11 +248,11 @@ def _is_old(file: Path) -> bool:
 
 def _require_readable(file: Path) -> None:
     try:
-        with file.open("rb"):
-            pass
+        files.read(file)
     except OSError as error:
-        raise ResultsError(f"{file}: cannot be read: {error.strerror}") from None
+        if error.errno == errno.EACCES:
+            raise ResultsError(f"{file}: cannot be read: {error.strerror}") from None
 
 
 def _size(files: Iterable[Path]) -> int:
-    return sum(file.stat().st_size for file in files)
+    return sum(file.lstat().st_size for file in files)

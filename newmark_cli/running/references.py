@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli import files
 from newmark_cli.arrays import Array
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.spec import ProblemSpec, Shipped
@@ -22,7 +23,6 @@ from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
 from newmark_cli.running import sealed
-from newmark_cli.study import results
 
 #: Computes the solution of a problem at a time.
 Solve = Callable[[ProblemSpec, float], Reference]
@@ -47,7 +47,8 @@ class References:
             folder: Results folder.
             solve: Computes one; `newmark_cli.problems.reference.solution` if omitted.
         """
-        self._folder, self._solve = folder / "references", solve or solved
+        self._results, self._folder = folder, folder / "references"
+        self._solve = solve or solved
         self._guard = threading.Lock()
         self._locks: dict[str, threading.Lock] = {}
         self._found: dict[str, Reference | NoReference] = {}
@@ -89,8 +90,8 @@ class References:
         found = _read(path, problem, t, content)
         if found is None:
             found = self._solve(spec, t)
-            results.make_subfolder(self._folder)
-            sealed.write(path, _record(spec.label, found, content))
+            files.make_folder(self._folder, self._results)
+            sealed.write(path, _record(spec.label, found, content), self._results)
         return found
 
 

@@ -275,6 +275,8 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
     results.require_writable(folder, files)
     with locked(folder, f"{what} {' '.join(names)}", shard):
         Store(folder).prepare()
+        if not shard:  # which others hold too
+            prune.sweep(folder)
         yield
 
 
@@ -436,8 +438,7 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
     texts = {path: results.csv_text(results.COLUMNS, table)}
-    history = results.history_text(study.study, cells, outcomes)
-    if history:
+    if history := results.history_text(study.study, cells, outcomes):
         texts[results.history_path(folder, study.study)] = history
     checksums = {
         file.relative_to(folder).as_posix(): provenance.checksum(text)
@@ -448,12 +449,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         told["kept_as"] = file_name(cell)
     if moved := _motions(cells):
         record["motions"] = moved
-    with interrupts.postponed():  # a CSV and its record belong together
-        for file, text in reversed(texts.items()):
-            if file.parent != folder:
-                results.make_subfolder(file.parent)
-            results.write_atomically(file, text, make_folder=False)
-        results.write_json(path.with_suffix(".json"), record, make_folder=False)
+    with interrupts.postponed():
+        results.replace(folder, study.study, texts, record)
         prune.finished(folder, study)
     return path
 

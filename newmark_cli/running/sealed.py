@@ -6,27 +6,27 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from newmark_cli.study import results
+from newmark_cli import files
 
 _SEAL = "sha256"
 
 
-def write(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record, atomically, into a folder that exists.
+def write(path: Path, record: Mapping[str, Any], within: Path | None = None) -> None:
+    """Write a record, atomically, into a folder of a results folder; both exist.
 
     Raises:
         ResultsError: When it cannot be written.
     """
-    results.write_json(path, {**record, _SEAL: _digest(record)}, make_folder=False)
+    files.write_json(path, {**record, _SEAL: _digest(record)}, within)
 
 
 def read(path: Path) -> dict[str, Any] | None:
     """A record as it was written; None when there is none, or it is not."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(record, dict) or record.pop(_SEAL, None) != _digest(record):
-            return None
-    except (OSError, ValueError, RecursionError):
+        record = files.read_json(path)
+    except (OSError, ValueError):
+        return None
+    if not isinstance(record, dict) or record.pop(_SEAL, None) != _digest(record):
         return None
     return record
 

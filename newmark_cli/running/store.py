@@ -8,6 +8,7 @@ mean nothing.
 
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -19,12 +20,14 @@ from typing import Any
 import numpy as np
 
 import newmark_cli
+from newmark_cli import files
+from newmark_cli.arrays import Array
+from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed
-from newmark_cli.study import axes, results
+from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import STATUSES, Done, Outcome
-from newmark_cli.study.results import ResultsError
 
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
@@ -71,7 +74,7 @@ def opened(file: Path) -> Kept | None:
             return None
         _outcome(record["outcome"])
         return Kept(dict(record["cell"]), record["key"]["core"])
-    except (AttributeError, KeyError, OverflowError, TypeError, ValueError):
+    except _UNREADABLE:
         return None
 
 
@@ -80,7 +83,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         """Take a results folder; nothing is read or written yet."""
-        self._folder = folder / "cells"
+        self._results, self._folder = folder, folder / "cells"
 
     def prepare(self) -> None:
         """Make the folder.
@@ -88,7 +91,7 @@ class Store:
         Raises:
             ResultsError: When it cannot be made.
         """
-        results.make_subfolder(self._folder)
+        files.make_folder(self._folder, self._results)
 
     def find(self, cell: Cell, failed: bool = False) -> Done | None:
         """The kept cell; None when it is not there or damaged.
@@ -101,7 +104,7 @@ class Store:
         if record is None:
             return None
         try:
-            kept = Done(_outcome(record["outcome"]), float(record["seconds"]))
+            kept = Done(_outcome(record["outcome"]), _number(record["seconds"]))
         except _UNREADABLE:
             return None
         return kept if failed or kept.outcome.status != "failed" else None
@@ -123,7 +126,7 @@ class Store:
             "seconds": done.seconds,
             "outcome": _record(done.outcome),
         }
-        sealed.write(self._folder / key.file, record)
+        sealed.write(self._folder / key.file, record, self._results)
 
     def why(self, cell: Cell) -> str:
         """Why a cell that `find` does not find is to be run."""
@@ -133,17 +136,20 @@ class Store:
             outcome = record.get("outcome")
             reason = outcome.get("reason") if isinstance(outcome, dict) else None
             return f"failed before: {reason}" if reason else "kept result is damaged"
-        if (self._folder / key.file).exists():
+        if os.path.lexists(self._folder / key.file):
             return "kept result is damaged"
-        others = [sealed.read(file) for file in self._of_cell(key)]
-        same_problem = [
-            other for other in others if other and other["key"]["problem"] == key.problem
+        others = [
+            other
+            for file in self._of_cell(key)
+            if (other := sealed.read(file)) and isinstance(other.get("key"), dict)
         ]
+        same_problem = [other for other in others if other["key"].get("problem") == key.problem]
         if same_problem:
-            before, now = same_problem[-1]["versions"], versions()
+            told = same_problem[-1].get("versions")
+            before, now = told if isinstance(told, dict) else {}, versions()
             changed = [f"{name} {before.get(name)} -> {now[name]}" for name in unlike(before, now)]
             return ", ".join(changed) or "the numerical core has changed"
-        if any(others):
+        if others:
             return "the problem has changed"
         return "not run yet"
 
@@ -155,14 +161,14 @@ class Store:
         Raises:
             ResultsError: When there are none, or they cannot be written.
         """
-        files = sorted((folder / "cells").glob("*.json"))
-        if not files:
+        found = sorted((folder / "cells").glob("*.json"))
+        if not found:
             raise ResultsError(f"{folder}: holds no finished cells")
         new = 0
-        for file in files:
+        for file in found:
             theirs, ours = sealed.read(file), sealed.read(self._folder / file.name)
             if theirs is not None and _worth_of(theirs) > _worth_of(ours):
-                sealed.write(self._folder / file.name, theirs)
+                sealed.write(self._folder / file.name, theirs, self._results)
                 new += 1
         return new
 
@@ -172,7 +178,7 @@ class Store:
     def _read(self, key: _Key) -> dict[str, Any] | None:
         record = sealed.read(self._folder / key.file)
         # File names hold the first digits alone.
-        return record if record is not None and record["key"] == asdict(key) else None
+        return record if record is not None and record.get("key") == asdict(key) else None
 
 
 def _worth_of(record: Mapping[str, Any] | None) -> int:
@@ -249,16 +255,46 @@ def _outcome(record: dict[str, Any]) -> Outcome:
     """Read back; KeyError, TypeError or ValueError where it is not as written."""
     if record["status"] not in STATUSES:
         raise ValueError("unknown status")
+    met = record["met"]
     return Outcome(
-        measurements=[
-            Measurement(**{**found, "statistics": Statistics(**found["statistics"])})
-            for found in record["measurements"]
-        ],
-        not_converged=int(record["not_converged"]),
-        newton_iterations=float(record["newton_iterations"]),
-        status=record["status"],
-        reason=record["reason"],
-        met=record["met"],
-        history=[(int(step), np.array(values, float)) for step, values in record["history"]],
-        lacks=tuple(str(reason) for reason in record.get("lacks", ())),
+        measurements=[_measurement(found) for found in record["measurements"]],
+        not_converged=_count(record["not_converged"]),
+        newton_iterations=_number(record["newton_iterations"]),
+        status=_text(record["status"]),
+        reason=_text(record["reason"]),
+        met=None if met is None else _count(met),
+        history=[(_count(step), _vector(values)) for step, values in record["history"]],
+        lacks=tuple(_text(reason) for reason in record.get("lacks", ())),
     )
+
+
+def _measurement(found: Mapping[str, Any]) -> Measurement:
+    given = found["statistics"]
+    each = {name: _number(given[name]) for name in given if name != "zeros"}
+    texts = {name: _text(found[name]) for name in found if name != "statistics"}
+    return Measurement(**texts, statistics=Statistics(**each, zeros=_count(given["zeros"])))
+
+
+def _text(given: object) -> str:
+    if not isinstance(given, str):
+        raise TypeError("not a text")
+    return given
+
+
+def _count(given: object) -> int:
+    if not isinstance(given, int) or isinstance(given, bool) or not 0 <= given < 1 << 63:
+        raise TypeError("not a count")
+    return given
+
+
+def _number(given: object) -> float:
+    if not isinstance(given, float | int) or isinstance(given, bool):
+        raise TypeError("not a number")
+    return float(given)
+
+
+def _vector(given: object) -> Array:
+    array = np.array(given)
+    if array.ndim != 1 or not (array.size == 0 or array.dtype.kind in "fi"):
+        raise TypeError("not a vector")
+    return array.astype(float)

@@ -1,17 +1,18 @@
 """Reading the CSVs of studies back, strictly."""
 
 import csv
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
 from newmark_cli.spelling import nearest
-from newmark_cli.study import axes
+from newmark_cli.study import axes, results
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
-from newmark_cli.study.results import COLUMNS, NUMBERS, ResultsError
+from newmark_cli.study.results import COLUMNS, NUMBERS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +67,10 @@ def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> N
 
 
 def read_csv(
-    path: Path, columns: Sequence[str], defaults: Mapping[str, str] = MappingProxyType({})
+    path: Path,
+    columns: Sequence[str],
+    defaults: Mapping[str, str] = MappingProxyType({}),
+    content: bytes | OSError | None = None,
 ) -> "pd.DataFrame":
     """A CSV as text, cell by cell.
 
@@ -74,12 +78,16 @@ def read_csv(
         path: The CSV.
         columns: Which its header must have, in this order.
         defaults: Column that it may lack → what it then has there.
+        content: Its content, or why it cannot be read, if that is known.
 
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        content = files.read(path) if content is None else content
+        if isinstance(content, OSError):
+            raise content
+        text = content.decode("utf-8")
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -124,7 +132,8 @@ def read_study(path: Path) -> "pd.DataFrame":
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
-    frame = read_csv(path, COLUMNS, _DEFAULTS)
+    contents = results.read(path)
+    frame = read_csv(path, COLUMNS, _DEFAULTS, contents[path])
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in frame[axis.name].unique()}
         frame[axis.name] = frame[axis.name].map(spellings)
@@ -144,7 +153,7 @@ def read_study(path: Path) -> "pd.DataFrame":
     repeated = frame.duplicated([*SERIES, "h", "steps"])
     if repeated.any():
         raise ResultsError(f"{path}, line {int(repeated.argmax()) + 2}: the row is there twice")
-    _require_recorded_rows(path, len(frame))
+    _require_recorded_rows(path, len(frame), _parsed(contents[path.with_suffix(".json")]))
     return frame
 
 
@@ -155,7 +164,8 @@ def accepted_statuses(path: Path) -> tuple[str, ...]:
     accepted: list[str] = []
     for case in cases if isinstance(cases, list) else []:
         given = case.get("accept") if isinstance(case, dict) else None
-        accepted += [word for word in given or [] if word in (*STATUSES, NOT_CONVERGING)]
+        words = given if isinstance(given, list) else []
+        accepted += [word for word in words if word in (*STATUSES, NOT_CONVERGING)]
     return tuple(dict.fromkeys(accepted))
 
 
@@ -167,15 +177,15 @@ def motions(path: Path) -> dict[str, tuple[tuple[float, ...], bool]]:
         given = facts.get("singular") if isinstance(facts, dict) else None
         times = given if isinstance(given, list) else []
         found[str(label)] = (
-            tuple(float(t) for t in times if isinstance(t, int | float)),
+            tuple(float(t) for t in times if isinstance(t, float)),
             isinstance(facts, dict) and facts.get("still") is True,
         )
     return found
 
 
-def _require_recorded_rows(path: Path, rows: int) -> None:
+def _require_recorded_rows(path: Path, rows: int, record: Mapping[str, Any]) -> None:
     """A CSV that was cut at the end of a line tells by what stands beside it."""
-    recorded = _record(path).get("rows")
+    recorded = record.get("rows")
     if isinstance(recorded, int) and recorded != rows:
         raise ResultsError(
             f"{path}, line {rows + 1}: {rows} rows where {recorded} were written; truncated?"
@@ -184,9 +194,13 @@ def _require_recorded_rows(path: Path, rows: int) -> None:
 
 def _record(path: Path) -> dict[str, Any]:
     """Provenance of a CSV; empty where it travels alone."""
+    return _parsed(results.read(path)[path.with_suffix(".json")])
+
+
+def _parsed(content: bytes | OSError) -> dict[str, Any]:
     try:
-        record = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = {} if isinstance(content, OSError) else files.parse_json(content)
+    except ValueError:
         return {}
     return record if isinstance(record, dict) else {}
 

@@ -1,8 +1,7 @@
-"""The results folder: CSVs of studies, their provenance, atomic writing."""
+"""The results folder: CSVs of studies, and where they stand."""
 
 import csv
 import io
-import json
 import os
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,7 +9,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from newmark_cli.errors import InputError
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Statistics
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
@@ -34,10 +34,6 @@ COLUMNS = axes.appended(
 NUMBERS = frozenset(
     ("h", "t_end", "steps", *(name for _, name in (*_STATISTICS, *_OUTCOME) if name != "status"))
 )
-
-
-class ResultsError(InputError):
-    """The results folder or a file in it cannot be used."""
 
 
 def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
@@ -114,41 +110,45 @@ def _spell(value: Any) -> str:
     return str(value)
 
 
-def write_atomically(path: Path, content: str | bytes, make_folder: bool = True) -> None:
-    """Write a file under a temporary name and rename it: whole, or as it was before.
+def study_paths(path: Path) -> tuple[Path, Path, Path]:
+    """Files of a study that are replaced together: its CSV, record and time series.
 
     Args:
-        path: The file.
-        content: Text or bytes.
-        make_folder: Whether to make its folder; what was there when a run began and
-            is not any more was taken away by somebody.
+        path: The CSV.
+    """
+    return path, path.with_suffix(".json"), history_path(path.parent, path.stem)
+
+
+def replace(folder: Path, study: str, texts: Mapping[Path, str], record: Mapping[str, Any]) -> None:
+    """Write the CSVs of a study and their record; readers see those of one run.
+
+    Args:
+        folder: Results folder; it exists, and is held.
+        study: Name of the study.
+        texts: File → its text.
+        record: What stands in the study's JSON.
 
     Raises:
-        ResultsError: When it cannot be written.
+        ResultsError: They cannot be written; those that were there stay.
     """
-    data = content.encode() if isinstance(content, str) else content
-    try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(temporary, 0o666 & ~_umask())
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
+    _, described, history = study_paths(folder / f"{study}.csv")
+    if history in texts:
+        files.make_folder(history.parent, folder)
+    gone = {history: None} if history not in texts and os.path.lexists(history) else {}
+    contents = {**texts, **gone, described: files.json_text(record)}
+    files.replace_together(folder, study, contents, folder)
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def read(path: Path) -> dict[Path, bytes | OSError]:
+    """Contents of a study's CSV, record and time series, as one run has written them.
+
+    Args:
+        path: The CSV.
+
+    Returns:
+        File → content, or why it cannot be read.
+    """
+    return files.read_together(study_paths(path), path.parent, path.stem)
 
 
 def require_writable(folder: Path, names: Iterable[str]) -> None:
@@ -159,7 +159,7 @@ def require_writable(folder: Path, names: Iterable[str]) -> None:
         names: Files that will be written into it.
 
     Raises:
-        ResultsError: When the folder cannot be made or written.
+        ResultsError: When the folder cannot be made or written, or a file is none.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -169,22 +169,4 @@ def require_writable(folder: Path, names: Iterable[str]) -> None:
     except OSError as error:
         raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from None
     for name in names:
-        if (folder / name).is_dir():
-            raise ResultsError(f"{folder / name}: cannot be written: it is a folder")
-
-
-def write_json(path: Path, value: Any, make_folder: bool = True) -> None:
-    """Write JSON for people to read; see `write_atomically`."""
-    write_atomically(path, json.dumps(value, indent=2, ensure_ascii=False) + "\n", make_folder)
-
-
-def make_subfolder(folder: Path) -> None:
-    """Make a folder in a results folder, which exists.
-
-    Raises:
-        ResultsError: When it cannot be made.
-    """
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultsError(f"{folder}: cannot be made: {error.strerror}") from None
+        files.require_replaceable(folder / name)
