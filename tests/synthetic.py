@@ -153,6 +153,8 @@ def write_history(folder, figure):
             table.append(row | {f"lambda_{k + 1}": float(v) for k, v in enumerate(values)})
     columns = (*results.HISTORY_COLUMNS, "lambda_1", "lambda_2")
     path = results.history_path(folder, figure.study)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     files.write(path, results.csv_text(columns, table))
     return path
 

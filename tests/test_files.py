@@ -1,0 +1,364 @@
+"""Files of which nobody knows where they come from."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from newmark_cli import files
+from newmark_cli.errors import ResultsError
+from newmark_cli.study import results
+
+SECRET = "a secret of somebody's"
+STUDY = """\
+study: quick
+cases:
+  - {problem: pendulum, form: u-lambda, preconditioning: optimal, h: [1e-2, 5e-3], t_end: 0.1}
+"""
+
+
+@pytest.fixture
+def outside(tmp_path):
+    """A file that is not the results folder's."""
+    file = tmp_path / "outside.txt"
+    file.write_text(SECRET)
+    return file
+
+
+def ended(cli, *words):
+    """Run a command, whatever its exit code; it answers in at most a line."""
+    done = cli.warm.run([*words], cli.folder)
+    assert "Traceback" not in done.stderr, (words, done.stderr)
+    assert done.stderr.count("\n") <= 1, (words, done.stderr)
+    return done
+
+
+def special(kind: str, path: Path, outside: Path) -> None:
+    """Put what is no regular file in a place."""
+    path.unlink(missing_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    match kind:
+        case "fifo":
+            os.mkfifo(path)
+        case "link":
+            path.symlink_to(outside)
+        case "endless":
+            path.symlink_to("/dev/zero")
+        case "folder":
+            path.mkdir()
+
+
+KINDS = ("fifo", "link", "endless", "folder")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_regular_files_are_read(tmp_path, outside, kind):
+    """Reading ends at once, with a reason in words."""
+    path = tmp_path / "a"
+    special(kind, path, outside)
+    with pytest.raises(OSError, match=r"link|not a regular|directory"):
+        files.read(path)
+
+
+def test_reading_is_bounded(tmp_path):
+    """A file that is too large is refused, not read; at the bound it is read whole."""
+    path = tmp_path / "a"
+    path.write_bytes(bytes(100))
+    assert files.read(path, 100) == bytes(100)
+    with pytest.raises(OSError, match="larger than 99 bytes"):
+        files.read(path, 99)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[" * 100_000, "nested too deeply"),
+        ('{"a":' * 80 + "1" + "}" * 80, "nested too deeply"),
+        ('{"a": "\\ud800"}', "half a character"),
+        ("1" * 5000, "digits"),
+        ("{", "Expecting"),
+        ("\xff", "UTF-8"),
+    ],
+)
+def test_json_is_bounded(text, words):
+    """What could not be worked with is a ValueError that says why."""
+    with pytest.raises(ValueError, match=words):
+        files.parse_json(text.encode("latin-1"))
+    assert files.parse_json(b'{"a": [1, "\\u00e9", null]}') == {"a": [1, "é", None]}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "replaced"),
+    [
+        ("fifo", ".lock", False),
+        ("link", ".lock", False),
+        ("fifo", "quick.csv", False),
+        ("folder", "quick.json", False),
+        ("link", "quick.csv", True),
+        ("endless", "quick.json", True),
+        ("link", "cells", False),
+    ],
+)
+def test_runs_write_no_further_than_the_folder(cli, outside, kind, name, replaced):
+    """Whatever stands in the place of a file of the results, nothing outside changes.
+
+    The run takes its place or ends in a line.
+    """
+    cli.write("quick.yaml", STUDY)
+    place = cli.folder / "results" / name
+    special(kind, place, outside)
+    done = ended(cli, "run", "quick.yaml")
+    assert outside.read_text() == SECRET
+    if replaced:
+        assert done.returncode == 0, done.stderr
+        assert place.is_file()
+        assert not place.is_symlink()
+    else:
+        assert done.returncode == 2
+        assert str(Path("results", name)) in done.stderr
+
+
+def test_no_folder_outside_is_written(cli, tmp_path):
+    """A link in the place of a folder of the results is refused, or replaced."""
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    for name in ("cells", "figures", "tables", "references", "history"):
+        place = cli.folder / "results" / name
+        if place.exists():
+            place.rename(place.with_name(f"{name}-before"))
+        place.symlink_to(elsewhere)
+    for words in (("run", "quick.yaml"), ("plot", "quick"), ("draw", "pendulum"), ("prune",)):
+        done = ended(cli, *words)
+        assert words == ("prune",) or done.returncode == 2, (words, done.stdout)
+        assert words == ("prune",) or "symbolic link" in done.stderr
+    assert list(elsewhere.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "commands"),
+    [("fifo", ("check", "info")), ("link", ("verify", "check")), ("endless", ("report", "plot"))],
+)
+def test_what_cannot_be_read_ends_in_a_line(cli, outside, kind, commands):
+    """CSV and record: each command answers at once, and quotes nothing of what a link leads to."""
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    for name in ("quick.csv", "quick.json"):
+        place = cli.folder / "results" / name
+        before = place.read_bytes()
+        special(kind, place, outside)
+        for command in commands:
+            done = ended(cli, command)
+            assert SECRET not in done.stdout + done.stderr
+        place.unlink()
+        place.write_bytes(before)
+
+
+def test_a_record_names_only_its_own_files(cli, outside):
+    """`verify` reads nothing outside of the folder, whatever a record names."""
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    file = cli.folder / "results/quick.json"
+    record = json.loads(file.read_text())
+    record["sha256"]["../../outside.txt"] = "0" * 64
+    record["sha256"]["/etc/passwd"] = "0" * 64
+    file.write_text(json.dumps(record))
+    done = cli("verify", code=1)
+    assert done.stdout.splitlines() == [
+        "results/quick.csv: ok",
+        "results/quick.json: names '../../outside.txt', which is not a file of this study",
+        "results/quick.json: names '/etc/passwd', which is not a file of this study",
+    ]
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        {},
+        {"key": [], "seconds": 10**400},
+        {"outcome": [], "seconds": {}, "versions": 3},
+    ],
+)
+def test_sealed_nonsense_is_a_damaged_cell(cli, record):
+    """A cell with a valid seal and wrong types is computed again."""
+    from newmark_cli.running import sealed
+
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    before = (cli.folder / "results/quick.csv").read_bytes()
+    for file in (cli.folder / "results/cells").iterdir():
+        kept = sealed.read(file)
+        assert kept is not None
+        sealed.write(file, {**kept, **record} if record else {})
+    for words in (
+        ("run", "quick.yaml", "--dry-run"),
+        ("prune", "--dry-run"),
+        ("run", "quick.yaml"),
+    ):
+        done = ended(cli, *words)
+        assert done.returncode == 0, done.stderr
+    assert (cli.folder / "results/quick.csv").read_bytes() == before
+
+
+def test_a_linked_mechanism_is_not_quoted(cli, outside):
+    """A mechanism file that is a link may lead to what is nobody's business."""
+    outside.write_text(f"name: {SECRET}\npoints: {SECRET}\n")
+    (cli.folder / "arm.yaml").symlink_to(outside)
+    cli.write("c.yaml", STUDY.replace("pendulum", "arm.yaml"))
+    for words in (("validate", "c.yaml"), ("draw", "arm.yaml"), ("run", "c.yaml")):
+        done = cli(*words, code=2)
+        assert "arm.yaml, line 1: cannot be used; what is wrong is not quoted" in done.stderr
+        assert SECRET not in done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_outputs_that_are_no_files(cli, tmp_path):
+    """A page goes into a device or through a link, and a file keeps its mode."""
+    pytest.importorskip("jinja2")
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    cli("report", "--output", "/dev/null")
+    assert Path("/dev/null").is_char_device()
+    target = cli.write("kept.html", "old")
+    target.chmod(0o640)
+    (cli.folder / "link.html").symlink_to("kept.html")
+    cli("report", "--output", "link.html")
+    assert (cli.folder / "link.html").is_symlink()
+    assert target.read_text().startswith("<!DOCTYPE html>")
+    assert target.stat().st_mode & 0o777 == 0o640
+    reader = threading.Thread(target=lambda: got.append((cli.folder / "pipe").read_bytes()))
+    got: list[bytes] = []
+    os.mkfifo(cli.folder / "pipe")
+    reader.start()
+    cli("report", "--output", "pipe")
+    reader.join(30)
+    assert got[0].startswith(b"<!DOCTYPE html>")
+
+
+def pair(folder: Path, text: str) -> dict[Path, str]:
+    """New contents of three files that belong together."""
+    csv, described, history = results.study_paths(folder / "a.csv")
+    return {csv: f"csv {text}", history: f"history {text}", described: f"json {text}"}
+
+
+@pytest.mark.parametrize("killed_at", (0, 2, 4, 5, 6, 8, 9))
+def test_replaced_together_or_not_at_all(tmp_path, monkeypatch, killed_at):
+    """Whenever a writer is killed, readers see all of the old or all of the new."""
+    (tmp_path / "history").mkdir()
+    files.replace_together(tmp_path, "a", pair(tmp_path, "old"), tmp_path)
+    script = f"""
+import os, sys
+from pathlib import Path
+from newmark_cli import files
+calls = 0
+def dies(function):
+    def counted(*arguments, **options):
+        global calls
+        if calls == {killed_at}:
+            os._exit(9)
+        calls += 1
+        return function(*arguments, **options)
+    return counted
+os.replace, os.fsync, os.unlink = map(dies, (os.replace, os.fsync, os.unlink))
+Path.unlink = dies(Path.unlink)
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import test_files
+folder = Path(sys.argv[1])
+files.replace_together(folder, "a", test_files.pair(folder, "new"), folder)
+"""
+    code = subprocess.run([sys.executable, "-c", script, tmp_path], check=False).returncode
+    assert code in (0, 9)
+    seen = results.read(tmp_path / "a.csv")
+    texts = {bytes(content).split()[1] for content in seen.values() if isinstance(content, bytes)}
+    assert len(seen) == 3
+    assert texts == {b"old"} or texts == {b"new"}
+    assert killed_at < 5 or texts == {b"new"}
+    files.settle(tmp_path)
+    settled = {path.read_bytes().split()[1] for path in seen}
+    assert settled == texts
+    assert code == 9 or killed_at >= 9
+
+
+def test_readers_see_one_run(tmp_path):
+    """Next to a writer that never rests, no reader sees files of two runs."""
+    (tmp_path / "history").mkdir()
+    files.replace_together(tmp_path, "a", pair(tmp_path, "0"), tmp_path)
+    stop = threading.Event()
+
+    def write() -> None:
+        count = 0
+        while not stop.is_set():
+            count += 1
+            files.replace_together(tmp_path, "a", pair(tmp_path, str(count)), tmp_path)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        seen = []
+        for _ in range(300):
+            found = results.read(tmp_path / "a.csv")
+            texts = {bytes(content).split()[1] for content in found.values()}  # type: ignore[arg-type]
+            assert len(texts) == 1
+            seen.append(texts.pop())
+    finally:
+        stop.set()
+        writer.join()
+    assert len(set(seen)) > 3
+
+
+def test_what_is_no_more_goes_with_the_rest(cli):
+    """A study that records no time series any more loses its old one, and `verify` agrees."""
+    config = STUDY.replace("t_end: 0.1}", "t_end: 0.1, measure: [history]}")
+    cli.write("quick.yaml", config)
+    cli("run", "quick.yaml")
+    assert (cli.folder / "results/history/quick.csv").exists()
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    assert not (cli.folder / "results/history/quick.csv").exists()
+    cli("verify")
+
+
+def test_a_run_takes_litter_away(cli):
+    """Temporary files of killed runs go with the next run, those of others stay."""
+    cli.write("quick.yaml", STUDY)
+    cli("run", "quick.yaml")
+    litter = ["results/.quick.csv.abcd1234", "results/cells/.00.json.abcd1234"]
+    others = ["results/.mine.abcd1234", "results/.quick.csv.ABC"]
+    for name in litter + others:
+        cli.write(name, "x")
+    cli("run", "quick.yaml")
+    assert [(cli.folder / name).exists() for name in litter + others] == [False, False, True, True]
+
+
+def test_a_journal_renames_nothing_else(tmp_path):
+    """A journal of somebody's moves no file but a temporary one to its own name."""
+    (tmp_path / "folder").mkdir()
+    for name in ("folder/.b.csv.abcd1234", ".a.csv.abcd1234", "b.csv"):
+        (tmp_path / name).write_text(name)
+    journal = {
+        "b.csv": ".a.csv.abcd1234",
+        "../folder/a.csv": ".a.csv.abcd1234",
+        "folder/b.csv": "../b.csv",
+        str(tmp_path / "a.csv"): ".a.csv.abcd1234",
+        "a.csv": 7,
+    }
+    (tmp_path / ".replacing-a").write_text(json.dumps(journal))
+    files.settle(tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".a.csv.abcd1234", "b.csv", "folder"]
+    assert (tmp_path / "b.csv").read_text() == "b.csv"
+
+
+def test_locks_are_files_of_their_own(tmp_path, outside):
+    """A lock with a second name is somebody's file, which is not emptied."""
+    (tmp_path / "results").mkdir()
+    os.link(outside, tmp_path / "results/.lock")
+    from newmark_cli.running.lock import locked
+
+    with pytest.raises(ResultsError, match="another name"), locked(tmp_path / "results", "run"):
+        pass
+    assert outside.read_text() == SECRET
