@@ -2,6 +2,7 @@
 
 import json
 import os
+import stat
 import subprocess
 import sys
 import threading
@@ -142,7 +143,7 @@ def test_no_folder_outside_is_written(cli, tmp_path):
 
 @pytest.mark.parametrize(
     ("kind", "commands"),
-    [("fifo", ("check", "info")), ("link", ("verify", "check")), ("endless", ("report", "plot"))],
+    [("fifo", ("check", "info")), ("link", ("verify", "check")), ("endless", ("show", "verify"))],
 )
 def test_what_cannot_be_read_ends_in_a_line(cli, outside, kind, commands):
     """CSV and record: each command answers at once, and quotes nothing of what a link leads to."""
@@ -217,27 +218,41 @@ def test_a_linked_mechanism_is_not_quoted(cli, outside):
         assert "Traceback" not in done.stderr
 
 
-def test_outputs_that_are_no_files(cli, tmp_path):
-    """A page goes into a device or through a link, and a file keeps its mode."""
+def test_outputs_that_are_no_files(tmp_path):
+    """What is written goes into a device or a pipe or through a link; a file keeps its mode."""
+    files.write_output(Path("/dev/null"), "new")
+    assert Path("/dev/null").is_char_device()
+    target, link, pipe = (tmp_path / name for name in ("kept", "link", "pipe"))
+    target.write_text("old")
+    target.chmod(0o640)
+    link.symlink_to("kept")
+    files.write_output(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    assert target.stat().st_mode & 0o777 == 0o640
+    os.mkfifo(pipe)
+    got: list[str] = []
+    reader = threading.Thread(target=lambda: got.append(pipe.read_text()))
+    reader.start()
+    files.write_output(pipe, "new")
+    reader.join(30)
+    assert got == ["new"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_pages_go_where_they_are_sent(cli):
+    """A link is followed where the user has named it, and replaced in a results folder."""
     pytest.importorskip("jinja2")
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
-    cli("report", "--output", "/dev/null")
-    assert Path("/dev/null").is_char_device()
-    target = cli.write("kept.html", "old")
-    target.chmod(0o640)
-    (cli.folder / "link.html").symlink_to("kept.html")
+    (cli.folder / "link.html").symlink_to("page.html")
     cli("report", "--output", "link.html")
-    assert (cli.folder / "link.html").is_symlink()
-    assert target.read_text().startswith("<!DOCTYPE html>")
-    assert target.stat().st_mode & 0o777 == 0o640
-    reader = threading.Thread(target=lambda: got.append((cli.folder / "pipe").read_bytes()))
-    got: list[bytes] = []
-    os.mkfifo(cli.folder / "pipe")
-    reader.start()
-    cli("report", "--output", "pipe")
-    reader.join(30)
-    assert got[0].startswith(b"<!DOCTYPE html>")
+    assert (cli.folder / "page.html").read_text().startswith("<!DOCTYPE html>")
+    (cli.folder / "results/report.html").symlink_to(cli.folder / "page.html")
+    before = (cli.folder / "page.html").stat().st_mtime_ns
+    cli("report")
+    assert not (cli.folder / "results/report.html").is_symlink()
+    assert (cli.folder / "page.html").stat().st_mtime_ns == before
 
 
 def pair(folder: Path, text: str) -> dict[Path, str]:
@@ -246,7 +261,7 @@ def pair(folder: Path, text: str) -> dict[Path, str]:
     return {csv: f"csv {text}", history: f"history {text}", described: f"json {text}"}
 
 
-@pytest.mark.parametrize("killed_at", (0, 2, 4, 5, 6, 8, 9))
+@pytest.mark.parametrize("killed_at", [0, 2, 4, 5, 6, 8, 9])
 def test_replaced_together_or_not_at_all(tmp_path, monkeypatch, killed_at):
     """Whenever a writer is killed, readers see all of the old or all of the new."""
     (tmp_path / "history").mkdir()
