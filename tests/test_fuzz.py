@@ -16,3 +16,14 @@ def test_validate_stays_calm():
     assert done.stdout.startswith("250 inputs")
     assert "Python files loaded: 0" in done.stdout
     assert "findings: 0" in done.stdout
+
+
+def test_readers_of_results_stay_calm():
+    """Some results folders of the fuzzer: documented exit codes, at once, nothing else touched."""
+    script = SCRIPT.with_name("fuzz_results.py")
+    done = subprocess.run(
+        [sys.executable, script, "60", "--seed", "20"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("60 inputs")
+    assert "findings: 0" in done.stdout
