@@ -372,3 +372,11 @@ def test_misses_are_named_in_full(tmp_path):
     assert row[1] == "own andrews u-lambda bdf2"
     assert row[3] == "none, compensated, float32, sparse-lu"
     assert row[-1] == MISS
+
+
+def test_steep_fits_are_finite_where_they_are_needed():
+    """A line through two step sizes that nearly agree meets h = 1 s beyond all numbers."""
+    h = np.array([1.0000e-3, 1.0001e-3])
+    fit = power_law(h, np.array([1e-9, 1.2e-9]))
+    assert abs(fit.intercept) > 308
+    assert fit(h) == pytest.approx([1e-9, 1.2e-9], rel=1e-6)

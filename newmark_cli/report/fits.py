@@ -7,6 +7,9 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 
+#: Powers of ten below this are numbers.
+_LARGEST = 300
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -26,7 +29,11 @@ class Fit:
 
     def __call__(self, h: Array) -> Array:
         """Fitted values at step sizes h."""
-        return np.asarray(10**self.intercept * h**self.slope)
+        if abs(self.intercept) < _LARGEST:
+            return np.asarray(10**self.intercept * h**self.slope)
+        # Steep lines meet h = 1 s beyond all numbers.
+        with np.errstate(over="ignore"):
+            return np.asarray(10 ** (self.intercept + self.slope * np.log10(h)))
 
 
 def power_law(h: Array, values: Array) -> Fit:

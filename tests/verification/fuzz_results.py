@@ -295,7 +295,7 @@ def damage(chance: random.Random, folder: Path) -> str:
         ]  # fmt: skip
         places = [*named, *named, *files, folder / ".lock", folder / "cells", folder / "history"]
         path = chance.choice(places)
-        large = path.is_file() and path.lstat().st_size > 10_000_000
+        plain = path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000
         suffixes: dict[str, tuple[Callable[[random.Random, Path], str], ...]] = {
             ".json": (change_tree,) * 6,
             ".csv": (change_table,) * 6,
@@ -303,7 +303,7 @@ def damage(chance: random.Random, folder: Path) -> str:
         change = chance.choice(
             (change_bytes, change_kind, change_name, *suffixes.get(path.suffix, ()))
         )
-        if large or (change is change_bytes and path.is_dir()):
+        if not plain and change is not change_name:
             change = change_kind
         changes.append(f"{path.relative_to(folder)}: {change(chance, path)}")
     return "; ".join(changes)
