@@ -491,6 +491,11 @@ class _Builder:
             quadratic=not mechanism.motions,
             single=True,
             potential=elements.potential if mechanism.conservative else None,
+            # A motion is named with what it drives: `m.x` may be another's name.
+            constraints_given=tuple(
+                (*path, "angle") if path[0] == "motions" and len(path) == 2 else path
+                for path in self.constraint_paths
+            ),
         )
 
     def _body(self, name: str, path: KeyPath) -> Body:

@@ -1,7 +1,7 @@
 """What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -87,6 +87,10 @@ class Problem:
         code: Digest of the user's code behind the functions; empty without any.
         sources: That code: path, relative to the folder of the problem's file, →
             content, of the file and of the modules beside it that it imported.
+        coordinates_given: (n,) names of the coordinates; those of the points, or
+            numbers, where it is empty.
+        constraints_given: (m,) parts of the name of each constraint, such as
+            ``("bars", "link")``; numbers where it is empty.
     """
 
     name: str
@@ -108,6 +112,8 @@ class Problem:
     potential: Callable[..., float] | None = None
     code: str = ""
     sources: Mapping[str, bytes] = field(default_factory=dict)
+    coordinates_given: Sequence[str] = ()
+    constraints_given: Sequence[Sequence[str | int]] = ()
 
     @property
     def n(self) -> int:
@@ -118,6 +124,29 @@ class Problem:
     def m(self) -> int:
         """Number of constraints."""
         return self.constraints
+
+    # Made when they are asked for: a mechanism may have a million points.
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """(n,) names of the coordinates, in the order of u; all different.
+
+        ``A.x`` and ``A.y`` of the point A of a mechanism; ``1`` … ``n`` where a problem
+        in Python does not name them.
+        """
+        if self.points:
+            return tuple(f"{point}.{axis}" for point in self.points for axis in "xy")
+        return tuple(self.coordinates_given) or _numbered(self.n)
+
+    @cached_property
+    def constraint_names(self) -> tuple[str, ...]:
+        """(m,) names of the constraints, in the order of Φ and λ; all different.
+
+        Kind and name of the part of a mechanism that a constraint comes from, such as
+        ``bars.link``; a prescribed motion adds what it drives, ``motions.crank.angle``.
+        ``1`` … ``m`` where a problem in Python does not name them.
+        """
+        given = self.constraints_given
+        return tuple(".".join(map(str, parts)) for parts in given) or _numbered(self.m)
 
     @property
     def M(self) -> Array:
@@ -193,6 +222,10 @@ class Problem:
         rate, curvature = np.zeros(self.m), np.zeros(self.m)
         self.derivatives(t, u, v, self.ints, self.reals, rate, curvature)
         return rate, curvature
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(map(str, range(1, count + 1)))
 
 
 def _dense(rows: IndexArray, columns: IndexArray, values: Array, shape: tuple[int, int]) -> Array:

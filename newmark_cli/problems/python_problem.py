@@ -10,7 +10,7 @@ only with ``--allow-code``.
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,6 +57,8 @@ class Definition:
             compensated evaluation needs it; checked.
         energy: (u, v, t) → total energy ½ vᵀM v + V, or another energy that the motion
             conserves; None if there is none.
+        coordinate_names: n names, all different; None for ``1`` … ``n``.
+        constraint_names: m names, all different; None for ``1`` … ``m``.
     """
 
     mass_matrix: Array
@@ -70,6 +72,8 @@ class Definition:
     t0: float = 0.0
     quadratic: bool = False
     energy: Callable[..., float] | None = None
+    coordinate_names: Sequence[str] | None = None
+    constraint_names: Sequence[str] | None = None
 
 
 _FUNCTIONS = ("force", "constraints", "gradient")
@@ -262,11 +266,31 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         compiled=compiled,
         quadratic=bool(getattr(given, "quadratic", False)),
         potential=None if energy is None else _potential(energy, mass_matrix),
+        coordinates_given=_names(given, "coordinate_names", n, source),
+        constraints_given=tuple((name,) for name in _names(given, "constraint_names", m, source)),
     )
     if problem.quadratic:
         _require_quadratic(problem, functions, source, chosen["constraints"])
     _require_consistent(problem, gradient, source)
     return problem
+
+
+def _names(given: Any, key: str, count: int, source: _Source) -> tuple[str, ...]:
+    """Names that a definition gives; none where it gives none."""
+    names = getattr(given, key, None)
+    if names is None:
+        return ()
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        raise source.error(key, f"must be a list of {count} names, given {_described(names)}")
+    names = tuple(names)
+    if len(names) != count:
+        raise source.error(key, f"must be {count} names, given {len(names)}")
+    for place, name in enumerate(names):
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise source.error(key, f"must be text: name {place + 1} is {_described(name)}")
+        if name in names[:place]:
+            raise source.error(key, f"must all be different: {name!r} is given twice")
+    return names
 
 
 def _as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
