@@ -1,3 +1,77 @@
-"""Newmark/Newton studies of index-3 multibody DAEs at small step sizes."""
+"""Newmark/Newton studies of index-3 multibody DAEs at small step sizes.
+
+The Python library: ``import newmark_cli as newmark``, see docs/python.md.  What stands in
+``__all__`` is public; everything else may change without notice.  The names are imported
+when they are first used, because NumPy, SciPy and the compiler take their time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from newmark_cli.documents import DocumentError
+    from newmark_cli.errors import ArgumentError, InputError, NewmarkError
+    from newmark_cli.library.marching import Steps, march, steps
+    from newmark_cli.library.problems import problem
+    from newmark_cli.library.scalings import Factors, scaling
+    from newmark_cli.newmark.integrator import IntegratorError
+    from newmark_cli.newmark.scaling import ScalingError
+    from newmark_cli.newmark.trajectory import Step, Trajectory
+    from newmark_cli.problems.problem import Problem, ProblemError
+    from newmark_cli.problems.python_problem import Definition
+
+#: Public name → module that it comes from.
+_HOMES = {
+    "ArgumentError": "errors",
+    "Definition": "problems.python_problem",
+    "DocumentError": "documents",
+    "Factors": "library.scalings",
+    "InputError": "errors",
+    "IntegratorError": "newmark.integrator",
+    "NewmarkError": "errors",
+    "Problem": "problems.problem",
+    "ProblemError": "problems.problem",
+    "ScalingError": "newmark.scaling",
+    "Step": "newmark.trajectory",
+    "Steps": "library.marching",
+    "Trajectory": "newmark.trajectory",
+    "march": "library.marching",
+    "problem": "library.problems",
+    "scaling": "library.scalings",
+    "steps": "library.marching",
+}
+
+__all__ = [
+    "ArgumentError",
+    "Definition",
+    "DocumentError",
+    "Factors",
+    "InputError",
+    "IntegratorError",
+    "NewmarkError",
+    "Problem",
+    "ProblemError",
+    "ScalingError",
+    "Step",
+    "Steps",
+    "Trajectory",
+    "__version__",
+    "march",
+    "problem",
+    "scaling",
+    "steps",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

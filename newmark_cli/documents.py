@@ -90,6 +90,13 @@ class DocumentError(InputError):
         mistakes: Every mistake that was found, at most `MOST_REPORTED`, in the order of
             their lines; the text of the error is that of the first.
         more: Number of mistakes beyond those.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> newmark.problem({"points": {"P": {"at": (1, 0), "weight": 2}}})
+        Traceback (most recent call last):
+        ...
+        newmark_cli.documents.DocumentError: mechanism: points.P.weight: unknown key; allowed: ...
     """
 
     def __init__(self, text: str, mistakes: Sequence[Mistake] | None = None, more: int = 0) -> None:
@@ -160,13 +167,41 @@ class Document:
     lines: Mapping[KeyPath, int]
     linked: bool = False
 
+    @classmethod
+    def of(cls, name: str, data: Any) -> "Document":
+        """A document of data that Python gives: errors name keys, and no lines.
+
+        Args:
+            name: How errors name the whole.
+            data: Mappings, sequences and scalars, those of NumPy too.
+
+        Raises:
+            DocumentError: When they are nested too deeply.
+        """
+        lines: dict[KeyPath, int] = {}
+
+        def plain(value: Any, path: KeyPath) -> Any:
+            if len(path) > _DEEPEST:
+                raise DocumentError(f"{name}: {_TOO_DEEP}")
+            lines[path] = 0
+            if callable(getattr(value, "tolist", None)):
+                value = value.tolist()
+            if isinstance(value, Mapping):
+                return {key: plain(item, (*path, key)) for key, item in value.items()}
+            if isinstance(value, list | tuple):
+                return [plain(item, (*path, i)) for i, item in enumerate(value)]
+            return value
+
+        return cls(name, plain(data, ()), lines)
+
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
         line, key = self.line(path), _spell(path)
         if self.linked:
             text = _unquoted(self.name, line)
             return DocumentError(text, [Mistake(line, (), text)])
-        text = f"{self.name}, line {line}: {key + ': ' if key else ''}{message}"
+        where = f"{self.name}, line {line}" if line else self.name
+        text = f"{where}: {key + ': ' if key else ''}{message}"
         return DocumentError(text, [Mistake(line, path, text)])
 
     def line(self, path: KeyPath) -> int:

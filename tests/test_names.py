@@ -108,7 +108,7 @@ def test_names_of_a_definition():
 )
 def test_names_that_cannot_be_used_are_refused(given, message):
     """Count, text and difference are checked."""
-    with pytest.raises(ProblemError, match="^problem: ") as caught:
+    with pytest.raises(ProblemError, match=r"^problem: ") as caught:
         from_definition(hanging(**given), "hanging")
     assert str(caught.value).endswith(message)
 

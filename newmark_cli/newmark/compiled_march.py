@@ -1,8 +1,10 @@
 """The compiled kernel behind the same call as the SciPy march."""
 
+import numpy as np
+
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel
-from newmark_cli.newmark.march_data import ProblemTables, State
+from newmark_cli.newmark.march_data import ProblemTables, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
 
@@ -14,6 +16,7 @@ def march(
     first: int,
     norms: Array,
     iterations: IndexArray,
+    record: Record | None = None,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps; see `newmark_cli.newmark.scipy_march.march`."""
     dtype = scheme.dtype
@@ -38,5 +41,6 @@ def march(
         stop.relative,
         norms,
         iterations,
+        recording(state, np.empty(0)) if record is None else record,
     )
     return ending, done

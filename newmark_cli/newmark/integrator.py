@@ -30,7 +30,15 @@ NEW_U, NEW_V, NEW_A, TRUE_ACCELERATION, NEW_W, NEW_NU = range(6)
 
 
 class IntegratorError(InputError):
-    """The parameters do not give a usable integrator; says which and why."""
+    """The parameters do not give a usable integrator; says which and why.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> newmark.scaling("u-lambda", h=1e-3, beta=-1)
+        Traceback (most recent call last):
+        ...
+        newmark_cli.newmark.integrator.IntegratorError: beta = -1: must be positive, ...
+    """
 
 
 @dataclass(frozen=True)

@@ -496,12 +496,22 @@ def _add_exactly(high, low, increment, total):
         low[i] = (high[i] - (total[i] - of_added)) + (added - of_added)
 
 
+@_inline
+def _keep(state, record, place):
+    """Copy the state to one place of the record."""
+    for field in range(state.fields.shape[0]):
+        for i in range(state.fields.shape[1]):
+            record.fields[place, field, i] = state.fields[field, i]
+    for k in range(state.multipliers.shape[0]):
+        record.multipliers[place, k] = state.multipliers[k]
+
+
 # -- the march ------------------------------------------------------------------------------
 
 
 def _march(
     evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
-    absolute, relative, norms, iterations,
+    absolute, relative, norms, iterations, record,
 ):  # fmt: skip
     """The march as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
@@ -514,6 +524,7 @@ def _march(
     u, v, ints, reals = fields[0], fields[1], problem.ints, problem.reals
     force, phi, x, y, g = values
     moving, shift, g_old, rhs = iterate.moving, iterate.shift, iterate.g_old, system.rhs
+    kept, keeping = 0, record.steps
     if compensated:
         t = number(t_start + first * h)
         evaluate(t, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old)
@@ -563,6 +574,9 @@ def _march(
             _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
             _carry_over(state, iterate, values, new_past)
         past[:] = new_past
+        if kept < keeping.shape[0] and keeping[kept] == s:
+            _keep(state, record, kept)
+            kept += 1
     return COMPLETED, norms.shape[0]
 
 
@@ -573,7 +587,7 @@ _compiled: dict = {}
 
 def march(
     evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
-    absolute, relative, norms, iterations,
+    absolute, relative, norms, iterations, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
 
@@ -599,6 +613,7 @@ def march(
             correction, in the scaled unknowns, blocks as in ``tables.right``.
         iterations: (steps,) overwritten with the corrections computed; negative
             where the step ended above ``settled_below``, or above the tolerance.
+        record: Overwritten with the states after the steps that it names.
 
     Returns:
         How the march ended (COMPLETED, SINGULAR, DIVERGED) and the steps done.
@@ -606,7 +621,7 @@ def march(
     dtype = state.fields.dtype
     arguments = (
         problem, tables, state, compensated, float(t_start), float(h), first, cap,
-        float(settled_below), float(absolute), float(relative), norms, iterations,
+        float(settled_below), float(absolute), float(relative), norms, iterations, record,
     )  # fmt: skip
     with _compiling:
         if dtype not in _compiled:

@@ -1,8 +1,10 @@
 """One march that can be observed: cells, drawings and the library all take it."""
 
-from collections.abc import Iterable, Iterator
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from heapq import merge
 
 import numpy as np
 
@@ -10,13 +12,15 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
-from newmark_cli.newmark.march_data import COMPLETED, State
+from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
 _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
+#: Most numbers that are recorded between two halts.
+_MOST_RECORDED = 2_000_000
 
 
 def initial_state(problem: Problem, scheme: Scheme) -> State:
@@ -50,10 +54,14 @@ class Stretch:
         norms: (steps, p + 1) 2-norms of the recorded correction's blocks, in the
             unknowns that the solver sees.
         iterations: (steps,) corrections computed; negative where a step did not converge.
+        looks: (k,) steps whose states were recorded, counted from the start of the march.
+        record: Those states.
     """
 
     norms: Array
     iterations: IndexArray
+    looks: IndexArray
+    record: Record
 
 
 class March:
@@ -80,8 +88,16 @@ class March:
         scheme: Scheme,
         linear_solver: str = AUTO,
         krylov: Krylov | None = None,
+        state: State | None = None,
+        done: int = 0,
     ) -> None:
-        """Start from the problem's consistent initial state."""
+        """Start from the problem's consistent initial state, or go on from another.
+
+        Args:
+            problem, scheme, linear_solver, krylov: What marches, and how.
+            state: Where a march of this scheme on this problem stood; copied.
+            done: Steps that it had taken.
+        """
         self.problem, self.scheme = problem, scheme
         self.solver = choice.choose(linear_solver, problem, scheme.form)
         self.system = systems.system(self.solver, problem, scheme, krylov)
@@ -89,8 +105,11 @@ class March:
         self._engine = (
             compiled_march.march if compiled else partial(scipy_march.march, system=self.system)
         )
-        self.state = initial_state(problem, scheme)
-        self.done = 0
+        if state is None:
+            self.state = initial_state(problem, scheme)
+        else:
+            self.state = State(*(np.array(array, scheme.dtype, order="C") for array in state))
+        self.done = done
         self.ending = COMPLETED
 
     @property
@@ -103,15 +122,50 @@ class March:
         """The state in double precision, whatever the precision of the march; a copy."""
         return State(*(array.astype(float) for array in self.state))
 
-    def advance(self, steps: int) -> Stretch:
-        """Take so many steps, or as many as there are until the march ends."""
+    def advance(self, steps: int, looks: Sequence[int] = ()) -> Stretch:
+        """Take so many steps, or as many as there are until the march ends.
+
+        Whatever ends it, `state` is then that after the last whole step; after an
+        exception, from the user's code for example, that before the first.
+
+        Args:
+            steps: How many.
+            looks: Steps among them whose states are recorded, counted from the start of
+                the march; ascending.
+        """
+        before = State(*(array.copy() for array in self.state))
+        record = recording(self.state, np.array(looks, np.int64) - (self.done + 1))
+        try:
+            ending, taken, norms, iterations = self._marched(steps, record)
+            if ending != COMPLETED:
+                # Newton has overwritten the state on its way to a step that there is not.
+                self._go_back(before)
+                self._marched(taken, recording(self.state, np.empty(0)))
+        except BaseException:
+            self._go_back(before)
+            raise
+        self.ending = ending
+        self.done += taken
+        reached = bisect_right(looks, self.done)
+        return Stretch(
+            norms[:taken],
+            iterations[:taken],
+            np.array(looks[:reached], np.int64),
+            Record(*(array[:reached] for array in record)),
+        )
+
+    def _marched(self, steps: int, record: Record) -> tuple[int, int, Array, IndexArray]:
+        """How it ended, the steps taken, and norms and iterations of all."""
         norms = np.zeros((steps, len(self.scheme.form.unknowns)))
         iterations = np.zeros(steps, np.int64)
-        self.ending, taken = self._engine(
-            self.problem, self.scheme, self.state, self.done, norms, iterations
+        ending, taken = self._engine(
+            self.problem, self.scheme, self.state, self.done, norms, iterations, record=record
         )
-        self.done += taken
-        return Stretch(norms[:taken], iterations[:taken])
+        return ending, taken, norms, iterations
+
+    def _go_back(self, before: State) -> None:
+        for array, values in zip(self.state, before, strict=True):
+            array[:] = values
 
     def stretches(self, steps: int, stops: Iterable[int] = ()) -> Iterator[Stretch]:
         """Take steps, halting where somebody looks.
@@ -126,9 +180,30 @@ class March:
             What was recorded since the last halt; the march stands at its end.
         """
         longest = _STRETCH[self.solver]
-        halts = {steps, *range(self.done + longest, steps, longest)}
-        halts.update(stop for stop in stops if self.done < stop <= steps)
-        for halt in sorted(halts):
+        regular = range(self.done + longest, steps, longest)
+        # A range may be long, and is in order.
+        asked = stops if isinstance(stops, range) else sorted(stops)
+        for halt in merge(regular, asked, (steps,)):
+            if not self.done < halt <= steps:
+                continue
             yield self.advance(halt - self.done)
             if self.ending != COMPLETED:
                 return
+
+    def recorded(self, steps: int, looks: Sequence[int]) -> Iterator[Stretch]:
+        """Take steps, recording some of their states on the way, which takes no halt.
+
+        Args:
+            steps: Step at which the march is over, counted from the start.
+            looks: Steps whose states are recorded, likewise; ascending, and as a range
+                they may be many.
+
+        Yields:
+            Stretches of bounded size with what was recorded in them.
+        """
+        numbers = self.state.fields.size + self.state.multipliers.size
+        longest = max(1, min(_STRETCH[self.solver], _MOST_RECORDED // numbers))
+        while self.done < steps and self.ending == COMPLETED:
+            until = min(self.done + longest, steps)
+            here = slice(bisect_right(looks, self.done), bisect_right(looks, until))
+            yield self.advance(until - self.done, looks[here])

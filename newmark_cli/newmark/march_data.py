@@ -6,6 +6,8 @@ import numpy as np
 
 #: How a march ends; only a Krylov solver stagnates.
 COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
+#: What results call the endings before the last step.
+ENDINGS = {SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated"}
 
 
 class StepTables(NamedTuple):
@@ -56,3 +58,21 @@ class State(NamedTuple):
     multipliers: np.ndarray  #: (m,) λ
     lows: np.ndarray  #: (2, n) what u and v have beyond past 0, 1; compensated evaluation
     phi: np.ndarray  #: (m,) Φ as carried along; compensated evaluation
+
+
+class Record(NamedTuple):
+    """What a march leaves behind of some of its steps, in the type of its numbers."""
+
+    steps: np.ndarray  #: (k,) which, counted from 0 among the steps of the call; ascending
+    fields: np.ndarray  #: (k, 4, n) overwritten with u, v, a and v' after each of them
+    multipliers: np.ndarray  #: (k, m) overwritten with λ
+
+
+def recording(state: State, steps: np.ndarray) -> Record:
+    """Room for the record of steps, as `Record` counts them."""
+    fields, multipliers = state.fields, state.multipliers
+    return Record(
+        np.asarray(steps, np.int64),
+        np.empty((len(steps), *fields.shape), fields.dtype),
+        np.empty((len(steps), *multipliers.shape), multipliers.dtype),
+    )

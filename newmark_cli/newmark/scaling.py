@@ -99,7 +99,16 @@ PAPER_VARIANTS = ("none", "left", "right", "optimal")
 
 
 class ScalingError(InputError):
-    """A scaling does not fit the form or is not made of positive monomials."""
+    """A scaling does not fit the form or is not made of positive monomials.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> own = {"name": "own", "left": {"V": "h"}}
+        >>> newmark.scaling("u-lambda", h=1e-3, preconditioning=own)
+        Traceback (most recent call last):
+        ...
+        newmark_cli.newmark.scaling.ScalingError: left: form u-lambda has no 'V'; it has D, C
+    """
 
 
 @dataclass(frozen=True)

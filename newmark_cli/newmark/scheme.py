@@ -1,5 +1,6 @@
 """One integrator, form and scaling at one step size: everything but the problem."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +26,12 @@ EVALUATIONS = (DIRECT, COMPENSATED)
 PRECISIONS: Mapping[str, type[np.floating[Any]]] = MappingProxyType(
     {"float64": np.float64, "float32": np.float32}
 )
+
+
+def steps_until(t_end: float, h: float) -> int:
+    """Whole steps of a size h (s) up to a time (s) that counts from the start."""
+    # h = 1e-7 is no binary fraction.
+    return math.floor(t_end / h * (1 + 1e-9))
 
 
 @dataclass(frozen=True)

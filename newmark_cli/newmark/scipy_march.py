@@ -11,7 +11,14 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.linear.choice import Stagnation
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
-from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, SINGULAR, STAGNATED, State
+from newmark_cli.newmark.march_data import (
+    COMPLETED,
+    DIVERGED,
+    SINGULAR,
+    STAGNATED,
+    Record,
+    State,
+)
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
 
@@ -151,6 +158,7 @@ def march(
     norms: Array,
     iterations: IndexArray,
     system: LinearSystem | None = None,
+    record: Record | None = None,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps; the arguments are the kernel's.
 
@@ -163,6 +171,7 @@ def march(
         iterations: (steps,) overwritten with the corrections computed, negative
             where the step did not converge, or missed the tolerance.
         system: Linear system of the scheme on the problem; dense when omitted.
+        record: Overwritten with the states after the steps that it names.
 
     Returns:
         How the march ended and the steps done.
@@ -176,6 +185,7 @@ def march(
     )
     # What Newton iterates on: the fields, or their increments over the step.
     moving = np.empty((3, problem.n)) if carried else fields[:3]
+    places = {} if record is None else {int(s): k for k, s in enumerate(record.steps)}
     for s in range(len(norms)):
         t = problem.t0 + (first + s + 1) * scheme.h
         step = _Step(scheme, system, state.past.copy())
@@ -213,6 +223,8 @@ def march(
         if carried:
             carried.end_step(t, moving, new_past)
         state.past[:] = new_past
+        if record is not None and s in places:
+            record.fields[places[s]], record.multipliers[places[s]] = fields, multipliers
     return COMPLETED, len(norms)
 
 

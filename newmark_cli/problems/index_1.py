@@ -86,6 +86,42 @@ class Index1:
         misfit = np.concatenate([self._zeros, -(normal + rate)])
         return u, v + self._solver(values)(misfit)[:n]
 
+    def nearest(self, t: float, u: Array, most: int = 100) -> Array:
+        """The position on the constraints that is nearest in the norm of M.
+
+        Minimises (w − u)ᵀ M (w − u) over all w with Φ(w, t) = 0 by Newton's method with
+        M in place of the Lagrangian's Hessian: M (w − u) lies in the range of G at the end.
+
+        Args:
+            t: Time (s).
+            u: (n,) a position.
+            most: Most iterations; fewer where nothing changes any more.
+
+        Returns:
+            (n,) the position that was reached; it may miss the constraints where u is far
+            from all that meet them.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        n, pattern = self.problem.n, self.problem.pattern
+        w, least = u.copy(), np.inf
+        for _ in range(most):
+            values = self.problem.values(t, w, self._zeros, self._none)
+            away = (self._mass * (u - w)[pattern.mass_columns]).astype(float)
+            pull = np.bincount(pattern.mass_rows, away, minlength=n)
+            change = self._solver(values)(np.concatenate([pull, -values.phi]))[:n]
+            size = float(np.abs(change).max())
+            if not np.isfinite(size):
+                break
+            w = w + change
+            if size <= 4e-16 * float(np.abs(w).max()) or (
+                size >= least and size <= 1e-12 * float(np.abs(w).max())
+            ):
+                break
+            least = size
+        return w
+
     def _solver(self, values: Values) -> Callable[[Array], Array]:
         """What solves [[M/unit, −G], [Gᵀ, 0]] x = rhs, with one step of refinement."""
         entries: Array = np.bincount(

@@ -13,7 +13,15 @@ from newmark_cli.errors import InputError
 
 
 class ProblemError(InputError):
-    """A problem's definition cannot be used; says where and why."""
+    """A problem's definition cannot be used; says where and why.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> newmark.problem("androws")
+        Traceback (most recent call last):
+        ...
+        newmark_cli.problems.problem.ProblemError: unknown problem 'androws'; did you mean ...
+    """
 
 
 class Pattern(NamedTuple):
@@ -91,6 +99,14 @@ class Problem:
             numbers, where it is empty.
         constraints_given: (m,) parts of the name of each constraint, such as
             ``("bars", "link")``; numbers where it is empty.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> pendulum = newmark.problem("pendulum")
+        >>> pendulum.n, pendulum.m, pendulum.u0.tolist()
+        (2, 1, [1.0, 0.0])
+        >>> pendulum.evaluate(0.0, pendulum.u0, pendulum.v0, [0.0]).G.tolist()
+        [[1.0], [0.0]]
     """
 
     name: str

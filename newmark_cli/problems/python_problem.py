@@ -59,6 +59,25 @@ class Definition:
             conserves; None if there is none.
         coordinate_names: n names, all different; None for ``1`` … ``n``.
         constraint_names: m names, all different; None for ``1`` … ``m``.
+
+    Examples:
+        A double pendulum of unit masses and lengths:
+
+        >>> import numpy as np
+        >>> import newmark_cli as newmark
+        >>> double = newmark.Definition(
+        ...     mass_matrix=np.eye(4),
+        ...     u0=[1.0, 0.0, 2.0, 0.0],
+        ...     v0=np.zeros(4),
+        ...     force=lambda u, v, t: np.array([0.0, -9.81, 0.0, -9.81]),
+        ...     constraints=lambda u, t: np.array(
+        ...         [u[0]**2 + u[1]**2 - 1, (u[2] - u[0])**2 + (u[3] - u[1])**2 - 1]) / 2,
+        ...     gradient=lambda u, t: np.array(
+        ...         [[u[0], u[0] - u[2]], [u[1], u[1] - u[3]], [0, u[2] - u[0]], [0, u[3] - u[1]]]),
+        ...     constraint_names=["upper", "lower"],
+        ... )
+        >>> newmark.march(double, h=1e-2, t_end=0.1).constraint("upper").shape
+        (11,)
     """
 
     mass_matrix: Array

@@ -13,12 +13,6 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.measures import MEASURES
 
-_ENDINGS = {
-    march_data.SINGULAR: "singular",
-    march_data.DIVERGED: "diverged",
-    march_data.STAGNATED: "stagnated",
-}
-
 
 def scheme_of(cell: Cell) -> Scheme:
     """What a cell marches its problem with."""
@@ -74,7 +68,7 @@ def compute(
         measurements=[found for observer in observers for found in observer.measured()],
         not_converged=not_converged,
         newton_iterations=float(np.mean(np.abs(iterations))) if march.done else np.nan,
-        status=_ENDINGS.get(march.ending, "not_converged" if not_converged else "ok"),
+        status=march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok"),
         met=march.done - not_converged if cell.stop else None,
         history=[entry for observer in observers for entry in observer.history],
     )

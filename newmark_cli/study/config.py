@@ -40,6 +40,7 @@ from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
     Scheme,
+    steps_until,
 )
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import closest, nearest
@@ -192,8 +193,7 @@ class _Rules(StrictModel):
         for at in axes.grid(axes.values(self)):
             h, steps = at["h"], self.steps
             if steps is None:
-                # Whole steps up to t_end; h = 1e-7 is no binary fraction.
-                steps = math.floor(self.t_end / h * (1 + 1e-9))
+                steps = steps_until(self.t_end, h)
             yield Cell(
                 **at,
                 t_end=self.t_end if self.t_end is not None else steps * h,

@@ -1,0 +1,1 @@
+"""What `newmark_cli` makes public; import its names from there."""

@@ -1,0 +1,109 @@
+"""Arguments of public functions, checked: one clear sentence for each mistake."""
+
+import reprlib
+from collections.abc import Collection, Mapping, Sequence
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.errors import ArgumentError
+from newmark_cli.problems.problem import Problem
+from newmark_cli.spelling import nearest
+
+
+def shown(given: Any) -> str:
+    """A value in few words."""
+    if isinstance(given, np.ndarray):
+        return f"an array of shape {given.shape}"
+    if isinstance(given, np.generic):
+        given = given.item()
+    return reprlib.repr(given)
+
+
+def number(name: str, given: Any, unit: str = "") -> float:
+    """A finite number."""
+    if isinstance(given, bool | np.bool_) or not isinstance(given, Real):
+        raise ArgumentError(f"{name} must be a number{unit}, given {shown(given)}")
+    if not np.isfinite(value := float(given)):
+        raise ArgumentError(f"{name} must be finite, given {shown(given)}")
+    return value
+
+
+def positive(name: str, given: Any, unit: str = "") -> float:
+    """A finite number above 0."""
+    value = number(name, given, unit)
+    if value <= 0:
+        raise ArgumentError(f"{name} must be positive, given {shown(given)}")
+    return value
+
+
+def count(name: str, given: Any, least: int = 0) -> int:
+    """A whole number."""
+    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral):
+        raise ArgumentError(f"{name} must be a whole number, given {shown(given)}")
+    if given < least:
+        raise ArgumentError(f"{name} must be at least {least}, given {shown(given)}")
+    return int(given)
+
+
+def flag(name: str, given: Any) -> bool:
+    """True or False."""
+    if not isinstance(given, bool | np.bool_):
+        raise ArgumentError(f"{name} must be True or False, given {shown(given)}")
+    return bool(given)
+
+
+def one_of(name: str, given: Any, allowed: Collection[str]) -> str:
+    """One of some names."""
+    if not isinstance(given, str) or given not in allowed:
+        raise ArgumentError(f"unknown {name} {shown(given)}{nearest(given, allowed)}")
+    return given
+
+
+def some_of(name: str, given: Any, allowed: Collection[str]) -> tuple[str, ...]:
+    """Some of some names, as a list or a tuple."""
+    if isinstance(given, str) or not isinstance(given, Collection):
+        raise ArgumentError(f"{name} must be a list of names, given {shown(given)}")
+    return tuple(one_of(f"name in {name}", item, allowed) for item in given)
+
+
+def vector(name: str, given: Any, length: int | None = None) -> Array:
+    """Finite numbers, of a length if there is one."""
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        array = np.empty(0, object)
+    if array.ndim != 1 or array.dtype.kind not in "iuf" or length not in (None, len(array)):
+        wanted = f"an array of {length} numbers" if length is not None else "a list of numbers"
+        raise ArgumentError(f"{name} must be {wanted}, given {shown(given)}")
+    if not np.all(np.isfinite(array)):
+        place = int(np.argmin(np.isfinite(array)))
+        raise ArgumentError(f"{name} must be finite: component {place + 1} is {array[place]}")
+    return array.astype(float)
+
+
+def coordinates(name: str, given: Any, problem: Problem, usual: Array) -> Array:
+    """(n,) numbers, one for each coordinate.
+
+    Args:
+        name: Of the argument.
+        given: An array, or a mapping of names of points to two numbers and of names of
+            coordinates to one; what it does not name keeps its usual value.
+        problem: What the coordinates are of.
+        usual: (n,) usual values.
+    """
+    if not isinstance(given, Mapping):
+        return vector(name, given, problem.n)
+    values = usual.copy()
+    for key, value in given.items():
+        if key in problem.points:
+            place = 2 * problem.points.index(key)
+            values[place : place + 2] = vector(f"{name}[{key!r}]", value, 2)
+        elif key in problem.coordinate_names:
+            values[problem.coordinate_names.index(key)] = number(f"{name}[{key!r}]", value)
+        else:
+            known: Sequence[str] = (*problem.points, *problem.coordinate_names)
+            raise ArgumentError(f"{name}: unknown point {shown(key)}{nearest(key, known)}")
+    return values

@@ -1,0 +1,550 @@
+"""Marches for notebooks: `march`, and a march that is stepped."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from itertools import chain, count
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from newmark_cli import documents
+from newmark_cli.documents import Document
+from newmark_cli.errors import ArgumentError
+from newmark_cli.library import arguments
+from newmark_cli.library.problems import problem as problem_of
+from newmark_cli.library.scalings import integrator_of, preconditioning_of
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
+from newmark_cli.newmark.march import March
+from newmark_cli.newmark.march_data import COMPLETED
+from newmark_cli.newmark.scheme import (
+    COMPENSATED,
+    EVALUATIONS,
+    PRECISIONS,
+    Scheme,
+    Tolerance,
+    steps_until,
+)
+from newmark_cli.newmark.trajectory import KEPT, Recorder, Step, Trajectory
+from newmark_cli.problems import starting
+from newmark_cli.problems.problem import Problem, ProblemError
+
+#: Most memory that a trajectory may take (bytes).
+MOST_BYTES = 1_000_000_000
+
+
+class Steps(Iterator[Step]):
+    """A march that is stepped: every ``next`` takes it to the next step that is kept.
+
+    ``march(..., steps=True)`` and `steps` return one.
+
+    Attributes:
+        problem: What is marched, with its start.
+
+    Examples:
+        What was seen is there after a ``break``, an exception, or an interrupt:
+
+        >>> import newmark_cli as newmark
+        >>> stepped = newmark.march("pendulum", h=1e-2, steps=True)
+        >>> for step in stepped:
+        ...     if step.v[1] > 0:
+        ...         break
+        >>> stepped.trajectory
+        Trajectory(pendulum, status='stopped', steps=186, h=0.01, kept=187)
+    """
+
+    def __init__(self, recorder: Recorder, halts: Iterator[int], bounded: int) -> None:
+        """Not for callers; see `march`."""
+        self.problem = recorder.march.problem
+        self._recorder, self._halts, self._room = recorder, halts, bounded
+        self._over = False
+
+    def __next__(self) -> Step:
+        recorder, march = self._recorder, self._recorder.march
+        halt = next(self._halts, None) if not self._over else None
+        if halt is None:
+            self._over = True
+            raise StopIteration
+        self._room -= 1
+        if self._room < 0:
+            raise ArgumentError(
+                f"the steps kept so far take {MOST_BYTES:g} bytes; step with every=k, or keep "
+                'less: keep=("u",)'
+            )
+        before = march.done
+        with _partial(recorder):
+            for stretch in march.stretches(halt):
+                recorder.took(stretch)
+        self._over = march.ending != COMPLETED or not recorder.finite
+        recorder.keep_here()
+        if self._over and march.done == before:
+            raise StopIteration
+        return recorder.here
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What was kept so far; usable at any time."""
+        return self._recorder.trajectory("" if self._over else "stopped")
+
+
+@contextmanager
+def _partial(recorder: Recorder) -> Iterator[None]:
+    """An exception of the block, Ctrl-C included, carries what was kept so far."""
+    try:
+        yield
+    except BaseException as error:
+        recorder.keep_here()
+        with suppress(AttributeError):
+            error.trajectory = recorder.trajectory("interrupted")  # type: ignore[attr-defined]
+        error.add_note("its attribute 'trajectory' has what was marched until then")
+        raise
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A march that is about to go on.
+
+    Attributes:
+        march: Where it begins.
+        origin: Time from which ``t_end`` counts (s).
+    """
+
+    march: March
+    origin: float
+
+    def until(self, t_end: float) -> int:
+        """Step of the march at which it has come to a time since the origin."""
+        march = self.march
+        h = march.scheme.h
+        elapsed = march.problem.t0 - self.origin
+        last = steps_until(t_end - elapsed, h) if t_end > elapsed else 0
+        if last <= march.done:
+            why = (
+                f"shorter than the step h = {h:g}"
+                if march.t == self.origin
+                else (f"the march is already at t = {march.t:g}")
+            )
+            raise ArgumentError(f"t_end: {why}, given {t_end:g}")
+        return last
+
+
+@overload
+def march(
+    problem: Any,
+    *,
+    h: float,
+    t_end: float | None = None,
+    steps: Literal[True],
+    form: str = ...,
+    integrator: Any = ...,
+    scaling: Any = ...,
+    evaluation: str = ...,
+    precision: str = ...,
+    linear_solver: str = ...,
+    krylov: Mapping[str, float] | Krylov | None = ...,
+    stop: Mapping[str, float] | Tolerance | None = ...,
+    iteration_cap: int = ...,
+    every: int | None = ...,
+    at: None = ...,
+    keep: Sequence[str] = ...,
+    u0: ArrayLike | Mapping[str, Any] | None = ...,
+    v0: ArrayLike | Mapping[str, Any] | None = ...,
+    project: bool = ...,
+    state: Step | None = ...,
+    callback: None = ...,
+) -> Steps: ...
+
+
+@overload
+def march(
+    problem: Any,
+    *,
+    h: float,
+    t_end: float | None = None,
+    steps: int | None = None,
+    form: str = ...,
+    integrator: Any = ...,
+    scaling: Any = ...,
+    evaluation: str = ...,
+    precision: str = ...,
+    linear_solver: str = ...,
+    krylov: Mapping[str, float] | Krylov | None = ...,
+    stop: Mapping[str, float] | Tolerance | None = ...,
+    iteration_cap: int = ...,
+    every: int | None = ...,
+    at: ArrayLike | None = ...,
+    keep: Sequence[str] = ...,
+    u0: ArrayLike | Mapping[str, Any] | None = ...,
+    v0: ArrayLike | Mapping[str, Any] | None = ...,
+    project: bool = ...,
+    state: Step | None = ...,
+    callback: Callable[[Step], object] | None = ...,
+) -> Trajectory: ...
+
+
+def march(
+    problem: Any,
+    *,
+    h: float,
+    t_end: float | None = None,
+    steps: int | None = None,
+    form: str = "u-lambda",
+    integrator: Any = "trapezoidal",
+    scaling: Any = "optimal",
+    evaluation: str = "direct",
+    precision: str = "float64",
+    linear_solver: str = AUTO,
+    krylov: Mapping[str, float] | Krylov | None = None,
+    stop: Mapping[str, float] | Tolerance | None = None,
+    iteration_cap: int = 50,
+    every: int | None = None,
+    at: ArrayLike | None = None,
+    keep: Sequence[str] = KEPT,
+    u0: ArrayLike | Mapping[str, Any] | None = None,
+    v0: ArrayLike | Mapping[str, Any] | None = None,
+    project: bool = False,
+    state: Step | None = None,
+    callback: Callable[[Step], object] | None = None,
+) -> Trajectory | Steps:
+    """March a problem, M v' = f + G λ, u' = v, 0 = Φ, with steps of constant size.
+
+    It is the march of the command line, to the bit.  A march that fails does not raise:
+    the trajectory ends with its last whole step, and its ``status`` says why.
+
+    Args:
+        problem: A `Problem`, or whatever `problem` takes.
+        h: Step size (s).
+        t_end: End (s), counted from the problem's ``t0``, which is 0 for mechanisms: whole
+            steps up to it are taken.
+        steps: In place of ``t_end`` the number of steps; ``True``: return an iterator
+            over the steps, without end if there is no ``t_end``.
+        form: Unknowns that are kept: one of ``u-lambda``, ``v-lambda``, ``a-lambda``,
+            ``u-v-lambda``, ``u-v-a-lambda``, ``u-a-lambda``, ``v-a-lambda``.
+        integrator: ``"trapezoidal"``, text such as ``"newmark beta=0.3025 gamma=0.6"`` or
+            ``"generalized-alpha rho=0.9"``, a dict as in a config, or an object of
+            `newmark_cli.newmark.integrator`.
+        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"`` (Table 2), or a dict with
+            ``name``, ``left`` and ``right`` as in a config.
+        evaluation: ``"direct"`` as the paper writes the residuals, or ``"compensated"``.
+        precision: ``"float64"`` or ``"float32"``, the arithmetic of the march; what is
+            returned is float64.
+        linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"gmres"``, ``"minres"``.
+        krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES and MINRES.
+        stop: ``{"absolute": 1e-8}`` or ``{"relative": 1e-8}``: size of the scaled
+            correction at which Newton's iteration stops; where rounding stops it, eq. 50,
+            when omitted.
+        iteration_cap: Most Newton corrections in a step.
+        every: Keep the start, every so many steps, and the last; 1 when omitted, 0 keeps
+            only the last.  A kept step takes 8 (3 n + m + 2) bytes; more than 1 GB is
+            refused.
+        at: Keep the steps nearest to these times (s) instead, in any order; ``t`` of the
+            trajectory tells which they are.  Without ``t_end`` the march ends at the last.
+        keep: Which of ``"u"``, ``"v"``, ``"a"``, ``"lambda"``; ``()`` keeps only the
+            ``state`` at the end.
+        u0, v0: Start of one's own: (n,) coordinates (m) and velocities (m/s), or a dict of
+            points, ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is
+            not given is the problem's.
+        project: Replace a start that misses the constraints by the nearest that meets
+            them: first the coordinates, then the velocities, in the norm of M.
+        state: Go on from a `Step` in place of the start.  With the same integrator and
+            ``h`` the march goes on to the same bits; otherwise the integrator starts anew
+            from its u, v, a, λ.
+        callback: Called with the `Step` after every step that is kept.  It stops the
+            march by raising StopIteration; any other exception travels on, and has the
+            `Trajectory` so far as its attribute ``trajectory``, as KeyboardInterrupt has.
+
+    Returns:
+        The trajectory; an iterator with ``steps=True``.
+
+    Raises:
+        ArgumentError: For an argument of the wrong type, shape, size or name, and a start
+            that misses the constraints.
+        ProblemError, DocumentError: When the problem, or a dict, cannot be used.
+        IntegratorError, ScalingError: For parameters that give no usable scheme.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> swing = newmark.march("andrews", h=1e-4, t_end=0.03, every=100)
+        >>> swing.t.round(3).tolist()
+        [0.0, 0.01, 0.02, 0.03]
+        >>> swing.constraint("bodies.K1").shape
+        (4,)
+
+        Go on from where it ended, with less in memory:
+
+        >>> later = newmark.march("andrews", h=1e-4, t_end=0.04, state=swing.state, every=0)
+        >>> later.t.round(3).tolist(), later.u.shape
+        ([0.04], (1, 8))
+
+        A start of one's own, brought onto the constraints:
+
+        >>> thrown = newmark.march(
+        ...     "pendulum", h=1e-2, t_end=1.0, u0={"P": (2.0, 0.0)}, v0=[0.5, 1.0], project=True
+        ... )
+        >>> thrown.u[0].round(12).tolist(), thrown.v[0].round(12).tolist()
+        ([1.0, 0.0], [0.0, 1.0])
+    """
+    scheme = Scheme(
+        integrator_of(integrator),
+        FORMS[arguments.one_of("form", form, FORMS)],
+        preconditioning_of(scaling, "scaling").scaling(FORMS[form]),
+        arguments.positive("h", h, " of seconds"),
+        arguments.count("iteration_cap", iteration_cap, 1),
+        arguments.one_of("evaluation", evaluation, EVALUATIONS),
+        arguments.one_of("precision", precision, PRECISIONS),
+        _tolerance(stop),
+    )
+    keep = arguments.some_of("keep", keep, KEPT)
+    given = problem_of(problem)
+    _require_fit(given, scheme, arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS))
+    subject = _started(given, u0, v0, project, state)
+    begun = _begin(subject, given.t0, scheme, linear_solver, _krylov(krylov), state)
+    stepped = steps is True
+    if stepped and (callback is not None or at is not None):
+        raise ArgumentError(
+            "steps=True: the loop is the callback, and sees every step; give "
+            "neither callback nor at"
+        )
+    if callback is not None and not callable(callback):
+        raise ArgumentError(f"callback must be a function, given {arguments.shown(callback)}")
+    last = _last(begun, t_end, None if stepped else steps, at, stepped)
+    if at is not None:
+        return _marched_at(begun, last, at, every, keep, callback)
+    every = (1 if keep or stepped else 0) if every is None else arguments.count("every", every)
+    return _marched(begun, last, every, keep, callback, stepped)
+
+
+def steps(problem: Any, *, h: float, **options: Any) -> Steps:
+    """A march that is stepped: the same as ``march(problem, h=h, steps=True, **options)``.
+
+    Args:
+        problem, h, **options: As of `march`.
+
+    Raises:
+        ArgumentError and others: As `march`.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> for step in newmark.steps("pendulum", h=1e-2, t_end=0.03):
+        ...     print(f"{step.t:g} s: {step.u[1]:.6f}", step.converged)
+        0.01 s: -0.000050 True
+        0.02 s: -0.000200 True
+        0.03 s: -0.000450 True
+    """
+    stepping: Steps = march(problem, h=h, steps=True, **options)
+    return stepping
+
+
+# -- what a march is made of ------------------------------------------------------------------
+
+
+def _tolerance(given: Any) -> Tolerance | None:
+    if given is None or isinstance(given, Tolerance):
+        return given
+    from newmark_cli.study.keys import StopConfig
+
+    return documents.validate(Document.of("stop", given), StopConfig).tolerance()
+
+
+def _krylov(given: Any) -> Krylov | None:
+    if given is None or isinstance(given, Krylov):
+        return given
+    from newmark_cli.study.keys import KrylovConfig
+
+    return documents.validate(Document.of("krylov", given), KrylovConfig).options()
+
+
+def _require_fit(problem: Problem, scheme: Scheme, linear_solver: str) -> None:
+    """What the problem must be for the scheme."""
+    if scheme.evaluation == COMPENSATED and not problem.quadratic:
+        raise ArgumentError(
+            "evaluation: compensated needs constraints that are quadratic in u and do not "
+            f"depend on time; those of {problem.name} are not, or not declared so"
+        )
+    if scheme.precision != "float64":
+        if not problem.single:
+            raise ArgumentError(f"precision: {problem.name} is computed in float64 only")
+        if choose(linear_solver, problem, scheme.form) != DENSE:
+            raise ArgumentError(f"precision: {scheme.precision} needs linear_solver {DENSE!r}")
+    try:
+        with np.errstate(all="ignore"):
+            factors = np.concatenate([scheme.left, scheme.right]).astype(scheme.dtype)
+    except ArithmeticError:
+        factors = np.zeros(1)
+    if not np.all(np.isfinite(factors) & (factors > 0)):
+        raise ArgumentError(f"h is too large or too small, given {scheme.h:g}")
+
+
+def _started(problem: Problem, u0: Any, v0: Any, project: bool, state: Step | None) -> Problem:
+    """The problem with the start that was asked for."""
+    project = arguments.flag("project", project)
+    if state is not None:
+        if not isinstance(state, Step):
+            raise ArgumentError(
+                "state must be a Step, such as trajectory.state, given " + arguments.shown(state)
+            )
+        if u0 is not None or v0 is not None or project:
+            raise ArgumentError("state is a start: give neither u0, v0 nor project")
+        if (len(state.u), len(state.multipliers)) != (problem.n, problem.m):
+            raise ArgumentError(
+                f"state has {len(state.u)} coordinates and {len(state.multipliers)} "
+                f"multipliers, {problem.name} {problem.n} and {problem.m}"
+            )
+        return problem
+    if u0 is None and v0 is None and not project:
+        return problem
+    return starting.started(
+        problem,
+        problem.u0 if u0 is None else arguments.coordinates("u0", u0, problem, problem.u0),
+        problem.v0 if v0 is None else arguments.coordinates("v0", v0, problem, problem.v0),
+        project,
+    )
+
+
+def _begin(
+    problem: Problem,
+    origin: float,
+    scheme: Scheme,
+    linear_solver: str,
+    krylov: Krylov | None,
+    state: Step | None,
+) -> _Begun:
+    """The march at its start, or at the step that it goes on from."""
+    how = (scheme, linear_solver, krylov)
+    try:
+        if state is None:
+            return _Begun(March(problem, *how), origin)
+        carried = state.carried
+        if (carried.h, carried.integrator) == (scheme.h, scheme.integrator.label):
+            there = replace(problem, t0=carried.t0)
+            return _Begun(March(there, *how, state=carried.state, done=carried.done), origin)
+        fields = carried.state.fields[[0, 1, 3, 3]].astype(float)
+        anew = carried.state._replace(fields=fields, past=scheme.relations.start @ fields[:3])
+        return _Begun(March(replace(problem, t0=state.t), *how, state=anew), origin)
+    except np.linalg.LinAlgError as error:
+        raise ProblemError(
+            f"{problem.name}: accelerations at the start are not determined: {error}"
+        ) from None
+
+
+def _last(begun: _Begun, t_end: Any, steps: Any, at: Any, stepped: bool) -> int | None:
+    """Step at which the march ends; None for one without end."""
+    march = begun.march
+    if t_end is not None and steps is not None:
+        raise ArgumentError("t_end or steps: give one of them, not both")
+    if t_end is not None:
+        return begun.until(arguments.positive("t_end", t_end, " of seconds"))
+    if steps is not None:
+        return march.done + arguments.count("steps", steps)
+    if at is not None:
+        times = arguments.vector("at", at)
+        if len(times) == 0:
+            raise ArgumentError("at must name a time, given none")
+        h, t0 = march.scheme.h, march.problem.t0
+        return max(march.done, math.ceil(round((float(times.max()) - t0) / h, 6)))
+    if stepped:
+        return None
+    raise ArgumentError("t_end or steps: give one of them")
+
+
+def _room(march: March, keep: Sequence[str]) -> int:
+    """Steps that may be kept."""
+    widths = sum(march.problem.m if name == "lambda" else march.problem.n for name in keep)
+    return MOST_BYTES // (8 * (widths + 2))
+
+
+def _require_room(march: March, kept: int, keep: Sequence[str], way_out: str) -> None:
+    if kept > (room := _room(march, keep)):
+        raise ArgumentError(
+            f"{kept} steps to keep take more than {MOST_BYTES:g} bytes of memory, at most {room}; "
+            f"{way_out}"
+        )
+
+
+def _marched(
+    begun: _Begun,
+    last: int | None,
+    every: int,
+    keep: tuple[str, ...],
+    callback: Callable[[Step], object] | None,
+    stepped: bool,
+) -> Trajectory | Steps:
+    """Keep the start, every so many steps, and the last; with 0 only the last."""
+    march = begun.march
+    if stepped and every == 0:
+        raise ArgumentError("every must be at least 1 with steps=True, given 0")
+    if last is None:
+        recorder = Recorder(march, keep)
+        recorder.keep_here()
+        return Steps(recorder, count(march.done + every, every), _room(march, keep))
+    looks = range(march.done + every, last, every) if every else range(0)
+    kept = len(looks) + 2
+    needed = -(-8 * kept * (3 * march.problem.n + march.problem.m + 2) // MOST_BYTES)
+    _require_room(march, kept, keep, f"keep every k-th: every={max(every, 1) * (needed + 1)}")
+    recorder = Recorder(march, keep, kept)
+    if every:
+        recorder.keep_here()
+    if stepped or callback is not None:
+        halts = chain(looks, [last] if last > march.done else [])
+        stepping = Steps(recorder, halts, kept)
+        return stepping if stepped else _called(stepping, callback)
+    return _recorded(recorder, last, looks)
+
+
+def _recorded(recorder: Recorder, last: int, looks: Sequence[int], end: bool = True) -> Trajectory:
+    with _partial(recorder):
+        for stretch in recorder.march.recorded(last, looks):
+            recorder.took(stretch)
+            if not recorder.finite:
+                break
+    if end:
+        recorder.keep_here()
+    return recorder.trajectory()
+
+
+def _called(stepping: Steps, callback: Callable[[Step], object] | None) -> Trajectory:
+    assert callback is not None
+    recorder = stepping._recorder
+    for step in stepping:
+        try:
+            with _partial(recorder):
+                callback(step)
+        except StopIteration:
+            return recorder.trajectory("stopped")
+    return stepping.trajectory
+
+
+def _marched_at(
+    begun: _Begun,
+    last: int | None,
+    at: Any,
+    every: int | None,
+    keep: tuple[str, ...],
+    callback: Callable[[Step], object] | None,
+) -> Trajectory:
+    """Keep the steps nearest to some times."""
+    assert last is not None
+    if every is not None:
+        raise ArgumentError("give either every or at, not both")
+    march, times = begun.march, arguments.vector("at", at)
+    h, t0 = march.scheme.h, march.problem.t0
+    end = t0 + last * h
+    for time in times.tolist():
+        if not march.t - 1e-9 * h <= time <= end + h * (1 - 1e-9):
+            raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
+    nearest = np.unique(np.clip(np.rint((times - t0) / h).astype(np.int64), march.done, last))
+    _require_room(march, len(nearest), keep, "give fewer times")
+    recorder = Recorder(march, keep, len(nearest))
+    looks = nearest.tolist()
+    if looks and looks[0] == march.done:
+        recorder.keep_here()
+        looks = looks[1:]
+    if callback is None:
+        return _recorded(recorder, last, looks, end=False)
+    trajectory = _called(Steps(recorder, iter(looks), len(looks)), callback)
+    if trajectory.status in ("ok", "not_converged") and march.done < last:
+        return _recorded(recorder, last, (), end=False)
+    return trajectory

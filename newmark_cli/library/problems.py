@@ -1,0 +1,105 @@
+"""Problems for notebooks: by name, from a file, or made in Python."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from newmark_cli import documents
+from newmark_cli.documents import Document
+from newmark_cli.errors import ArgumentError
+from newmark_cli.library.arguments import shown
+from newmark_cli.mechanisms import planar, registry
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spec import PythonFactory, Sized
+from newmark_cli.problems import fingerprint, python_problem
+from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.problems.python_problem import Definition
+from newmark_cli.spelling import nearest
+
+
+def problem(given: Any, /, **arguments: Any) -> Problem:
+    """A problem to march, from whatever describes it.
+
+    Files are read anew at every call, so that a change shows.
+
+    Args:
+        given: One of
+
+            - the name of a shipped problem, such as ``"andrews"``;
+            - the name of a family, with its sizes as further arguments;
+            - the path of a mechanism file, ``"mine.yaml"``, as text or `pathlib.Path`;
+            - a Python file and a function in it that returns a `Definition`,
+              ``"mine.py:factory"``, with its arguments as further ones.  **Its code runs.**
+            - a `Definition`, or anything with its attributes;
+            - a dict with the keys of a mechanism file;
+            - a `Problem`, which is returned as it is.
+        **arguments: Sizes of a family, or arguments of a factory.
+
+    Returns:
+        The problem: ``n`` coordinates, ``m`` constraints, ``u0`` and ``v0`` (n,),
+        ``coordinate_names``, ``constraint_names``, and ``evaluate(t, u, v, λ)`` for the
+        terms of M v' = f + G λ, 0 = Φ (eqs. 1).
+
+    Raises:
+        ArgumentError: When nothing of this kind is known.
+        ProblemError: When a name is unknown, or a definition cannot be used.
+        DocumentError: When a mechanism cannot be used; names the file and line, or the
+            key of a dict.
+
+    Examples:
+        A shipped one, a family, and a mechanism without a file:
+
+        >>> import newmark_cli as newmark
+        >>> newmark.problem("andrews").m
+        7
+        >>> newmark.problem("chain", links=20).n
+        40
+        >>> swing = newmark.problem({
+        ...     "points": {"O": {"fixed": (0, 0)}, "P": {"at": (1, 0), "mass": 2.0}},
+        ...     "bars": {"rod": {"from": "O", "to": "P", "length": 1.0}},
+        ...     "gravity": (0, -9.81),
+        ... })
+        >>> swing.coordinate_names, swing.constraint_names
+        (('P.x', 'P.y'), ('bars.rod',))
+    """
+    if isinstance(given, str) and given in FAMILIES:
+        return _member(given, arguments)
+    if isinstance(given, str) and given.rpartition(":")[0].endswith(".py"):
+        return _of_factory(given, arguments)
+    if arguments:
+        raise ArgumentError(
+            f"problem {shown(given)} takes no further arguments, given {', '.join(arguments)}"
+        )
+    if isinstance(given, Problem):
+        return given
+    if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
+        return planar.load(Path(given), Path(given).name.replace(",", "_"), str(given))
+    if isinstance(given, str):
+        if given not in PROBLEMS:
+            names = (*PROBLEMS, *FAMILIES)
+            raise ProblemError(f"unknown problem {given!r}{nearest(given, names)}")
+        return registry.problem(given)
+    if isinstance(given, Mapping):
+        return planar.built(str(given.get("title") or "mechanism"), Document.of("mechanism", given))
+    if isinstance(given, Definition) or hasattr(given, "mass_matrix"):
+        found = python_problem.from_definition(given, "definition", "definition")
+        return replace(found, code=fingerprint.of_definition(given))
+    raise ArgumentError(
+        f"a problem must be a name, a path, a dict, a Definition or a Problem, given {shown(given)}"
+    )
+
+
+def _member(family: str, sizes: Mapping[str, Any]) -> Problem:
+    document = Document.of(family, sizes)
+    checked = documents.validate(document, FAMILIES[family].size)
+    return Sized(family, tuple(checked.model_dump().items())).load()
+
+
+def _of_factory(spelled: str, arguments: Mapping[str, Any]) -> Problem:
+    file, _, factory = spelled.rpartition(":")
+    if not factory.isidentifier():
+        raise ArgumentError(f'a Python problem is "file.py:factory", given {spelled!r}')
+    spec = PythonFactory(Path(file).absolute(), factory, tuple(arguments.items()), spelled)
+    return python_problem.load(spec.path, factory, arguments, spec.label, file)

@@ -1,0 +1,163 @@
+"""Scalings for notebooks: the factors of Table 2 as text and as numbers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from newmark_cli import documents
+from newmark_cli.documents import Document
+from newmark_cli.errors import ArgumentError
+from newmark_cli.library import arguments
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import Integrator, Newmark
+from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
+
+
+@dataclass(frozen=True)
+class Factors:
+    """What a form's equations and unknowns are multiplied by: (D_L J D_R) q̄ = −D_L b, eq. 9.
+
+    Attributes:
+        form: Name of the form.
+        left_formulas: Row block (D, V, K, C, those that the form has) → factor as text.
+        right_formulas: Unknown (u, v, a, lambda, those that the form has) → likewise.
+        left, right: The same as numbers at the step size.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> factors = newmark.scaling("u-lambda", h=1e-3)
+        >>> factors.rows, factors.unknowns
+        (('D', 'C'), ('u', 'lambda'))
+        >>> factors.left_formulas["D"], factors.left["D"]
+        ('beta*h^2', 2.5e-07)
+    """
+
+    form: str
+    left_formulas: Mapping[str, str]
+    right_formulas: Mapping[str, str]
+    left: Mapping[str, float]
+    right: Mapping[str, float]
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Row blocks of the form."""
+        return tuple(self.left)
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Unknowns of the form."""
+        return tuple(self.right)
+
+
+def scaling(
+    form: str,
+    *,
+    h: float,
+    beta: float | None = None,
+    gamma: float | None = None,
+    integrator: Any = None,
+    preconditioning: Any = "optimal",
+) -> Factors:
+    """The scaling of a form: Table 2 of the paper, or one of one's own, in numbers.
+
+    Args:
+        form: Name of a form, such as ``"v-lambda"``.
+        h: Step size (s).
+        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
+        integrator: In their place an integrator, as `march` takes it; its β and γ are then
+            those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
+        preconditioning: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``,
+            ``"optimal-printed"``, or a dict with ``name``, ``left`` and ``right``.
+
+    Returns:
+        Factors of each row block and unknown, as text and as numbers.
+
+    Raises:
+        ArgumentError: For an unknown form or variant, or a step size that is not positive.
+        IntegratorError: For β, γ that give no usable scheme.
+        DocumentError, ScalingError: For a scaling of one's own that cannot be used.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> factors = newmark.scaling("v-lambda", beta=0.3025, gamma=0.6, h=1e-2)
+        >>> dict(factors.left_formulas), dict(factors.right_formulas)
+        ({'D': 'gamma*h^2', 'C': '1'}, {'v': '1/(gamma*h)', 'lambda': '1/(beta*h^2)'})
+        >>> round(factors.right["lambda"], 3)
+        33057.851
+    """
+    arguments.one_of("form", form, FORMS)
+    h = arguments.positive("h", h, " of seconds")
+    method = _integrator(beta, gamma, integrator)
+    chosen = preconditioning_of(preconditioning, "preconditioning").scaling(FORMS[form])
+    symbols = method.symbols(h)
+    try:
+        left, right = (
+            {block: factor(symbols) for block, factor in side.items()}
+            for side in (chosen.left, chosen.right)
+        )
+    except ArithmeticError:
+        raise ArgumentError(f"h is too large or too small, given {h:g}") from None
+    return Factors(
+        form,
+        {block: str(factor) for block, factor in chosen.left.items()},
+        {block: str(factor) for block, factor in chosen.right.items()},
+        left,
+        right,
+    )
+
+
+def _integrator(beta: float | None, gamma: float | None, integrator: Any) -> Integrator:
+    if integrator is None:
+        return Newmark(
+            0.25 if beta is None else arguments.number("beta", beta),
+            0.5 if gamma is None else arguments.number("gamma", gamma),
+        )
+    if beta is not None or gamma is not None:
+        raise ArgumentError("give either an integrator or beta and gamma, not both")
+    return integrator_of(integrator)
+
+
+def preconditioning_of(given: Any, name: str) -> Preconditioning:
+    """A scaling by its name, its dict, or itself.
+
+    Args:
+        given: It.
+        name: Of the argument.
+    """
+    if isinstance(given, Preconditioning):
+        return given
+    if isinstance(given, Mapping):
+        from newmark_cli.study.keys import OwnScaling
+
+        return documents.validate(Document.of(name, given), OwnScaling).preconditioning()
+    return Preconditioning(arguments.one_of(name, given, VARIANTS))
+
+
+def integrator_of(given: Any) -> Integrator:
+    """An integrator by its name and parameters, its dict, or itself."""
+    if isinstance(given, str) and given == "trapezoidal":
+        return Newmark()
+    if isinstance(given, str | Mapping):
+        from newmark_cli.study.keys import IntegratorConfig
+
+        data = _spelled(given) if isinstance(given, str) else given
+        return documents.validate(Document.of("integrator", data), IntegratorConfig).integrator()
+    if not (hasattr(given, "relations") and hasattr(given, "symbols")) or isinstance(given, type):
+        raise ArgumentError(
+            "integrator must be text such as 'generalized-alpha rho=0.9', a dict such as "
+            f"{{'method': 'bdf2'}}, or an integrator, given {arguments.shown(given)}"
+        )
+    found: Integrator = given
+    return found
+
+
+def _spelled(text: str) -> dict[str, Any]:
+    """``"hht alpha=0.1"`` as a dict."""
+    method, *pairs = text.split() or [""]
+    try:
+        parts = [pair.partition("=") for pair in pairs]
+        return {"method": method, **{name: float(value) for name, _, value in parts}}
+    except ValueError:
+        raise ArgumentError(
+            f"integrator {text!r}: parameters are numbers, as in 'generalized-alpha rho=0.9'"
+        ) from None

@@ -1,0 +1,452 @@
+"""Trajectories: what a march passed, as arrays, and the states that it can go on from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from newmark_cli.arrays import Array, IndexArray, Mask
+from newmark_cli.errors import ArgumentError
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.march import March, Stretch
+from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
+from newmark_cli.problems.problem import Problem
+from newmark_cli.spelling import nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: What a trajectory may keep, as `keep` names it.
+KEPT = (*FIELDS, "lambda")
+#: Row of `State.fields`: a trajectory's a is the true acceleration v', not the
+#: integrator's auxiliary one.
+_ROWS = {"u": 0, "v": 1, "a": 3}
+
+_MESSAGES = {
+    "ok": "the march reached its end",
+    "not_converged": "the march reached its end, but Newton's iteration did not converge "
+    "in some steps",
+    "stopped": "the march was stopped by its caller",
+    "singular": "the Jacobian is singular in the next step",
+    "diverged": "Newton's iteration left the range of floating point in the next step",
+    "stagnated": "the Krylov solver did not reach its tolerance in the next step",
+    "interrupted": "the march was interrupted by an exception",
+}
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """What a march needs to go on from a step to the same bits.
+
+    Attributes:
+        state: A copy of the march's state.
+        t0: Time of the start from which steps count (s).
+        done: Steps since then.
+        h: Step size (s).
+        integrator: Label of the integrator, whose past vectors the state has.
+    """
+
+    state: State
+    t0: float
+    done: int
+    h: float
+    integrator: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Step:
+    """A march after one of its steps, to look at and to go on from.
+
+    `march` hands it to callbacks, a march that is stepped yields it, and
+    ``trajectory.state`` is the last one; ``march(..., state=step)`` goes on from there.
+    The arrays are copies.
+
+    Attributes:
+        t: Time (s).
+        u: (n,) coordinates (m for mechanisms).
+        v: (n,) velocities (m/s).
+        a: (n,) accelerations v' (m/s²), which the dynamics and their multipliers give;
+            not the auxiliary acceleration of generalized-α and HHT.
+        multipliers: (m,) λ; see "Multipliers" in docs/python.md for sign and units.
+        iterations: Newton corrections computed in the step; 0 at the start.
+        converged: Whether Newton's iteration converged, or met its tolerance.
+        norms: Unknown (``"u"``, ``"lambda"`` and so on) → 2-norm of the last decreasing
+            correction, in the scaled unknowns that the solver sees (eq. 50); 0 at the start.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> for step in newmark.march("pendulum", h=1e-2, t_end=3.0, steps=True):
+        ...     if step.u[1] < -0.5:
+        ...         break
+        >>> round(step.t, 2), step.converged, sorted(step.norms)
+        (1.03, True, ['lambda', 'u'])
+    """
+
+    t: float
+    u: Array
+    v: Array
+    a: Array
+    multipliers: Array
+    iterations: int
+    converged: bool
+    norms: Mapping[str, float]
+    carried: _Carried = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"Step(t={self.t:g}, n={len(self.u)}, m={len(self.multipliers)}, "
+            f"iterations={self.iterations}, converged={self.converged})"
+        )
+
+
+def step_of(march: March, stretch: Stretch | None = None) -> Step:
+    """Where a march stands.
+
+    Args:
+        march: The march.
+        stretch: The stretch that led there; None at the start.
+    """
+    here = march.here
+    unknowns = march.scheme.form.unknowns
+    took = stretch is not None and len(stretch.iterations) > 0
+    iterations = int(stretch.iterations[-1]) if stretch and took else 0
+    norms = stretch.norms[-1].tolist() if stretch and took else [0.0] * len(unknowns)
+    state = State(*(array.copy() for array in march.state))
+    label = march.scheme.integrator.label
+    carried = _Carried(state, march.problem.t0, march.done, march.scheme.h, label)
+    return Step(
+        t=march.t,
+        u=here.fields[_ROWS["u"]],
+        v=here.fields[_ROWS["v"]],
+        a=here.fields[_ROWS["a"]],
+        multipliers=here.multipliers,
+        iterations=abs(iterations),
+        converged=iterations >= 0,
+        norms=dict(zip(unknowns, norms, strict=True)),
+        carried=carried,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """A motion as a march took it, at the k steps that were kept.
+
+    No number in it is NaN or infinite: where a march fails, the trajectory ends with its
+    last whole step, and `status` and `message` say why.
+
+    Attributes:
+        t: (k,) times (s).
+        iterations: (k,) Newton corrections computed in each kept step; 0 at the start.
+        converged: (k,) whether Newton's iteration converged in it.
+        status: ``"ok"``; ``"not_converged"``, in some steps, see `not_converged`;
+            ``"stopped"`` by the caller; ``"interrupted"`` by an exception; or why there
+            is no next step: ``"singular"``, ``"diverged"``, ``"stagnated"``.
+        steps: Steps taken by this march.
+        not_converged: How many of them ended before Newton's iteration converged.
+        newton_iterations: Corrections computed by all of them.
+        h: Step size (s).
+        state: The last step, to look at and to go on from: ``march(..., state=…)``.
+        problem: What was marched, with the start that it was marched from.
+        arrays: ``"u"``, ``"v"``, ``"a"``, ``"lambda"`` → array, of those that were kept.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> swing = newmark.march("pendulum", h=1e-2, t_end=3.0)
+        >>> swing.status, swing.t.shape, swing.u.shape, swing.multipliers.shape
+        ('ok', (301,), (301, 2), (301, 1))
+        >>> swing.constraint_names
+        ('bars.rod',)
+        >>> bool(abs(swing.energy - swing.energy[0]).max() < 1e-3)
+        True
+        >>> list(swing.to_frame().columns)[:3]
+        ['t', 'u[P.x]', 'u[P.y]']
+    """
+
+    t: Array
+    iterations: IndexArray
+    converged: Mask
+    status: str
+    steps: int
+    not_converged: int
+    newton_iterations: int
+    h: float
+    state: Step
+    problem: Problem = field(repr=False)
+    arrays: Mapping[str, Array] = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"Trajectory({self.problem.name}, status={self.status!r}, steps={self.steps}, "
+            f"h={self.h:g}, kept={len(self.t)})"
+        )
+
+    @property
+    def success(self) -> bool:
+        """Whether the march reached its end, or its caller's, and every step converged."""
+        return self.status in ("ok", "stopped") and not self.not_converged
+
+    @property
+    def message(self) -> str:
+        """The status in a sentence."""
+        where = f" (t = {self.state.t:g}, {self.steps} steps taken)"
+        return _MESSAGES[self.status] + where
+
+    def _array(self, name: str) -> Array:
+        if name not in self.arrays:
+            kept = ", ".join(self.arrays) or "none"
+            raise ArgumentError(f"{name} was not kept; kept: {kept}; see 'keep' of march")
+        return self.arrays[name]
+
+    @property
+    def u(self) -> Array:
+        """(k, n) coordinates (m); raises ArgumentError where they were not kept."""
+        return self._array("u")
+
+    @property
+    def v(self) -> Array:
+        """(k, n) velocities (m/s); raises ArgumentError where they were not kept."""
+        return self._array("v")
+
+    @property
+    def a(self) -> Array:
+        """(k, n) accelerations v' (m/s²), which M v' = f + G λ gives.
+
+        Not the auxiliary acceleration that generalized-α and HHT carry along.  Raises
+        ArgumentError where they were not kept.
+        """
+        return self._array("a")
+
+    @property
+    def multipliers(self) -> Array:
+        """(k, m) λ; raises ArgumentError where they were not kept."""
+        return self._array("lambda")
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """(n,) names of the columns of u, v and a."""
+        return self.problem.coordinate_names
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """(m,) names of the columns of λ."""
+        return self.problem.constraint_names
+
+    @property
+    def point_names(self) -> tuple[str, ...]:
+        """Names of the moving points of a mechanism; none of another problem."""
+        return self.problem.points
+
+    @cached_property
+    def energy(self) -> Array | None:
+        """(k,) total energy (J), up to a constant; None where none is conserved.
+
+        Raises ArgumentError where u or v were not kept.
+        """
+        if self.problem.potential is None:
+            return None
+        states = zip(self.t.tolist(), self.u, self.v, strict=True)
+        energies = [self.problem.energies(t, u, v) or (0.0, 0.0) for t, u, v in states]
+        return np.asarray(np.array(energies).sum(axis=1))
+
+    def coordinate(self, name: str, field: str = "u") -> Array:
+        """(k,) one coordinate.
+
+        Args:
+            name: One of `coordinate_names`.
+            field: ``"u"``, ``"v"`` or ``"a"``.
+
+        Raises:
+            ArgumentError: When there is no such coordinate, or it was not kept.
+
+        Examples:
+            >>> import newmark_cli as newmark
+            >>> float(newmark.march("pendulum", h=1e-2, t_end=1.0).coordinate("P.x")[0])
+            1.0
+        """
+        return self._field(field)[:, _place(name, "coordinate", self.coordinate_names)]
+
+    def point(self, name: str, field: str = "u") -> Array:
+        """(k, 2) one moving point of a mechanism; see `coordinate`."""
+        place = _place(name, "moving point", self.point_names)
+        return self._field(field)[:, 2 * place : 2 * place + 2]
+
+    def constraint(self, name: str) -> Array:
+        """(k,) multiplier of one constraint.
+
+        Args:
+            name: One of `constraint_names`.
+
+        Raises:
+            ArgumentError: When there is no such constraint, or λ was not kept.
+
+        Examples:
+            A pendulum that was released from the horizontal: λ = 3 y, here with y = −1.
+
+            >>> import newmark_cli as newmark
+            >>> swing = newmark.march("pendulum", h=1e-3, at=[1.854])
+            >>> swing.constraint("bars.rod").round(3).tolist()
+            [-3.0]
+        """
+        return self.multipliers[:, _place(name, "constraint", self.constraint_names)]
+
+    def _field(self, name: str) -> Array:
+        if name not in FIELDS:
+            raise ArgumentError(f"unknown field {name!r}{nearest(name, FIELDS)}")
+        return self._array(name)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """What was kept as a table, a row for each step.
+
+        Returns:
+            Columns ``t``, ``u[A.x]`` …, ``v[A.x]`` …, ``a[A.x]`` …, ``lambda[bars.link]`` …
+            and, where there is one and u and v were kept, ``energy``.
+        """
+        import pandas as pd
+
+        columns: dict[str, Array] = {"t": self.t}
+        for key, values in self.arrays.items():
+            names = self.constraint_names if key == "lambda" else self.coordinate_names
+            columns.update(zip((f"{key}[{name}]" for name in names), values.T, strict=True))
+        if {"u", "v"} <= self.arrays.keys() and self.energy is not None:
+            columns["energy"] = self.energy
+        return pd.DataFrame(columns)
+
+
+def _place(name: str, kind: str, names: Sequence[str]) -> int:
+    if name not in names:
+        raise ArgumentError(f"unknown {kind} {name!r}{nearest(name, names)}")
+    return names.index(name)
+
+
+class _Rows:
+    """An array that grows by rows; twice the room whenever it is full, at most ``most``."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, most: int | None) -> None:
+        self._values = np.empty((min(most or 64, 64), *shape), dtype)
+        self._most = most
+        self._length = 0
+
+    def extend(self, values: Any) -> None:
+        end = self._length + len(values)
+        if end > len(self._values):
+            room = max(end, 2 * len(self._values))
+            grown = np.empty(
+                (max(end, min(room, self._most or room)), *self._values.shape[1:]),
+                self._values.dtype,
+            )
+            grown[: self._length] = self._values[: self._length]
+            self._values = grown
+        self._values[self._length : end] = values
+        self._length = end
+
+    @property
+    def values(self) -> Any:
+        """A copy that takes no more room than it needs."""
+        return self._values[: self._length].copy()
+
+
+class Recorder:
+    """Keeps steps of a march, whoever marches: a cell, a drawing, the library.
+
+    Attributes:
+        march: The march.
+        finite: Whether all that was seen is.
+    """
+
+    def __init__(self, march: March, keep: Sequence[str] = KEPT, most: int | None = None) -> None:
+        """Keep nothing yet.
+
+        Args:
+            march: Where it stands is the start of the record.
+            keep: Which of `KEPT` it keeps.
+            most: About how many steps it will keep, if that is known.
+        """
+        n, m = march.problem.n, march.problem.m
+        self.march = march
+        self.finite = True
+        self._keep = tuple(name for name in KEPT if name in keep)
+        self._begin = march.done
+        self._not_converged, self._corrections, self._last = 0, 0, -1
+        self._times = _Rows((), float, most)
+        self._counts = _Rows((), np.int64, most)
+        self._arrays = {
+            name: _Rows((m if name == "lambda" else n,), float, most) for name in self._keep
+        }
+        self._good = step_of(march)
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return self.march.done - self._begin
+
+    @property
+    def here(self) -> Step:
+        """The last good step that the march halted at."""
+        return self._good
+
+    def keep_here(self) -> None:
+        """Keep the step where the march halts, unless it was kept already."""
+        if self._last == self.march.done or not self.finite:
+            return
+        step = self._good
+        count = step.iterations if step.converged else -step.iterations
+        fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
+        self._append([self.march.done], [count], {name: fields[name][None] for name in self._keep})
+
+    def took(self, stretch: Stretch) -> None:
+        """Take up what a stretch of the march recorded."""
+        self._not_converged += int(np.count_nonzero(stretch.iterations < 0))
+        self._corrections += int(np.abs(stretch.iterations).sum())
+        fields, multipliers = stretch.record.fields, stretch.record.multipliers
+        if len(stretch.looks) and self.finite:
+            good = np.isfinite(fields).all(axis=(1, 2)) & np.isfinite(multipliers).all(axis=1)
+            self.finite = bool(good.all())
+            first = self.march.done - len(stretch.iterations)
+            self._append(
+                stretch.looks[good],
+                stretch.iterations[stretch.looks[good] - first - 1],
+                {
+                    name: (multipliers if name == "lambda" else fields[:, _ROWS[name]])[good]
+                    for name in self._keep
+                },
+            )
+        if self.finite and all(np.isfinite(array).all() for array in self.march.state[:3]):
+            self._good = step_of(self.march, stretch) if len(stretch.iterations) else self._good
+        else:
+            self.finite = False
+
+    def _append(self, steps: Any, counts: Any, values: Mapping[str, Array]) -> None:
+        scheme, t0 = self.march.scheme, self.march.problem.t0
+        steps = np.asarray(steps, np.int64)
+        self._times.extend(t0 + steps * scheme.h)
+        self._counts.extend(counts)
+        for name, rows in self._arrays.items():
+            rows.extend(values[name])
+        if len(steps):
+            self._last = int(steps[-1])
+
+    def trajectory(self, status: str = "") -> Trajectory:
+        """What was kept so far.
+
+        Args:
+            status: Why the march ended, where it could go on.
+        """
+        ending = self.march.ending if self.finite else DIVERGED
+        if ending != COMPLETED:
+            status = ENDINGS[ending]
+        counts = self._counts.values
+        return Trajectory(
+            t=self._times.values,
+            iterations=np.abs(counts),
+            converged=counts >= 0,
+            status=status or ("not_converged" if self._not_converged else "ok"),
+            steps=self.steps,
+            not_converged=self._not_converged,
+            newton_iterations=self._corrections,
+            h=self.march.scheme.h,
+            state=self._good,
+            problem=self.march.problem,
+            arrays={name: rows.values for name, rows in self._arrays.items()},
+        )

@@ -1,0 +1,101 @@
+"""A start of the user's own: taken if it meets the constraints, or brought onto them."""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse
+
+from newmark_cli.arrays import Array
+from newmark_cli.errors import ArgumentError
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.problem import Problem, ProblemError
+
+#: What a start may miss of a constraint, relative to the largest coordinate, and to the
+#: largest velocity.
+TOLERANCE = 1e-9
+
+
+def started(problem: Problem, u0: Array, v0: Array, project: bool = False) -> Problem:
+    """The problem with another start.
+
+    Args:
+        problem: The problem.
+        u0, v0: (n,) coordinates and velocities.
+        project: Whether a start that does not meet Φ = 0 and Gᵀ v + Φ_t = 0 is replaced
+            by the nearest that does: first the coordinates, then at these the
+            velocities, both in the norm of M, ‖d‖² = dᵀ M d.
+
+    Raises:
+        ArgumentError: When the start misses the constraints, with the numbers, or cannot
+            be brought onto them.
+    """
+    if project:
+        u0, v0 = _projected(problem, u0, v0)
+    else:
+        _require(problem, u0, v0)
+    return replace(problem, u0=u0, v0=v0)
+
+
+def _projected(problem: Problem, u0: Array, v0: Array) -> tuple[Array, Array]:
+    system = Index1(problem)
+    try:
+        u = system.nearest(problem.t0, u0)
+        _, v = system.projected(problem.t0, u, v0)
+    except np.linalg.LinAlgError:
+        u = v = np.full(problem.n, np.nan)
+    if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
+        raise ArgumentError(
+            "u0 cannot be projected onto the constraints: they depend on each other on the way"
+        )
+    missed = _distances(problem, u)
+    worst = int(np.argmax(missed))
+    if missed[worst] > TOLERANCE * float(np.abs(u).max()):
+        raise ArgumentError(
+            "u0 cannot be projected onto the constraints: "
+            f"{problem.constraint_names[worst]} is still missed by {missed[worst]:.3g}; "
+            "give a position that is closer to them"
+        )
+    return u, v
+
+
+def _require(problem: Problem, u0: Array, v0: Array) -> None:
+    missed = _distances(problem, u0)
+    worst = int(np.argmax(missed))
+    if missed[worst] > TOLERANCE * float(np.abs(u0).max()):
+        phi = problem.constraint_values(problem.t0, u0)
+        raise ArgumentError(
+            f"u0 misses the constraints: max |Φ| = {np.abs(phi).max():.3g}, by "
+            f"{missed[worst]:.3g} at {problem.constraint_names[worst]}; correct it, or let "
+            "project=True replace it by the nearest that fits"
+        )
+    gradient, lengths = _gradient(problem, u0)
+    rate, _ = problem.constraint_derivatives(problem.t0, u0, v0)
+    misfit = np.asarray(gradient.T @ v0 + rate)
+    speed = max(float(np.abs(v0).max()), float(np.abs(rate / lengths).max()))
+    worst = int(np.argmax(np.abs(misfit) / lengths))
+    if abs(misfit[worst]) > TOLERANCE * lengths[worst] * speed:
+        raise ArgumentError(
+            f"v0 misses the constraints: max |Gᵀv + Φ_t| = {np.abs(misfit).max():.3g}, by "
+            f"{abs(misfit[worst]) / lengths[worst]:.3g} at {problem.constraint_names[worst]}; "
+            "correct it, or let project=True replace it by the nearest that fits"
+        )
+
+
+def _distances(problem: Problem, u: Array) -> Array:
+    """(m,) |Φ_k| / ‖G_k‖: the distance from what each constraint allows."""
+    _, lengths = _gradient(problem, u)
+    return np.asarray(np.abs(problem.constraint_values(problem.t0, u)) / lengths)
+
+
+def _gradient(problem: Problem, u: Array) -> tuple[scipy.sparse.csc_array, Array]:
+    """(n, m) sparse G, and the (m,) lengths of its columns."""
+    pattern = problem.pattern
+    values = problem.values(problem.t0, u, np.zeros(problem.n), np.zeros(problem.m)).g
+    gradient = scipy.sparse.csc_array(
+        (values, (pattern.g_rows, pattern.g_columns)), shape=(problem.n, problem.m)
+    )
+    lengths = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
+    if not np.all(lengths > 0):
+        k = int(np.argmin(lengths > 0))
+        raise ProblemError(f"{problem.constraint_names[k]} does not constrain this start")
+    return gradient, lengths
