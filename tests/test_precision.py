@@ -113,7 +113,7 @@ def interpreted_march(subject, scheme, state, norms, iterations):
         kernel._march(
             subject.function.py_func, tables, scheme.tables, state, scheme.compensated, subject.t0,
             scheme.h, 0, scheme.iteration_cap, scheme.settled_below, stop.absolute, stop.relative,
-            norms, iterations,
+            norms, iterations, recording(state, np.empty(0)),
         )  # fmt: skip
 
 

@@ -12,6 +12,9 @@ from newmark_cli.errors import ArgumentError
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
 
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = 60
+
 
 def shown(given: Any) -> str:
     """A value in few words."""
@@ -19,7 +22,7 @@ def shown(given: Any) -> str:
         return f"an array of shape {given.shape}"
     if isinstance(given, np.generic):
         given = given.item()
-    return reprlib.repr(given)
+    return _REPR.repr(given)
 
 
 def number(name: str, given: Any, unit: str = "") -> float:

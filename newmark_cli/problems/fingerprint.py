@@ -19,7 +19,8 @@ def of_definition(given: Any) -> str:
     that differ never have the same digest.
     """
     digest = hashlib.sha256()
-    seen: dict[int, int] = {}
+    # With the objects, lest another gets the identity of one that is gone.
+    seen: dict[int, tuple[int, Any]] = {}
     try:
         for key in _FUNCTIONS:
             digest.update(f"|{key}".encode())
@@ -33,7 +34,7 @@ class _Unknown(Exception):
     """Something that has no content that could be looked at."""
 
 
-def _take(value: Any, digest: Any, seen: dict[int, int]) -> None:
+def _take(value: Any, digest: Any, seen: dict[int, tuple[int, Any]]) -> None:
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):
         digest.update(f"{type(value).__name__}{value!r};".encode())
     elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufc":
@@ -41,21 +42,21 @@ def _take(value: Any, digest: Any, seen: dict[int, int]) -> None:
     elif isinstance(value, ModuleType | BuiltinFunctionType | np.ufunc | type):
         digest.update(f"{getattr(value, '__module__', '')}.{value.__name__};".encode())
     elif id(value) in seen:
-        digest.update(f"again {seen[id(value)]};".encode())
+        digest.update(f"again {seen[id(value)][0]};".encode())
     elif isinstance(value, list | tuple):
-        seen[id(value)] = len(seen)
+        seen[id(value)] = len(seen), value
         digest.update(f"{type(value).__name__}{len(value)}".encode())
         for item in value:
             _take(item, digest, seen)
     elif isinstance(value, Mapping):
-        seen[id(value)] = len(seen)
+        seen[id(value)] = len(seen), value
         _take([part for pair in value.items() for part in pair], digest, seen)
     else:
-        seen[id(value)] = len(seen)
+        seen[id(value)] = len(seen), value
         _take_function(value, digest, seen)
 
 
-def _take_function(value: Any, digest: Any, seen: dict[int, int]) -> None:
+def _take_function(value: Any, digest: Any, seen: dict[int, tuple[int, Any]]) -> None:
     """A plain function, one that numba compiled, a partial one, or a method of a module."""
     if hasattr(value, "py_func"):
         digest.update(b"compiled")

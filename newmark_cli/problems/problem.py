@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.errors import InputError
+from newmark_cli.errors import ArgumentError, InputError
 
 
 class ProblemError(InputError):
@@ -196,8 +196,21 @@ class Problem:
         )
 
     def evaluate(self, t: float, u: Array, v: Array, multipliers: Array) -> Terms:
-        """All terms at a state; u, v are (n,), multipliers (m,)."""
-        return self.dense(self.values(t, u, v, multipliers))
+        """All terms at a state; u, v are (n,), multipliers (m,).
+
+        Raises:
+            ArgumentError: For other shapes, or what is not a number.
+        """
+        given = {"u": (u, self.n), "v": (v, self.n), "multipliers": (multipliers, self.m)}
+        arrays = []
+        for name, (values, length) in given.items():
+            array = np.asarray(values)
+            if array.shape != (length,) or array.dtype.kind not in "iuf":
+                raise ArgumentError(
+                    f"{name} must be {length} numbers, given an array of shape {array.shape}"
+                )
+            arrays.append(np.ascontiguousarray(array, float))
+        return self.dense(self.values(float(t), *arrays))
 
     def constraint_values(self, t: float, u: Array) -> Array:
         """(m,) Φ."""

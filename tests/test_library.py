@@ -1,0 +1,771 @@
+"""The Python library: trajectories, stepping, restarts, starts, errors."""
+
+import csv
+import datetime
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import oracles
+import pandas as pd
+import pytest
+
+import newmark_cli as newmark
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
+from newmark_cli.newmark.invariants import invariants
+from newmark_cli.newmark.march_data import State
+from newmark_cli.problems.fingerprint import of_definition
+from newmark_cli.study import compute
+from newmark_cli.study.config import load
+
+SCRIPTS = Path(sys.executable).parent
+
+#: Every integrator, in each of its spellings.
+INTEGRATORS = {
+    "trapezoidal": "trapezoidal",
+    "newmark": "newmark beta=0.3025 gamma=0.6",
+    "generalized-alpha": {"method": "generalized-alpha", "rho": 0.9},
+    "hht": "hht alpha=0.1",
+    "bdf1": {"method": "bdf1"},
+    "bdf2": BDF2(),
+}
+
+
+def same(*pairs):
+    """Equal to the last bit."""
+    for one, other in pairs:
+        assert np.asarray(one).dtype == np.asarray(other).dtype
+        assert np.array_equal(one, other)
+
+
+def double_pendulum(**more):
+    """Unit masses and lengths, level, under gravity 9.81."""
+    return newmark.Definition(
+        mass_matrix=np.eye(4),
+        u0=[1.0, 0.0, 2.0, 0.0],
+        v0=np.zeros(4),
+        force=lambda u, v, t: np.array([0.0, -9.81, 0.0, -9.81]),
+        constraints=lambda u, t: (
+            np.array([u[0] ** 2 + u[1] ** 2 - 1, (u[2] - u[0]) ** 2 + (u[3] - u[1]) ** 2 - 1]) / 2
+        ),
+        gradient=lambda u, t: np.array(
+            [[u[0], u[0] - u[2]], [u[1], u[1] - u[3]], [0, u[2] - u[0]], [0, u[3] - u[1]]]
+        ),
+        **more,
+    )
+
+
+DOUBLE = {
+    "points": {
+        "O": {"fixed": (0, 0)},
+        "A": {"at": (1, 0), "mass": 1.0},
+        "B": {"at": np.array([2.0, 0.0]), "mass": np.float64(1.0)},
+    },
+    "bars": {
+        "upper": {"from": "O", "to": "A", "length": 1.0},
+        "lower": {"from": "A", "to": "B", "length": 1},
+    },
+    "gravity": [0, -9.81],
+}
+
+
+# -- the same march as the command line's -----------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_a_trajectory_is_the_march_of_a_study_to_the_bit(cli, name, monkeypatch):
+    """λ of a history, and the end state that errors are judged by."""
+    h = {"andrews": 1e-4, "pendulum": 1e-2}.get(name, 1e-3)
+    config = cli.write(
+        "one.yaml",
+        f"study: one\nproblem: {name}\nform: v-lambda\npreconditioning: left\nh: {h}\nsteps: 40\n"
+        "integrator: {method: generalized-alpha, rho: 0.9}\nmeasure: [history, error]\n",
+    )
+    (cell,) = load(config).cells()
+    judged = []
+
+    def errors(reference, state):
+        judged.append(State(*(array.copy() for array in state)))
+        return []
+
+    monkeypatch.setattr("newmark_cli.study.measures.errors", errors)
+    outcome = compute.compute(cell)
+    steps, multipliers = (np.array(column) for column in zip(*outcome.history, strict=True))
+
+    how = {"form": "v-lambda", "scaling": "left", "integrator": "generalized-alpha rho=0.9"}
+    whole = newmark.march(name, h=h, steps=40, **how)
+    same((whole.multipliers[steps], multipliers), (whole.t[steps], whole.problem.t0 + steps * h))
+    (end,) = judged
+    for found in (whole, newmark.march(name, h=h, t_end=40 * h, every=0, **how)):
+        same((found.u[-1], end.fields[0]), (found.v[-1], end.fields[1]))
+        same((found.a[-1], end.fields[3]), (found.multipliers[-1], end.multipliers))
+
+
+def test_a_trajectory_is_what_the_command_line_writes(cli):
+    """The history of λ in the CSV, read back."""
+    cli.write(
+        "one.yaml",
+        "study: one\nproblem: andrews\nform: u-lambda\npreconditioning: optimal\nh: 1e-4\n"
+        "t_end: 0.02\nmeasure: history\n",
+    )
+    cli("run", "one.yaml")
+    with (cli.folder / "results/history/one.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    found = newmark.march("andrews", h=1e-4, t_end=0.02)
+    steps = [int(row["step"]) for row in rows]
+    assert len(steps) > 60
+    written = [[float(row[f"lambda_{k}"]) for k in range(1, 8)] for row in rows]
+    same((written, found.multipliers[steps]), ([float(row["t"]) for row in rows], found.t[steps]))
+
+
+@pytest.mark.parametrize(("every", "kept"), [(1, 13), (4, 4), (5, 4), (12, 2), (100, 2), (0, 1)])
+def test_what_is_kept_does_not_change_the_march(every, kept):
+    """The start, every k-th step and the last; with 0 the last."""
+    whole = newmark.march("andrews", h=1e-4, steps=12)
+    found = newmark.march("andrews", h=1e-4, steps=12, every=every)
+    numbers = sorted({*range(0, 13, every), 12}) if every else [12]
+    assert len(found.t) == len(numbers) == kept
+    same((found.t, whole.t[numbers]), (found.u, whole.u[numbers]), (found.v, whole.v[numbers]))
+    same((found.a, whole.a[numbers]), (found.multipliers, whole.multipliers[numbers]))
+    same((found.iterations, whole.iterations[numbers]))
+    same((found.state.carried.state.past, whole.state.carried.state.past))
+    assert (found.steps, found.newton_iterations) == (12, whole.iterations.sum())
+
+
+@pytest.mark.parametrize("solver", ["dense-lu", "sparse-lu", "gmres"])
+def test_steps_are_recorded_alike_by_every_engine(solver):
+    """Recording on the way, and halting at every step, give the same."""
+    how = {"h": 1e-3, "steps": 47, "linear_solver": solver}
+    whole = newmark.march("double-pendulum", **how)
+    seen = list(newmark.march("double-pendulum", **(how | {"steps": True, "t_end": 0.047})))
+    assert len(seen) == 47
+    same((whole.u[1:], [step.u for step in seen]), (whole.a[1:], [step.a for step in seen]))
+    same((whole.iterations[1:], [step.iterations for step in seen]))
+
+
+def test_times_are_met_by_the_nearest_steps():
+    """In any order, each once; they say which steps they are."""
+    found = newmark.march("pendulum", h=0.1, at=[0.52, 0.0, 0.18, 0.22, 0.5])
+    assert found.t.tolist() == pytest.approx([0.0, 0.2, 0.5])
+    assert found.steps == 6
+    whole = newmark.march("pendulum", h=0.1, t_end=1.0)
+    same((found.u, whole.u[[0, 2, 5]]))
+    longer = newmark.march("pendulum", h=0.1, t_end=1.0, at=[0.18])
+    assert (longer.t.tolist(), longer.steps, longer.state.t) == ([0.2], 10, whole.t[-1])
+
+
+def test_arrays_have_names():
+    """Coordinates, points and constraints by name, and as a DataFrame."""
+    found = newmark.march(newmark.problem(DOUBLE), h=1e-2, t_end=0.5, every=10)
+    assert found.coordinate_names == ("A.x", "A.y", "B.x", "B.y")
+    same((found.coordinate("B.x", "v"), found.v[:, 2]), (found.point("B"), found.u[:, 2:]))
+    same((found.constraint("bars.lower"), found.multipliers[:, 1]))
+    frame = found.to_frame()
+    assert isinstance(frame, pd.DataFrame)
+    names = ["A.x", "A.y", "B.x", "B.y"]
+    assert list(frame.columns) == [
+        "t", *(f"{field}[{name}]" for field in "uva" for name in names),
+        "lambda[bars.upper]", "lambda[bars.lower]", "energy",
+    ]  # fmt: skip
+    assert len(frame) == 6
+    same((frame["a[B.y]"].to_numpy(), found.a[:, 3]))
+    # Both masses at their own height, and their speed.
+    heights = found.u[:, 1] + found.u[:, 3]
+    assert found.energy == pytest.approx((found.v**2).sum(axis=1) / 2 + 9.81 * heights, abs=1e-12)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_is_the_true_acceleration(integrator):
+    """M v' = f + G λ at every step, whatever acceleration the integrator carries."""
+    found = newmark.march(
+        newmark.problem(DOUBLE), h=1e-3, t_end=0.2, integrator=INTEGRATORS[integrator]
+    )
+    for t, u, v, a, multipliers in zip(
+        found.t, found.u, found.v, found.a, found.multipliers, strict=True
+    ):
+        assert found.problem.evaluate(t, u, v, multipliers).force == pytest.approx(a, abs=1e-6)
+
+
+# -- problems without a file ------------------------------------------------------------------
+
+
+def test_a_double_pendulum_from_a_definition_a_dict_and_its_equations_agree():
+    """Three descriptions take the same steps, to rounding."""
+    how = {"h": 1e-3, "t_end": 0.5, "every": 100}
+    one = newmark.march(double_pendulum(quadratic=True), **how)
+    other = newmark.march(newmark.problem(DOUBLE), **how)
+    assert (one.status, other.status) == ("ok", "ok")
+    assert one.u == pytest.approx(other.u, abs=1e-11)
+    assert one.multipliers == pytest.approx(other.multipliers, rel=1e-4)
+    # Angles from the horizontal fall as two unit masses on unit rods do: at the start
+    # a_A = −g, a_B = −g, whatever λ, which vanish there.
+    assert other.a[0] == pytest.approx([0, -9.81, 0, -9.81])
+    assert other.multipliers[0] == pytest.approx([0, 0], abs=1e-14)
+
+
+def test_families_files_factories_and_problems_are_taken(tmp_path, monkeypatch):
+    """Whatever describes a problem; a file is read anew."""
+    monkeypatch.chdir(tmp_path)
+    chain = newmark.problem("chain", links=3)
+    assert (chain.n, chain.m, newmark.problem(chain)) == (6, 3, chain)
+    file = Path("mine.yaml")
+    for length in (1, 2):
+        file.write_text(
+            f"points: {{O: {{fixed: [0, 0]}}, P: {{at: [{length}, 0], mass: 1}}}}\n"
+            f"bars: {{rod: {{from: O, to: P, length: {length}}}}}\n"
+        )
+        assert newmark.problem(file).u0.tolist() == [length, 0.0]
+        assert newmark.march("mine.yaml", h=0.1, steps=1).u[0].tolist() == [length, 0.0]
+    example = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+    assert newmark.problem(f"{example}:car_axis", compiled=False).n == 4
+
+
+def test_a_definition_is_told_from_another_by_its_content():
+    """Same functions, same content; another number anywhere behind them, another content."""
+
+    def content(length, **more):
+        return newmark.problem(
+            double_pendulum(energy=lambda u, v, t: length * v @ v, **more)
+        ).content
+
+    assert content(1.0) == content(1.0)
+    assert content(1.0) != content(2.0)
+    assert content(1.0) != content(1.0, damping=lambda u, v, t: np.zeros((4, 4)))
+    # What cannot be looked at is like nothing else.
+    unknown = object()
+    given = double_pendulum(energy=lambda u, v, t: (unknown, 0.0)[1])
+    assert of_definition(given) != of_definition(given)
+
+
+# -- stepping, callbacks, restarts ------------------------------------------------------------
+
+
+def test_a_march_is_stepped_and_left():
+    """What was seen is usable, and the march goes on from there."""
+    whole = newmark.march("pendulum", h=0.01, t_end=1.0)
+    stepped = newmark.march("pendulum", h=0.01, steps=True)
+    for step in stepped:
+        if step.t > 0.495:
+            break
+    found = stepped.trajectory
+    assert (found.status, found.success, found.steps) == ("stopped", True, 50)
+    same((found.u, whole.u[:51]), (found.multipliers, whole.multipliers[:51]))
+    assert set(step.norms) == {"u", "lambda"}
+    assert 0 < step.norms["u"] < 1e-10
+    later = newmark.march("pendulum", h=0.01, t_end=1.0, state=step)
+    same((later.u, whole.u[50:]), (later.t, whole.t[50:]))
+    # Going on with the same iterator, too.
+    assert next(stepped).t == pytest.approx(0.51)
+
+
+def test_stepping_ends_at_t_end_and_skips():
+    """Every k-th step and the last."""
+    times = [step.t for step in newmark.steps("pendulum", h=0.1, t_end=1.0, every=4)]
+    assert times == pytest.approx([0.4, 0.8, 1.0])
+
+
+@pytest.mark.parametrize("evaluation", ["direct", "compensated"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_restart_takes_the_same_steps_to_the_bit(integrator, evaluation):
+    """From any step, whatever the integrator remembers; and from a restart again."""
+    how = {"h": 1e-4, "integrator": INTEGRATORS[integrator], "evaluation": evaluation}
+    whole = newmark.march("andrews", t_end=0.01, **how)
+    part = newmark.march("andrews", t_end=0.0033, every=0, **how)
+    part = newmark.march("andrews", steps=17, state=part.state, every=0, **how)
+    rest = newmark.march("andrews", t_end=0.01, state=part.state, **how)
+    assert (rest.steps, len(rest.t)) == (50, 51)
+    for name in ("t", "u", "v", "a", "multipliers"):
+        same((getattr(rest, name), getattr(whole, name)[50:]))
+    same((rest.iterations[1:], whole.iterations[51:]))
+    for array, other in zip(rest.state.carried.state, whole.state.carried.state, strict=True):
+        same((array, other))
+
+
+def test_a_restart_with_another_step_size_starts_anew():
+    """From u, v and λ of the state, at its time; it converges to the same motion."""
+    half = newmark.march("pendulum", h=1e-2, t_end=1.0, integrator="bdf2")
+    finer = newmark.march("pendulum", h=1e-3, t_end=2.0, state=half.state)
+    assert (finer.t[0], finer.steps) == (half.t[-1], 1000)
+    assert finer.t[-1] == pytest.approx(2.0)
+    same((finer.u[0], half.u[-1]), (finer.a[0], half.a[-1]))
+    again = newmark.march("pendulum", h=1e-3, t_end=2.5, state=finer.state)
+    assert (again.steps, again.t[-1]) == (500, pytest.approx(2.5))
+    known = newmark.march("pendulum", h=1e-4, t_end=2.0, every=0)
+    assert finer.u[-1] == pytest.approx(known.u[-1], abs=1e-3)
+
+
+def test_callbacks_see_kept_steps_and_stop_the_march():
+    """StopIteration ends it, as a stop."""
+    seen = []
+
+    def watch(step):
+        seen.append(step.t)
+        if step.t > 0.45:
+            raise StopIteration
+
+    found = newmark.march("pendulum", h=0.1, t_end=3.0, every=2, callback=watch)
+    assert seen == pytest.approx([0.2, 0.4, 0.6])
+    assert found.t.tolist() == pytest.approx([0.0, 0.2, 0.4, 0.6])
+    assert (found.status, found.success) == ("stopped", True)
+    seen.clear()
+    at = newmark.march("pendulum", h=0.1, t_end=1.0, at=[0.2, 0.4], callback=seen.append)
+    assert [step.t for step in seen] == pytest.approx([0.2, 0.4])
+    assert (len(at.t), at.steps, at.status) == (2, 10, "ok")
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no"), KeyboardInterrupt()])
+def test_an_exception_in_a_callback_leaves_a_usable_trajectory(error):
+    """It travels on as it is; what was marched is its attribute, and can be gone on from."""
+
+    def fail(step):
+        if step.t > 0.45:
+            raise error
+
+    with pytest.raises(type(error)) as caught:
+        newmark.march("pendulum", h=0.1, t_end=3.0, callback=fail)
+    assert caught.value is error
+    part = error.trajectory
+    assert (part.status, part.success, len(part.t)) == ("interrupted", False, 6)
+    whole = newmark.march("pendulum", h=0.1, t_end=1.0)
+    rest = newmark.march("pendulum", h=0.1, t_end=1.0, state=part.state)
+    same((part.u, whole.u[:6]), (rest.u, whole.u[5:]))
+
+
+def test_an_exception_in_a_problem_leaves_what_was_marched():
+    """The user's error travels on; the state is that before the stretch that it ended."""
+
+    def force(u, v, t):
+        if t > 0.305:
+            raise ZeroDivisionError("here")
+        return np.array([0.0, -9.81, 0.0, -9.81])
+
+    import dataclasses
+
+    given = dataclasses.replace(double_pendulum(), force=force)
+    with pytest.raises(ZeroDivisionError) as caught:
+        newmark.march(given, h=0.01, t_end=1.0, linear_solver="sparse-lu")
+    part = caught.value.trajectory
+    assert (part.status, part.steps) == ("interrupted", 20)
+    assert np.all(np.isfinite(part.u))
+    same((part.u, newmark.march(double_pendulum(), h=0.01, t_end=0.2, linear_solver="sparse-lu").u))
+
+
+# -- marches that fail ------------------------------------------------------------------------
+
+
+#: A point that is pulled out of its line of motion ever faster: λ and u overflow.
+RUNAWAY = {
+    "mass_matrix": np.eye(2),
+    "u0": [1.0, 0.0],
+    "v0": [0.0, 0.0],
+    "force": lambda u, v, t: np.array([1e3 * u[0], 0.0]) if u[0] < 1e6 else np.full(2, np.nan),
+    "constraints": lambda u, t: np.array([u[1]]),
+    "gradient": lambda u, t: np.array([[0.0], [1.0]]),
+}
+
+
+@pytest.mark.parametrize("every", [1, 7, 0])
+def test_a_march_that_diverges_ends_with_its_last_whole_step(every):
+    """No NaN, no exception: a status, and a state to look at."""
+    found = newmark.march(newmark.Definition(**RUNAWAY), h=0.01, t_end=10.0, every=every)
+    assert (found.status, found.success) == ("diverged", False)
+    assert "left the range of floating point" in found.message
+    for values in (found.t, found.u, found.v, found.a, found.multipliers):
+        assert np.all(np.isfinite(values))
+    good = newmark.march(newmark.Definition(**RUNAWAY), h=0.01, steps=found.steps)
+    assert good.success
+    same((found.u[-1], good.u[-1]), (found.state.a, good.a[-1]))
+    assert found.t[-1] == found.state.t == good.t[-1]
+    # Stepping ends there as well.
+    stepped = newmark.march(newmark.Definition(**RUNAWAY), h=0.01, t_end=10.0, steps=True)
+    assert sum(1 for _ in stepped) == found.steps
+    assert stepped.trajectory.status == "diverged"
+
+
+def test_steps_that_do_not_converge_are_counted_and_named():
+    """A cap of one correction: every step of a moving pendulum ends too early."""
+    found = newmark.march("pendulum", h=0.1, t_end=1.0, iteration_cap=1)
+    assert (found.status, found.success) == ("not_converged", False)
+    assert found.not_converged == np.count_nonzero(~found.converged) > 0
+    assert found.converged[0]
+
+
+def test_a_krylov_solver_that_stagnates_says_so():
+    """The start is what is left."""
+    found = newmark.march(
+        newmark.problem("random-chain", links=40),
+        h=1e-6, steps=3, scaling="none", linear_solver="gmres",
+        krylov={"tolerance": 1e-12, "limit": 3},
+    )  # fmt: skip
+    assert (found.status, found.steps, len(found.t)) == ("stagnated", 0, 1)
+
+
+# -- starts of one's own ----------------------------------------------------------------------
+
+
+def test_a_start_of_ones_own_is_marched_from():
+    """As arrays, by points, by coordinates: all the same."""
+    up = {"u0": [0.0, 1.0], "v0": [-1.0, 0.0]}
+    by_point = {"u0": {"P": (0.0, 1.0)}, "v0": {"P.x": -1.0}}
+    one, other = (newmark.march("pendulum", h=1e-3, t_end=1.0, **start) for start in (up, by_point))
+    same((one.u, other.u), (one.u[0], np.array([0.0, 1.0])), (one.v[0], np.array([-1.0, 0.0])))
+    # |v|² + y λ … : λ = −(v² − y g)/L² from the start's centripetal acceleration.
+    assert one.multipliers[0, 0] == pytest.approx(0.0, abs=1e-15)
+    assert np.ptp(one.energy) < 1e-6
+
+
+def test_inconsistent_starts_are_refused_with_numbers():
+    """|Φ| and |Gᵀ v + Φ_t|, and what to do."""
+    with pytest.raises(newmark.ArgumentError) as caught:
+        newmark.march("pendulum", h=0.1, t_end=1.0, u0=[2.0, 0.0])
+    assert str(caught.value).startswith(
+        "u0 misses the constraints: max |Φ| = 1.5, by 0.75 at bars.rod; correct it, or let project"
+    )
+    with pytest.raises(newmark.ArgumentError) as caught:
+        newmark.march("pendulum", h=0.1, t_end=1.0, v0={"P": [0.5, 1.0]})
+    assert "v0 misses the constraints: max |Gᵀv + Φ_t| = 0.5, by 0.5 at bars.rod" in str(
+        caught.value
+    )
+
+
+def test_a_projection_is_the_nearest_in_the_metric_of_M():
+    """Against a search over both angles; velocities by their normal equations."""
+    import dataclasses
+
+    from scipy.optimize import minimize
+
+    mass = np.diag([1.0, 2.0, 3.0, 4.0])
+    given = newmark.problem(dataclasses.replace(double_pendulum(), mass_matrix=mass))
+    u0, v0 = np.array([0.8, 0.5, 1.9, -0.4]), np.array([1.0, 2.0, 3.0, 4.0])
+    start = newmark.march(given, h=0.1, steps=0, u0=u0, v0=v0, project=True)
+
+    def placed(angles):
+        upper, lower = (np.array([math.cos(angle), math.sin(angle)]) for angle in angles)
+        return np.concatenate([upper, upper + lower])
+
+    def distance(angles):
+        return (placed(angles) - u0) @ mass @ (placed(angles) - u0)
+
+    best = minimize(
+        distance, [0.3, -0.6], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-16}
+    )
+    assert start.u[0] == pytest.approx(placed(best.x), abs=1e-7)
+    gradient = given.evaluate(0.0, start.u[0], v0, np.zeros(2)).G
+    inverse = np.linalg.inv(mass)
+    push = np.linalg.solve(gradient.T @ inverse @ gradient, gradient.T @ v0)
+    assert start.v[0] == pytest.approx(v0 - inverse @ gradient @ push, abs=1e-12)
+    assert np.abs(given.constraint_values(0.0, start.u[0])).max() < 1e-15
+
+
+def test_a_projected_mechanism_meets_its_constraints():
+    """Andrews' mechanism, moved by millimetres."""
+    andrews = newmark.problem("andrews")
+    moved = andrews.u0 + 1e-3 * np.sin(np.arange(8))
+    found = newmark.march("andrews", h=1e-5, steps=100, u0=moved, v0=np.ones(8), project=True)
+    assert found.status == "ok"
+    misfits = invariants(found.problem, 0.0, found.state.carried.state._replace(
+        fields=np.array([found.u[0], found.v[0], found.a[0], found.a[0]]),
+        multipliers=found.multipliers[0],
+    ))  # fmt: skip
+    assert misfits["position"].error < 1e-15
+    assert misfits["velocity"].error < 1e-14
+
+
+# -- scalings ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", oracles.TABLE_2)
+def test_scalings_are_those_of_table_2(form):
+    """Formulas and numbers of every form, against the table written out in the tests."""
+    beta, gamma, h = 0.3025, 0.6, 1e-2
+    factors = newmark.scaling(form, beta=beta, gamma=gamma, h=h)
+    left, right = oracles.TABLE_2[form]
+    assert left.keys() <= set(factors.rows)
+    assert right.keys() <= set(factors.unknowns)
+    names = {"beta": beta, "gamma": gamma, "h": h}
+    for side, formulas, expected in (
+        (factors.left, factors.left_formulas, left),
+        (factors.right, factors.right_formulas, right),
+    ):
+        for block, value in side.items():
+            number = expected[block](beta, gamma, h) if block in expected else 1.0
+            assert value == pytest.approx(number, rel=1e-14)
+            assert eval(formulas[block].replace("^", "**"), {}, names) == pytest.approx(value)
+
+
+def test_scalings_follow_the_integrator_and_the_variant():
+    """β and γ of generalized-α per unit of v'; one side only; one's own."""
+    alpha = GeneralizedAlpha(0.9)
+    factors = newmark.scaling("u-lambda", h=1e-3, integrator="generalized-alpha rho=0.9")
+    assert factors.right["lambda"] == 1 / (alpha.symbols(1e-3)["beta"] * 1e-3**2)
+    left = newmark.scaling("u-lambda", h=1e-3, preconditioning="left")
+    assert (left.left["D"], dict(left.right)) == (0.25e-6, {"u": 1.0, "lambda": 1.0})
+    own = {"name": "half", "right": {"lambda": "1/h"}}
+    assert newmark.scaling("v-lambda", h=1e-3, preconditioning=own).right["lambda"] == 1e3
+
+
+# -- what is refused --------------------------------------------------------------------------
+
+
+def pendulum(**more):
+    return newmark.march("pendulum", **({"h": 0.1, "t_end": 1.0} | more))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: pendulum(h=0), "h must be positive, given 0"),
+        (lambda: pendulum(h="1 ms"), "h must be a number of seconds, given '1 ms'"),
+        (
+            lambda: pendulum(h=datetime.timedelta(milliseconds=1)),
+            "h must be a number of seconds, given datetime.timedelta(microseconds=1000)",
+        ),
+        (lambda: pendulum(h=math.nan), "h must be finite, given nan"),
+        (lambda: pendulum(h=True), "h must be a number of seconds, given True"),
+        (lambda: pendulum(h=1e-200), "h is too large or too small, given 1e-200"),
+        (lambda: pendulum(t_end="1"), "t_end must be a number of seconds, given '1'"),
+        (lambda: pendulum(t_end=0.01), "t_end: shorter than the step h = 0.1, given 0.01"),
+        (lambda: pendulum(t_end=None), "t_end or steps: give one of them"),
+        (lambda: pendulum(steps=3), "t_end or steps: give one of them, not both"),
+        (lambda: pendulum(t_end=None, steps=1.5), "steps must be a whole number, given 1.5"),
+        (lambda: pendulum(t_end=None, steps=-1), "steps must be at least 0, given -1"),
+        (lambda: pendulum(form="u-lamda"), "unknown form 'u-lamda'; did you mean 'u-lambda'?"),
+        (lambda: pendulum(form=3), "unknown form 3; allowed: "),
+        (lambda: pendulum(scaling="best"), "unknown scaling 'best'; allowed: none, left"),
+        (lambda: pendulum(scaling={"name": "x", "left": {"D": 0}}), "left D: '0' is not positive"),
+        (lambda: pendulum(scaling={"nome": "x"}), "scaling: nome: unknown key; did you mean"),
+        (lambda: pendulum(integrator="trapezoid"), "integrator: method: unknown method"),
+        (lambda: pendulum(integrator="hht alpha=x"), "integrator 'hht alpha=x': parameters are"),
+        (lambda: pendulum(integrator="hht alpha=0.5"), "integrator: alpha: alpha = 0.5: must be"),
+        (lambda: pendulum(integrator=0.9), "integrator must be text such as"),
+        (lambda: pendulum(integrator=BDF2), "integrator must be text such as"),
+        (lambda: pendulum(evaluation="exact"), "unknown evaluation 'exact'"),
+        (lambda: pendulum(precision="float16"), "unknown precision 'float16'"),
+        (lambda: pendulum(linear_solver="lu"), "unknown linear_solver 'lu'"),
+        (
+            lambda: pendulum(precision="float32", linear_solver="sparse-lu"),
+            "precision: float32 needs",
+        ),
+        (lambda: pendulum(linear_solver="minres", scaling="left"), "minres"),
+        (
+            lambda: pendulum(krylov={"limit": 0}),
+            "krylov: limit: must be greater than or equal to 1",
+        ),
+        (lambda: pendulum(stop=1e-8), "stop: must be a mapping of keys to values, given 1e-08"),
+        (lambda: pendulum(stop={}), "stop: needs absolute or relative"),
+        (lambda: pendulum(iteration_cap=0), "iteration_cap must be at least 1, given 0"),
+        (lambda: pendulum(every=-1), "every must be at least 0, given -1"),
+        (lambda: pendulum(every=0.5), "every must be a whole number, given 0.5"),
+        (lambda: pendulum(every=2, at=[1.0]), "give either every or at, not both"),
+        (lambda: pendulum(at=[1.0, 1.2]), "at: 1.2 s is outside the march, 0 to 1 s"),
+        (lambda: pendulum(at=[-0.1]), "at: -0.1 s is outside the march, 0 to 1 s"),
+        (lambda: pendulum(at="1"), "at must be a list of numbers, given '1'"),
+        (lambda: pendulum(at=[math.inf]), "at must be finite: component 1 is inf"),
+        (lambda: pendulum(at=[], t_end=None), "at must name a time, given none"),
+        (lambda: pendulum(keep="u"), "keep must be a list of names, given 'u'"),
+        (lambda: pendulum(keep=["w"]), "unknown name in keep 'w'; allowed: u, v, a, lambda"),
+        (lambda: pendulum(keep=["u"]).v, "v was not kept; kept: u; see 'keep' of march"),
+        (lambda: pendulum().constraint("rod"), "unknown constraint 'rod'; "),
+        (lambda: pendulum().coordinate("P.z"), "unknown coordinate 'P.z'; did you mean"),
+        (lambda: pendulum().coordinate("P.x", "w"), "unknown field 'w'; allowed: u, v, a"),
+        (lambda: pendulum().point("O"), "unknown moving point 'O'; allowed: P"),
+        (lambda: pendulum(u0=[1.0]), "u0 must be an array of 2 numbers, given [1.0]"),
+        (
+            lambda: pendulum(u0=np.ones((2, 1))),
+            "u0 must be an array of 2 numbers, given an array of shape (2, 1)",
+        ),
+        (lambda: pendulum(u0=[math.nan, 0]), "u0 must be finite: component 1 is nan"),
+        (lambda: pendulum(u0=[1j, 0]), "u0 must be an array of 2 numbers, given [1j, 0]"),
+        (lambda: pendulum(u0={"Q": (1, 0)}), "u0: unknown point 'Q'; allowed: P, P.x, P.y"),
+        (lambda: pendulum(u0={"P": 1.0}), "u0['P'] must be an array of 2 numbers, given 1.0"),
+        (lambda: pendulum(project=1), "project must be True or False, given 1"),
+        (lambda: pendulum(u0=[0.0, 0.0], project=True), "u0 cannot be projected"),
+        (lambda: pendulum(state=3), "state must be a Step, such as trajectory.state, given 3"),
+        (
+            lambda: pendulum(state=newmark.march("andrews", h=0.1, steps=0).state),
+            "state has 8 coordinates and 7 multipliers, pendulum 2 and 1",
+        ),
+        (
+            lambda: pendulum(state=pendulum().state, u0=[1, 0]),
+            "state is a start: give neither u0, v0 nor project",
+        ),
+        (lambda: pendulum(state=pendulum().state), "t_end: the march is already at t = 1, given 1"),
+        (lambda: pendulum(callback=3), "callback must be a function, given 3"),
+        (lambda: pendulum(steps=True, callback=print), "steps=True: the loop is the callback"),
+        (lambda: pendulum(steps=True, every=0), "every must be at least 1 with steps=True"),
+        (
+            lambda: pendulum(h=1e-8, t_end=1.0),
+            "100000001 steps to keep take more than 1e+09 bytes of memory",
+        ),
+        (lambda: newmark.problem("pendulm"), "unknown problem 'pendulm'; did you mean 'pendulum'?"),
+        (lambda: newmark.problem(3), "a problem must be a name, a path, a dict, a Definition"),
+        (
+            lambda: newmark.problem("andrews", links=3),
+            "problem 'andrews' takes no further arguments",
+        ),
+        (lambda: newmark.problem("chain"), "chain: links: missing"),
+        (lambda: newmark.problem("chain", links=0), "chain: links: must be greater than or equal"),
+        (
+            lambda: newmark.problem("chain", link=3),
+            "chain: link: unknown key; did you mean 'links'?",
+        ),
+        (lambda: newmark.problem("none.yaml"), "none.yaml: cannot be read: No such file"),
+        (lambda: newmark.problem("none.py:make"), "none.py: cannot be read: No such file"),
+        (lambda: newmark.problem("none.py:a b"), 'a Python problem is "file.py:factory"'),
+        (
+            lambda: newmark.problem(
+                DOUBLE | {"bars": {"upper": {"from": "O", "to": "A", "length": 2}}}
+            ),
+            "mechanism: bars.upper: O and A start 1 m apart, given length 2",
+        ),
+        (lambda: newmark.problem({"points": 3}), "mechanism: points: must be a mapping"),
+        (
+            lambda: newmark.problem(double_pendulum(constraint_names=["a"])),
+            "definition: constraint_names must be 2 names, given 1",
+        ),
+        (
+            lambda: newmark.march(double_pendulum(), h=0.1, steps=1, evaluation="compensated"),
+            "evaluation: ",
+        ),
+        (
+            lambda: newmark.march(double_pendulum(), h=0.1, steps=1, precision="float32"),
+            "precision: ",
+        ),
+        (
+            lambda: newmark.problem("pendulum").evaluate(0.0, [1.0], [0, 0], [0]),
+            "u must be 2 numbers",
+        ),
+        (lambda: newmark.scaling("w", h=1.0), "unknown form 'w'"),
+        (lambda: newmark.scaling("u-lambda", h=-1.0), "h must be positive, given -1.0"),
+        (lambda: newmark.scaling("u-lambda", h=1.0, beta="x"), "beta must be a number, given 'x'"),
+        (
+            lambda: newmark.scaling("u-lambda", h=1.0, gamma=0.4),
+            "gamma = 0.4: must be at least 0.5",
+        ),
+        (
+            lambda: newmark.scaling("u-lambda", h=1.0, beta=1.0, integrator="bdf2"),
+            "give either an integrator or beta and gamma, not both",
+        ),
+        (lambda: newmark.scaling("u-lambda", h=1e-300), "h is too large or too small"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_sentence(call, message):
+    """A documented class, one line that says what was given and what is allowed."""
+    with pytest.raises(newmark.NewmarkError) as caught:
+        call()
+    text = str(caught.value)
+    assert message in text
+    assert "\n" not in text
+    assert ", line " not in text
+    assert type(caught.value).__name__ in newmark.__all__
+
+
+# -- what the package is ----------------------------------------------------------------------
+
+
+def run(*arguments, folder=None, **options):
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=folder, text=True, capture_output=True, check=True,
+        **options,
+    )  # fmt: skip
+
+
+def test_importing_takes_no_numpy_and_little_time():
+    """Nothing but the standard library, in under 50 ms beyond Python's own start."""
+    code = (
+        "import sys, time; begin = time.perf_counter(); import newmark_cli; "
+        "taken = time.perf_counter() - begin; "
+        "print(taken, 'numpy' in sys.modules, newmark_cli.__version__ != '', "
+        "set(newmark_cli.__all__) <= set(dir(newmark_cli)))"
+    )
+    times = []
+    for _ in range(3):
+        taken, *facts = run("-c", code).stdout.split()
+        assert facts == ["False", "True", "True"]
+        times.append(float(taken))
+    assert min(times) < 0.05
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    """As of any module."""
+    with pytest.raises(AttributeError, match="module 'newmark_cli' has no attribute 'nothing'"):
+        _ = newmark.nothing
+
+
+def test_the_package_says_that_it_has_types():
+    """The marker of PEP 561 travels with it."""
+    assert Path(newmark.__file__).with_name("py.typed").exists()
+
+
+USER = """\
+import numpy as np
+from numpy.typing import NDArray
+
+import newmark_cli as newmark
+
+
+def watch(step: newmark.Step) -> None:
+    print(step.t, step.norms["u"])
+
+
+found: newmark.Trajectory = newmark.march("pendulum", h=1e-2, t_end=1.0, callback=watch)
+values: NDArray[np.float64] = found.constraint("bars.rod")
+frame = found.to_frame()
+for step in newmark.march("pendulum", h=1e-2, steps=True, every=3):
+    if step.u[1] < -0.5:
+        break
+later = newmark.march("pendulum", h=1e-2, steps=10, state=step)
+factors: newmark.Factors = newmark.scaling("v-lambda", beta=0.3025, gamma=0.6, h=1e-3)
+number: float = factors.right["lambda"]
+definition = newmark.Definition(
+    mass_matrix=np.eye(1), u0=np.zeros(1), v0=np.zeros(1),
+    force=lambda u, v, t: u, constraints=lambda u, t: u, gradient=lambda u, t: np.eye(1),
+)
+subject: newmark.Problem = newmark.problem(definition)
+try:
+    newmark.problem("nothing")
+except newmark.NewmarkError as error:
+    print(error)
+"""
+
+
+def test_mypy_accepts_a_users_script(tmp_path):
+    """In strict mode, against the package; and refuses one that takes a step for a number."""
+    pytest.importorskip("mypy")
+    (tmp_path / "user.py").write_text(USER)
+    (tmp_path / "wrong.py").write_text(USER + 'wrong: int = later.state\nnewmark.march("x")\n')
+    (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = True\n")
+    found = subprocess.run(
+        [sys.executable, "-m", "mypy", "user.py"], cwd=tmp_path, text=True, capture_output=True
+    )
+    assert found.returncode == 0, found.stdout
+    wrong = subprocess.run(
+        [sys.executable, "-m", "mypy", "wrong.py"], cwd=tmp_path, text=True, capture_output=True
+    )
+    assert wrong.returncode == 1
+    assert "wrong.py:29:" in wrong.stdout
+    assert "wrong.py:30:" in wrong.stdout
+
+
+MEMORY = """\
+import resource
+import newmark_cli as newmark
+newmark.march("pendulum", h=1e-7, steps=10_000, every=1000)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+found = newmark.march("pendulum", h=1e-7, steps=STEPS, every=EVERY)
+grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+print(found.steps, len(found.t), found.status, grown / 1024)
+"""
+
+
+def test_memory_does_not_grow_with_the_steps():
+    """A million steps with every thousandth kept take less than 4 MB; all kept take 70."""
+    script = MEMORY.replace("STEPS", "1_000_000")
+    steps, kept, status, grown = run("-c", script.replace("EVERY", "1000")).stdout.split()
+    assert (steps, kept, status) == ("1000000", "1001", "ok")
+    assert float(grown) < 4
+    *_, grown = run("-c", script.replace("EVERY", "1")).stdout.split()
+    assert float(grown) > 40
