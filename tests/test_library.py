@@ -1,12 +1,14 @@
 """The Python library: trajectories, stepping, restarts, starts, errors."""
 
 import csv
+import dataclasses
 import datetime
 import math
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import oracles
 import pandas as pd
@@ -56,6 +58,11 @@ def double_pendulum(**more):
         ),
         **more,
     )
+
+
+@numba.njit
+def compiled_zeros(u, v, t):
+    return np.zeros((4, 4))
 
 
 DOUBLE = {
@@ -234,10 +241,19 @@ def test_a_definition_is_told_from_another_by_its_content():
     assert content(1.0) == content(1.0)
     assert content(1.0) != content(2.0)
     assert content(1.0) != content(1.0, damping=lambda u, v, t: np.zeros((4, 4)))
-    # What cannot be looked at is like nothing else.
-    unknown = object()
-    given = double_pendulum(energy=lambda u, v, t: (unknown, 0.0)[1])
-    assert of_definition(given) != of_definition(given)
+    compiled = numba.njit(lambda u, v, t: math.sin(t))
+    assert content(1.0, damping=compiled_zeros) == content(1.0, damping=compiled_zeros)
+    assert of_definition(double_pendulum(energy=compiled)) != of_definition(
+        double_pendulum(energy=numba.njit(lambda u, v, t: math.cos(t)))
+    )
+
+    # What cannot be looked at is like nothing else: a class of the user's, an object.
+    class Constants:
+        gravity = 9.81
+
+    for unknown in (object(), Constants, Constants(), dataclasses):
+        given = double_pendulum(energy=lambda u, v, t, unknown=unknown: 0.0)
+        assert of_definition(given) != of_definition(given)
 
 
 # -- stepping, callbacks, restarts ------------------------------------------------------------
@@ -342,8 +358,6 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
             raise ZeroDivisionError("here")
         return np.array([0.0, -9.81, 0.0, -9.81])
 
-    import dataclasses
-
     given = dataclasses.replace(double_pendulum(), force=force)
     with pytest.raises(ZeroDivisionError) as caught:
         newmark.march(given, h=0.01, t_end=1.0, linear_solver="sparse-lu")
@@ -433,8 +447,6 @@ def test_inconsistent_starts_are_refused_with_numbers():
 
 def test_a_projection_is_the_nearest_in_the_metric_of_M():
     """Against a search over both angles; velocities by their normal equations."""
-    import dataclasses
-
     from scipy.optimize import minimize
 
     mass = np.diag([1.0, 2.0, 3.0, 4.0])

@@ -18,7 +18,7 @@ from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import ProblemTables
+from newmark_cli.newmark.march_data import ProblemTables, recording
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 from newmark_cli.study import config

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+#: What comes from here is what its name says; the versions are part of every record.
+_LIBRARIES = frozenset(("builtins", "math", "cmath", "numpy", "scipy", "numba"))
 _FUNCTIONS = ("force", "constraints", "gradient", "stiffness", "damping", "energy")
 
 
@@ -34,13 +36,28 @@ class _Unknown(Exception):
     """Something that has no content that could be looked at."""
 
 
+def _root(value: Any) -> str:
+    """Top package of a module, or of what was defined in one; empty where nobody knows."""
+    if isinstance(value, np.ufunc):
+        return "numpy"
+    name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+    return name.partition(".")[0] if isinstance(name, str) else ""
+
+
+def _known(value: Any) -> str:
+    """Where something of a library comes from, whose name says what it is."""
+    if _root(value) not in _LIBRARIES:
+        raise _Unknown
+    return str(getattr(value, "__module__", None) or "")
+
+
 def _take(value: Any, digest: Any, seen: dict[int, tuple[int, Any]]) -> None:
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):
         digest.update(f"{type(value).__name__}{value!r};".encode())
     elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufc":
         digest.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
     elif isinstance(value, ModuleType | BuiltinFunctionType | np.ufunc | type):
-        digest.update(f"{getattr(value, '__module__', '')}.{value.__name__};".encode())
+        digest.update(f"{_known(value)}.{value.__name__};".encode())
     elif id(value) in seen:
         digest.update(f"again {seen[id(value)][0]};".encode())
     elif isinstance(value, list | tuple):
@@ -63,14 +80,8 @@ def _take_function(value: Any, digest: Any, seen: dict[int, tuple[int, Any]]) ->
         return _take(value.py_func, digest, seen)
     if hasattr(value, "func") and hasattr(value, "keywords"):
         return _take([value.func, list(value.args), dict(value.keywords)], digest, seen)
-    if not isinstance(value, FunctionType):
-        module = getattr(value, "__module__", None)
-        if callable(value) and isinstance(module, str) and module.partition(".")[0] == "numpy":
-            digest.update(f"{module}.{getattr(value, '__name__', '')};".encode())
-            return None
-        raise _Unknown
-    if value.__module__.partition(".")[0] == "numpy":
-        digest.update(f"{value.__module__}.{value.__qualname__};".encode())
+    if not isinstance(value, FunctionType) or _root(value) in _LIBRARIES:
+        digest.update(f"{_known(value)}.{getattr(value, '__qualname__', '')};".encode())
         return None
     _take_code(value.__code__, digest)
     try:
