@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
+    from newmark_cli.library.studies import plot, run, slopes
     from newmark_cli.newmark.integrator import IntegratorError
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
@@ -38,8 +39,11 @@ _HOMES = {
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
     "march": "library.marching",
+    "plot": "library.studies",
     "problem": "library.problems",
+    "run": "library.studies",
     "scaling": "library.scalings",
+    "slopes": "library.studies",
     "steps": "library.marching",
 }
 
@@ -59,8 +63,11 @@ __all__ = [
     "Trajectory",
     "__version__",
     "march",
+    "plot",
     "problem",
+    "run",
     "scaling",
+    "slopes",
     "steps",
 ]
 

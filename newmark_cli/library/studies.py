@@ -1,0 +1,235 @@
+"""Studies for notebooks: run one, get its rows, fit them and draw them."""
+
+import json
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from newmark_cli import files
+from newmark_cli.documents import Document
+from newmark_cli.errors import ArgumentError, ExecutorError, InputError
+from newmark_cli.library import arguments
+from newmark_cli.processors import usable
+from newmark_cli.report import records
+from newmark_cli.study import config, reading, results
+from newmark_cli.study.config import Study, Surroundings
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+#: Attribute of a frame: study → what its record says besides the rows, as JSON.
+_RECORDS = "newmark-study records"
+#: What of a record goes with a frame: the config says what is accepted and drawn.
+_KEPT = ("study", "config", "motions")
+
+
+def run(
+    study: Any,
+    *,
+    results: str | Path | None = None,
+    jobs: int | None = None,
+    force: bool = False,
+    timeout: float | None = None,
+    allow_code: bool = False,
+) -> "pd.DataFrame":
+    """Run a study; the rows of its CSV.
+
+    Cells that do not end well are no exception: the column ``status`` says how each ended,
+    as in the CSV.
+
+    Args:
+        study: A config file (``"mine.yaml"``), the name of a shipped config
+            (``"pendulum-u"``), or a dict with the keys of a config.
+        results: Folder in which the CSV, its record and finished cells are kept, as by
+            ``newmark-study run``: the next run computes what is missing.  Nothing is kept if
+            omitted.
+        jobs: Cells that run side by side; one for each usable processor if omitted.
+        force: Whether cells that are kept are computed again.
+        timeout: Most wall time of a cell (s).
+        allow_code: Whether problems in Python may be loaded, which runs their code.
+
+    Returns:
+        A row for each cell and quantity, in the order of the CSV, with its columns; numbers
+        are floats, what is empty is NaN.  `slopes` and `plot` take it.
+
+    Raises:
+        DocumentError: When the config cannot be used; names file and line, or the key.
+        ArgumentError: For an argument of the wrong type.
+        InputError: When the folder cannot be written or is in use.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> frame = newmark.run({
+        ...     "study": "swing", "problem": "pendulum", "form": "u-lambda",
+        ...     "preconditioning": ["none", "optimal"], "h": [1e-2, 1e-3, 1e-4], "steps": 50,
+        ... })
+        >>> set(frame["status"]), sorted(set(frame["measure"]))
+        ({'ok'}, ['condition', 'correction', 'physical_correction'])
+    """
+    from newmark_cli.running import runner
+
+    wanted = _study(study, arguments.flag("allow_code", allow_code))
+    options = runner.Options(
+        jobs=usable() if jobs is None else arguments.count("jobs", jobs, 1),
+        force=arguments.flag("force", force),
+        timeout=None if timeout is None else arguments.positive("timeout", timeout, " of seconds"),
+    )
+    if results is not None and not isinstance(results, str | Path):
+        raise ArgumentError(f"results must be a folder, given {arguments.shown(results)}")
+    with tempfile.TemporaryDirectory(prefix="newmark-study-") as scratch:
+        folder = Path(scratch if results is None else results)
+        try:
+            runner.run_studies([wanted], folder, options)
+        except ExecutorError as error:
+            raise InputError(str(error)) from error
+        return _read(folder, wanted.study)
+
+
+def _read(folder: Path, study: str) -> "pd.DataFrame":
+    path = folder / f"{study}.csv"
+    frame = reading.read_study(path).reset_index(drop=True)
+    found = records.known(path)
+    frame.attrs[_RECORDS] = {study: json.dumps({key: found[key] for key in _KEPT if key in found})}
+    return frame
+
+
+def slopes(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """Fits of every series of a frame, and what theory says of them.
+
+    Args:
+        frame: Rows as `run` returns them, or some of them, or those of several studies.
+
+    Returns:
+        A row for each series with the columns of ``slopes.csv``: what tells it from others,
+        ``slope`` and ``stderr`` of the fit over its asymptotic middle, ``points``, the
+        ``expected`` order, ``tolerance``, ``verdict``, ``h_from`` and ``h_to`` of the fit (s),
+        ``local_orders`` as text, and ``reason``.  What is empty is NaN.
+
+    Raises:
+        ArgumentError: When the frame has not the columns of a study.
+        ResultsError: When a row has what no study has.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> frame = newmark.run({
+        ...     "study": "swing", "problem": "pendulum", "form": "u-lambda",
+        ...     "preconditioning": "none", "h": [1e-3, 1e-4, 1e-5], "steps": 50,
+        ... })
+        >>> fits = newmark.slopes(frame)
+        >>> condition = fits[fits["measure"] == "condition"].iloc[0]
+        >>> round(condition["slope"], 1), condition["expected"], condition["verdict"]
+        (-4.0, -4.0, 'pass')
+    """
+    import pandas as pd
+
+    from newmark_cli.report.slopes import COLUMNS, collect
+
+    with _folder(frame) as folder:
+        return pd.DataFrame([slope.row() for slope in collect(folder)], columns=list(COLUMNS))
+
+
+def plot(
+    frame: "pd.DataFrame",
+    figure: int | str | None = None,
+    *,
+    size: tuple[float, float] | None = None,
+    **choice: str,
+) -> "Figure":
+    """Draw a figure of a study, as ``newmark-study plot`` does.
+
+    Args:
+        frame: Rows as `run` returns them.
+        figure: Which: its place among those that the frame is enough for, from 0, or its
+            name; the first if omitted.
+        size: Width and height (inch).
+        **choice: Draw only these: ``measure``, ``quantity``, ``form``, ``problem``,
+            ``preconditioning``, ``integrator``.
+
+    Returns:
+        A figure of matplotlib, which a notebook shows and ``savefig`` writes.
+
+    Raises:
+        ArgumentError: When there is no such figure; says which there are.
+        InputError: When nothing can be drawn.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> frame = newmark.run({
+        ...     "study": "swing", "problem": "pendulum", "form": "u-lambda",
+        ...     "preconditioning": ["none", "optimal"], "h": [1e-3, 1e-4, 1e-5], "steps": 50,
+        ... })
+        >>> figure = newmark.plot(frame, measure="condition")
+        >>> len(figure.axes)
+        1
+    """
+    from newmark_cli.report import draw
+    from newmark_cli.report import plot as plotting
+    from newmark_cli.report.kinds import Results
+    from newmark_cli.report.slopes import collect
+
+    axes = ("quantity", "form", "problem", "preconditioning", "integrator")
+    for name, given in choice.items():
+        arguments.one_of("argument", name, ("measure", *axes))
+        if not isinstance(given, str):
+            raise ArgumentError(f"{name} must be text, given {arguments.shown(given)}")
+    with _folder(frame) as folder:
+        found = Results(folder, collect(folder))
+        chosen = plotting.Choice(
+            (choice["measure"],) if "measure" in choice else (),
+            {name: (choice[name],) if name in choice else () for name in axes},
+            everything=True,
+        )
+        try:
+            figures = plotting.chosen((), found, chosen).figures
+        except InputError as error:
+            raise ArgumentError(str(error).replace("--", "")) from None
+        names = [plotting.stem(each) for each in figures]
+        if not figures:
+            raise ArgumentError("nothing to draw: no series has two step sizes")
+        if isinstance(figure, str):
+            place = names.index(arguments.one_of("figure", figure, names))
+        else:
+            place = 0 if figure is None else arguments.count("figure", figure)
+        if place >= len(figures):
+            raise ArgumentError(f"figure must be below {len(figures)}, given {place}")
+        return draw.drawn(figures[place].sheet(found), size)
+
+
+def _study(given: Any, allow_code: bool) -> Study:
+    if isinstance(given, Mapping):
+        document = Document.of("study", given)
+        return config.parse(document, Surroundings(Path(), allow_code))
+    if isinstance(given, str | Path):
+        return config.find(str(given), allow_code)
+    raise ArgumentError(f"a study must be a file, a name or a dict, given {arguments.shown(given)}")
+
+
+@contextmanager
+def _folder(frame: Any) -> Iterator[Path]:
+    """A results folder with the rows of a frame: what reads CSVs reads them there."""
+    import pandas as pd
+
+    if not isinstance(frame, pd.DataFrame):
+        raise ArgumentError(f"frame must be a DataFrame, given {arguments.shown(frame)}")
+    lacking = [name for name in results.COLUMNS if name not in frame.columns]
+    if lacking or frame.empty:
+        why = f"lacks {', '.join(lacking)}" if lacking else "is empty"
+        raise ArgumentError(f"frame must be rows of a study, as run returns them, but {why}")
+    described = frame.attrs.get(_RECORDS, {})
+    with tempfile.TemporaryDirectory(prefix="newmark-study-") as scratch:
+        folder = Path(scratch)
+        for study, rows in frame.groupby("study", sort=False):
+            path = folder / f"{study}.csv"
+            if path.parent != folder or path.name != f"{study}.csv":
+                raise ArgumentError(f"frame: {arguments.shown(study)} cannot be a study's name")
+            files.write(path, results.csv_text(results.COLUMNS, rows.to_dict("records")))
+            if study in described:
+                files.write(path.with_suffix(".json"), described[study])
+        try:
+            yield folder
+        except InputError as error:
+            text = str(error).replace(f"{folder}/", "frame: ")
+            raise type(error)(text) from None

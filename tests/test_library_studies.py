@@ -1,0 +1,115 @@
+"""Studies in notebooks: the rows, fits and figures of the command line."""
+
+import csv
+
+import pandas as pd
+import pytest
+
+import newmark_cli as newmark
+
+STUDY = {
+    "study": "swing",
+    "problem": "pendulum",
+    "form": ["u-lambda", "v-lambda"],
+    "preconditioning": ["none", "optimal"],
+    "h": [1e-3, 1e-4, 1e-5],
+    "steps": 20,
+}
+YAML = """\
+study: swing
+problem: pendulum
+form: [u-lambda, v-lambda]
+preconditioning: [none, optimal]
+h: [1e-3, 1e-4, 1e-5]
+steps: 20
+"""
+
+
+@pytest.fixture(scope="module")
+def frame():
+    """The study's rows, from a dict."""
+    return newmark.run(STUDY)
+
+
+def test_a_dict_a_file_and_the_command_line_agree(cli, frame):
+    """Identical rows, whoever runs the study; what is kept in a folder is the CSV of `run`."""
+    path = cli.write("swing.yaml", YAML)
+    cli("run", "swing.yaml")
+    ours = cli.folder / "ours"
+    pd.testing.assert_frame_equal(newmark.run(path, results=ours), frame)
+    written = (cli.folder / "results/swing.csv").read_bytes()
+    assert (ours / "swing.csv").read_bytes() == written
+    read = pd.read_csv(cli.folder / "results/swing.csv", keep_default_na=False)
+    for column in ("h", "rms", "max", "last", "zeros"):
+        assert pd.to_numeric(read[column]).tolist() == frame[column].tolist()
+    assert read["quantity"].tolist() == frame["quantity"].tolist()
+
+
+def test_fits_are_those_of_check(cli, frame):
+    """Slopes, expected orders and verdicts of the command line, to the last digit."""
+    cli.write("swing.yaml", YAML)
+    cli("run", "swing.yaml")
+    cli("check")
+    with (cli.folder / "results/slopes.csv").open(newline="") as file:
+        expected = list(csv.DictReader(file))
+    found = newmark.slopes(frame)
+    assert list(found.columns) == list(expected[0])
+    for column in ("form", "preconditioning", "quantity", "measure", "verdict"):
+        assert found[column].tolist() == [row[column] for row in expected]
+    assert [repr(float(s)) for s in found["slope"]] == [row["slope"] for row in expected]
+
+
+def test_part_of_a_frame(frame):
+    """Rows that are left out are not missed, and several studies may stand in one frame."""
+    part = frame[frame["form"] == "u-lambda"]
+    assert set(newmark.slopes(part)["form"]) == {"u-lambda"}
+    both = pd.concat([frame, frame.assign(study="again")])
+    found = newmark.slopes(both)
+    assert found.groupby("study").size().tolist() == [len(found) // 2] * 2
+    assert set(found["verdict"]) == {"pass"}
+
+
+def test_figures_draw_the_rows(frame):
+    """The points of a figure are the values of the frame; the axes say what they are."""
+    figure = newmark.plot(frame, measure="condition", form="u-lambda")
+    (axes,) = figure.axes
+    rows = frame[(frame["measure"] == "condition") & (frame["form"] == "u-lambda")]
+    drawn = {
+        tuple(map(float, point))
+        for line in axes.lines
+        if line.get_marker() not in ("", "None", None)
+        for point in line.get_xydata()
+    }
+    assert set(zip(rows["h"], rows["median"], strict=True)) <= drawn
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    second = newmark.plot(frame, 1, size=(5, 4))
+    assert second.get_size_inches().tolist() == [5, 4]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda frame: newmark.run(3), "a study must be a file, a name or a dict, given 3"),
+        (lambda frame: newmark.run("nope"), "nope: no such file and no shipped config"),
+        (lambda frame: newmark.run({"study": "a", "form": "u"}), "study: "),
+        (lambda frame: newmark.run(STUDY | {"h": -1}), "study: h"),
+        (lambda frame: newmark.run(STUDY, jobs=0), "jobs must be at least 1, given 0"),
+        (lambda frame: newmark.run(STUDY, results=1), "results must be a folder, given 1"),
+        (lambda frame: newmark.slopes([1]), "frame must be a DataFrame"),
+        (lambda frame: newmark.slopes(frame.drop(columns="h")), "but lacks h"),
+        (lambda frame: newmark.slopes(frame[:0]), "but is empty"),
+        (lambda frame: newmark.slopes(frame.assign(h="x")), "frame: swing.csv, line 2: h: not"),
+        (lambda frame: newmark.slopes(frame.assign(study="../x")), "cannot be a study's name"),
+        (lambda frame: newmark.plot(frame, 99), "figure must be below 14, given 99"),
+        (lambda frame: newmark.plot(frame, "mine"), "unknown figure 'mine'"),
+        (lambda frame: newmark.plot(frame, measure="x"), "measure: unknown measure 'x'"),
+        (lambda frame: newmark.plot(frame, colour="red"), "unknown argument 'colour'"),
+    ],
+)
+def test_mistakes(frame, call, words):
+    """One sentence of a documented class."""
+    with pytest.raises(newmark.NewmarkError, match=r"(?s).*") as caught:
+        call(frame)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "/tmp" not in str(caught.value)
