@@ -4,8 +4,10 @@ import csv
 import dataclasses
 import datetime
 import math
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -365,6 +367,44 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
     assert (part.status, part.steps) == ("interrupted", 20)
     assert np.all(np.isfinite(part.u))
     same((part.u, newmark.march(double_pendulum(), h=0.01, t_end=0.2, linear_solver="sparse-lu").u))
+
+
+INTERRUPTED = """\
+import newmark_cli as newmark
+newmark.march("pendulum", h=1e-6, steps=10)
+print("ready", flush=True)
+try:
+    newmark.march("pendulum", h=1e-6, steps=10**9, every=1000)
+except KeyboardInterrupt as error:
+    part = error.trajectory
+    again = newmark.march("pendulum", h=1e-6, steps=part.steps, every=1000)
+    rest = newmark.march("pendulum", h=1e-6, steps=5, state=part.state)
+    print(part.status, part.steps > 0, (again.u[:-1] == part.u[: len(again.u) - 1]).all(),
+          (again.u[-1] == part.u[-1]).all(), len(again.u) == len(part.u), rest.status)
+"""
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.31])
+def test_an_interrupt_leaves_a_usable_trajectory(delay):
+    """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
+    child = subprocess.Popen([sys.executable, "-c", INTERRUPTED], text=True, stdout=subprocess.PIPE)
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(delay)
+    child.send_signal(signal.SIGINT)
+    told, _ = child.communicate(timeout=60)
+    assert told == "interrupted True True True True ok\n"
+
+
+def test_halts_take_no_memory_of_their_own():
+    """A march of 10¹² steps begins at once, whoever looks at it."""
+    march = newmark.steps("pendulum", h=1e-6, every=10)._recorder.march
+    begin = time.process_time()
+    for stretches in (
+        march.stretches(10**12, range(7, 10**12, 7)),
+        march.recorded(10**12, range(7, 10**12, 7)),
+    ):
+        assert len(next(stretches).iterations) > 0
+    assert time.process_time() - begin < 1
 
 
 # -- marches that fail ------------------------------------------------------------------------
