@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -131,6 +131,28 @@ class _Begun:
         return last
 
 
+class Options(TypedDict, total=False):
+    """Further arguments of `march`, by their types."""
+
+    form: str
+    integrator: Any
+    scaling: Any
+    evaluation: str
+    precision: str
+    linear_solver: str
+    krylov: Mapping[str, float] | Krylov | None
+    stop: Mapping[str, float] | Tolerance | None
+    iteration_cap: int
+    every: int | None
+    at: ArrayLike | None
+    keep: Sequence[str]
+    u0: ArrayLike | Mapping[str, Any] | None
+    v0: ArrayLike | Mapping[str, Any] | None
+    project: bool
+    state: Step | None
+    callback: Callable[[Step], object] | None
+
+
 @overload
 def march(
     problem: Any,
@@ -138,23 +160,7 @@ def march(
     h: float,
     t_end: float | None = None,
     steps: Literal[True],
-    form: str = ...,
-    integrator: Any = ...,
-    scaling: Any = ...,
-    evaluation: str = ...,
-    precision: str = ...,
-    linear_solver: str = ...,
-    krylov: Mapping[str, float] | Krylov | None = ...,
-    stop: Mapping[str, float] | Tolerance | None = ...,
-    iteration_cap: int = ...,
-    every: int | None = ...,
-    at: None = ...,
-    keep: Sequence[str] = ...,
-    u0: ArrayLike | Mapping[str, Any] | None = ...,
-    v0: ArrayLike | Mapping[str, Any] | None = ...,
-    project: bool = ...,
-    state: Step | None = ...,
-    callback: None = ...,
+    **options: Unpack[Options],
 ) -> Steps: ...
 
 
@@ -165,23 +171,7 @@ def march(
     h: float,
     t_end: float | None = None,
     steps: int | None = None,
-    form: str = ...,
-    integrator: Any = ...,
-    scaling: Any = ...,
-    evaluation: str = ...,
-    precision: str = ...,
-    linear_solver: str = ...,
-    krylov: Mapping[str, float] | Krylov | None = ...,
-    stop: Mapping[str, float] | Tolerance | None = ...,
-    iteration_cap: int = ...,
-    every: int | None = ...,
-    at: ArrayLike | None = ...,
-    keep: Sequence[str] = ...,
-    u0: ArrayLike | Mapping[str, Any] | None = ...,
-    v0: ArrayLike | Mapping[str, Any] | None = ...,
-    project: bool = ...,
-    state: Step | None = ...,
-    callback: Callable[[Step], object] | None = ...,
+    **options: Unpack[Options],
 ) -> Trajectory: ...
 
 
@@ -317,11 +307,16 @@ def march(
     return _marched(begun, last, every, keep, callback, stepped)
 
 
-def steps(problem: Any, *, h: float, **options: Any) -> Steps:
-    """A march that is stepped: the same as ``march(problem, h=h, steps=True, **options)``.
+def steps(
+    problem: Any, *, h: float, t_end: float | None = None, **options: Unpack[Options]
+) -> Steps:
+    """A march that is stepped: the same as `march` with ``steps=True``.
 
     Args:
-        problem, h, **options: As of `march`.
+        problem, h, t_end, **options: As of `march`; without ``t_end`` it has no end.
+
+    Returns:
+        An iterator over the steps that are kept.
 
     Raises:
         ArgumentError and others: As `march`.
@@ -334,7 +329,7 @@ def steps(problem: Any, *, h: float, **options: Any) -> Steps:
         0.02 s: -0.000200 True
         0.03 s: -0.000450 True
     """
-    stepping: Steps = march(problem, h=h, steps=True, **options)
+    stepping: Steps = march(problem, h=h, t_end=t_end, steps=True, **options)
     return stepping
 
 

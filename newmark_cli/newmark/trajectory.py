@@ -74,6 +74,7 @@ class Step:
         converged: Whether Newton's iteration converged, or met its tolerance.
         norms: Unknown (``"u"``, ``"lambda"`` and so on) → 2-norm of the last decreasing
             correction, in the scaled unknowns that the solver sees (eq. 50); 0 at the start.
+        carried: What the march goes on with; not public.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -138,6 +139,8 @@ class Trajectory:
 
     Attributes:
         t: (k,) times (s).
+        numbers: (k,) numbers of the steps that were kept, counted from the start, or from
+            that of the march that this one went on with.
         iterations: (k,) Newton corrections computed in each kept step; 0 at the start.
         converged: (k,) whether Newton's iteration converged in it.
         status: ``"ok"``; ``"not_converged"``, in some steps, see `not_converged`;
@@ -165,6 +168,7 @@ class Trajectory:
     """
 
     t: Array
+    numbers: IndexArray
     iterations: IndexArray
     converged: Mask
     status: str
@@ -366,7 +370,7 @@ class Recorder:
         self._not_converged, self._corrections = 0, 0
         # An interrupt may come while rows are written: those that count are counted last.
         self._kept, self._last = 0, -1
-        self._times = _Rows((), float, most)
+        self._numbers = _Rows((), np.int64, most)
         self._counts = _Rows((), np.int64, most)
         self._arrays = {
             name: _Rows((m if name == "lambda" else n,), float, most)
@@ -415,7 +419,7 @@ class Recorder:
         if not len(steps):
             return
         kept, last = self._kept + len(steps), int(steps[-1])
-        self._times.write(self._kept, self.march.problem.t0 + steps * self.march.scheme.h)
+        self._numbers.write(self._kept, steps)
         self._counts.write(self._kept, counts)
         for name, values in rows.items():
             self._arrays[name].write(self._kept, values)
@@ -430,9 +434,10 @@ class Recorder:
         ending = self.march.ending if self.finite else DIVERGED
         if ending != COMPLETED:
             status = ENDINGS[ending]
-        counts = self._counts.first(self._kept)
+        numbers, counts = (rows.first(self._kept) for rows in (self._numbers, self._counts))
         return Trajectory(
-            t=self._times.first(self._kept),
+            t=self.march.problem.t0 + numbers * self.march.scheme.h,
+            numbers=numbers,
             iterations=np.abs(counts),
             converged=counts >= 0,
             status=status or ("not_converged" if self._not_converged else "ok"),
