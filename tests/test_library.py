@@ -156,6 +156,17 @@ def test_steps_are_recorded_alike_by_every_engine(solver):
     same((whole.iterations[1:], [step.iterations for step in seen]))
 
 
+def test_a_march_in_single_precision_is_returned_in_double():
+    """The numbers of the march, exactly."""
+    found = newmark.march("pendulum", h=1e-2, t_end=1.0, precision="float32")
+    assert found.u.dtype == found.multipliers.dtype == np.float64
+    same((found.u, found.u.astype(np.float32).astype(float)))
+    double = newmark.march("pendulum", h=1e-2, t_end=1.0)
+    assert 1e-8 < np.abs(found.u - double.u).max() < 1e-4
+    rest = newmark.march("pendulum", h=1e-2, steps=1, precision="float32", state=found.state)
+    assert rest.state.carried.state.fields.dtype == np.float32
+
+
 def test_times_are_met_by_the_nearest_steps():
     """In any order, each once; they say which steps they are."""
     found = newmark.march("pendulum", h=0.1, at=[0.52, 0.0, 0.18, 0.22, 0.5])
@@ -616,6 +627,13 @@ def pendulum(**more):
         (lambda: pendulum(every=0.5), "every must be a whole number, given 0.5"),
         (lambda: pendulum(every=2, at=[1.0]), "give either every or at, not both"),
         (lambda: pendulum(at=[1.0, 1.2]), "at: 1.2 s is outside the march, 0 to 1 s"),
+        (lambda: pendulum(at=[1.01]), "at: 1.01 s is outside the march, 0 to 1 s"),
+        (lambda: pendulum(t_end=1e300), "1e+301 steps are more than there can be"),
+        (lambda: pendulum(t_end=None, steps=2**60), "1.15e+18 steps are more than there can be"),
+        (
+            lambda: newmark.march(newmark.Definition(**RUNAWAY), h=0.1, steps=1, u0=[1e7, 0]),
+            "definition: the start leads to numbers that are not finite",
+        ),
         (lambda: pendulum(at=[-0.1]), "at: -0.1 s is outside the march, 0 to 1 s"),
         (lambda: pendulum(at="1"), "at must be a list of numbers, given '1'"),
         (lambda: pendulum(at=[math.inf]), "at must be finite: component 1 is inf"),

@@ -34,6 +34,8 @@ from newmark_cli.problems.problem import Problem, ProblemError
 
 #: Most memory that a trajectory may take (bytes).
 MOST_BYTES = 1_000_000_000
+#: More steps than a float can count are a slip of the finger.
+_MOST_STEPS = 2**53
 
 
 class Steps(Iterator[Step]):
@@ -292,6 +294,8 @@ def march(
     _require_fit(given, scheme, arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS))
     subject = _started(given, u0, v0, project, state)
     begun = _begin(subject, given.t0, scheme, linear_solver, _krylov(krylov), state)
+    if not all(np.all(np.isfinite(array)) for array in begun.march.state):
+        raise ProblemError(f"{subject.name}: the start leads to numbers that are not finite")
     stepped = steps is True
     if stepped and (callback is not None or at is not None):
         raise ArgumentError(
@@ -301,6 +305,8 @@ def march(
     if callback is not None and not callable(callback):
         raise ArgumentError(f"callback must be a function, given {arguments.shown(callback)}")
     last = _last(begun, t_end, None if stepped else steps, at, stepped)
+    if last is not None and last > _MOST_STEPS:
+        raise ArgumentError(f"{last:.3g} steps are more than there can be, at most {_MOST_STEPS:g}")
     if at is not None:
         return _marched_at(begun, last, at, every, keep, callback)
     every = (1 if keep or stepped else 0) if every is None else arguments.count("every", every)
@@ -528,7 +534,7 @@ def _marched_at(
     h, t0 = march.scheme.h, march.problem.t0
     end = t0 + last * h
     for time in times.tolist():
-        if not march.t - 1e-9 * h <= time <= end + h * (1 - 1e-9):
+        if not march.t - 1e-6 * h <= time <= end + 1e-6 * h:
             raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
     nearest = np.unique(np.clip(np.rint((times - t0) / h).astype(np.int64), march.done, last))
     _require_room(march, len(nearest), keep, "give fewer times")
