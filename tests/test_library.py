@@ -4,8 +4,11 @@ import csv
 import dataclasses
 import datetime
 import math
+import pickle
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numba
@@ -153,6 +156,17 @@ def test_steps_are_recorded_alike_by_every_engine(solver):
     same((whole.iterations[1:], [step.iterations for step in seen]))
 
 
+def test_a_march_in_single_precision_is_returned_in_double():
+    """The numbers of the march, exactly."""
+    found = newmark.march("pendulum", h=1e-2, t_end=1.0, precision="float32")
+    assert found.u.dtype == found.multipliers.dtype == np.float64
+    same((found.u, found.u.astype(np.float32).astype(float)))
+    double = newmark.march("pendulum", h=1e-2, t_end=1.0)
+    assert 1e-8 < np.abs(found.u - double.u).max() < 1e-4
+    rest = newmark.march("pendulum", h=1e-2, steps=1, precision="float32", state=found.state)
+    assert rest.state.carried.state.fields.dtype == np.float32
+
+
 def test_times_are_met_by_the_nearest_steps():
     """In any order, each once; they say which steps they are."""
     found = newmark.march("pendulum", h=0.1, at=[0.52, 0.0, 0.18, 0.22, 0.5])
@@ -291,7 +305,9 @@ def test_a_restart_takes_the_same_steps_to_the_bit(integrator, evaluation):
     whole = newmark.march("andrews", t_end=0.01, **how)
     part = newmark.march("andrews", t_end=0.0033, every=0, **how)
     part = newmark.march("andrews", steps=17, state=part.state, every=0, **how)
-    rest = newmark.march("andrews", t_end=0.01, state=part.state, **how)
+    kept = pickle.loads(pickle.dumps(part.state))
+    rest = newmark.march("andrews", t_end=0.01, state=kept, **how)
+    assert rest.numbers.tolist() == [*range(50, 101)]
     assert (rest.steps, len(rest.t)) == (50, 51)
     for name in ("t", "u", "v", "a", "multipliers"):
         same((getattr(rest, name), getattr(whole, name)[50:]))
@@ -365,6 +381,44 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
     assert (part.status, part.steps) == ("interrupted", 20)
     assert np.all(np.isfinite(part.u))
     same((part.u, newmark.march(double_pendulum(), h=0.01, t_end=0.2, linear_solver="sparse-lu").u))
+
+
+INTERRUPTED = """\
+import newmark_cli as newmark
+newmark.march("pendulum", h=1e-6, steps=10)
+print("ready", flush=True)
+try:
+    newmark.march("pendulum", h=1e-6, steps=10**9, every=1000)
+except KeyboardInterrupt as error:
+    part = error.trajectory
+    again = newmark.march("pendulum", h=1e-6, steps=part.steps, every=1000)
+    rest = newmark.march("pendulum", h=1e-6, steps=5, state=part.state)
+    print(part.status, part.steps > 0, (again.u[:-1] == part.u[: len(again.u) - 1]).all(),
+          (again.u[-1] == part.u[-1]).all(), len(again.u) == len(part.u), rest.status)
+"""
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.31])
+def test_an_interrupt_leaves_a_usable_trajectory(delay):
+    """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
+    child = subprocess.Popen([sys.executable, "-c", INTERRUPTED], text=True, stdout=subprocess.PIPE)
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(delay)
+    child.send_signal(signal.SIGINT)
+    told, _ = child.communicate(timeout=60)
+    assert told == "interrupted True True True True ok\n"
+
+
+def test_halts_take_no_memory_of_their_own():
+    """A march of 10¹² steps begins at once, whoever looks at it."""
+    march = newmark.steps("pendulum", h=1e-6, every=10)._recorder.march
+    begin = time.process_time()
+    for stretches in (
+        march.stretches(10**12, range(7, 10**12, 7)),
+        march.recorded(10**12, range(7, 10**12, 7)),
+    ):
+        assert len(next(stretches).iterations) > 0
+    assert time.process_time() - begin < 1
 
 
 # -- marches that fail ------------------------------------------------------------------------
@@ -573,6 +627,13 @@ def pendulum(**more):
         (lambda: pendulum(every=0.5), "every must be a whole number, given 0.5"),
         (lambda: pendulum(every=2, at=[1.0]), "give either every or at, not both"),
         (lambda: pendulum(at=[1.0, 1.2]), "at: 1.2 s is outside the march, 0 to 1 s"),
+        (lambda: pendulum(at=[1.01]), "at: 1.01 s is outside the march, 0 to 1 s"),
+        (lambda: pendulum(t_end=1e300), "1e+301 steps are more than there can be"),
+        (lambda: pendulum(t_end=None, steps=2**60), "1.15e+18 steps are more than there can be"),
+        (
+            lambda: newmark.march(newmark.Definition(**RUNAWAY), h=0.1, steps=1, u0=[1e7, 0]),
+            "definition: the start leads to numbers that are not finite",
+        ),
         (lambda: pendulum(at=[-0.1]), "at: -0.1 s is outside the march, 0 to 1 s"),
         (lambda: pendulum(at="1"), "at must be a list of numbers, given '1'"),
         (lambda: pendulum(at=[math.inf]), "at must be finite: component 1 is inf"),

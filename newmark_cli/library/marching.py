@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,8 @@ from newmark_cli.problems.problem import Problem, ProblemError
 
 #: Most memory that a trajectory may take (bytes).
 MOST_BYTES = 1_000_000_000
+#: More steps than a float can count are a slip of the finger.
+_MOST_STEPS = 2**53
 
 
 class Steps(Iterator[Step]):
@@ -131,6 +133,28 @@ class _Begun:
         return last
 
 
+class Options(TypedDict, total=False):
+    """Further arguments of `march`, by their types."""
+
+    form: str
+    integrator: Any
+    scaling: Any
+    evaluation: str
+    precision: str
+    linear_solver: str
+    krylov: Mapping[str, float] | Krylov | None
+    stop: Mapping[str, float] | Tolerance | None
+    iteration_cap: int
+    every: int | None
+    at: ArrayLike | None
+    keep: Sequence[str]
+    u0: ArrayLike | Mapping[str, Any] | None
+    v0: ArrayLike | Mapping[str, Any] | None
+    project: bool
+    state: Step | None
+    callback: Callable[[Step], object] | None
+
+
 @overload
 def march(
     problem: Any,
@@ -138,23 +162,7 @@ def march(
     h: float,
     t_end: float | None = None,
     steps: Literal[True],
-    form: str = ...,
-    integrator: Any = ...,
-    scaling: Any = ...,
-    evaluation: str = ...,
-    precision: str = ...,
-    linear_solver: str = ...,
-    krylov: Mapping[str, float] | Krylov | None = ...,
-    stop: Mapping[str, float] | Tolerance | None = ...,
-    iteration_cap: int = ...,
-    every: int | None = ...,
-    at: None = ...,
-    keep: Sequence[str] = ...,
-    u0: ArrayLike | Mapping[str, Any] | None = ...,
-    v0: ArrayLike | Mapping[str, Any] | None = ...,
-    project: bool = ...,
-    state: Step | None = ...,
-    callback: None = ...,
+    **options: Unpack[Options],
 ) -> Steps: ...
 
 
@@ -165,23 +173,7 @@ def march(
     h: float,
     t_end: float | None = None,
     steps: int | None = None,
-    form: str = ...,
-    integrator: Any = ...,
-    scaling: Any = ...,
-    evaluation: str = ...,
-    precision: str = ...,
-    linear_solver: str = ...,
-    krylov: Mapping[str, float] | Krylov | None = ...,
-    stop: Mapping[str, float] | Tolerance | None = ...,
-    iteration_cap: int = ...,
-    every: int | None = ...,
-    at: ArrayLike | None = ...,
-    keep: Sequence[str] = ...,
-    u0: ArrayLike | Mapping[str, Any] | None = ...,
-    v0: ArrayLike | Mapping[str, Any] | None = ...,
-    project: bool = ...,
-    state: Step | None = ...,
-    callback: Callable[[Step], object] | None = ...,
+    **options: Unpack[Options],
 ) -> Trajectory: ...
 
 
@@ -302,6 +294,8 @@ def march(
     _require_fit(given, scheme, arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS))
     subject = _started(given, u0, v0, project, state)
     begun = _begin(subject, given.t0, scheme, linear_solver, _krylov(krylov), state)
+    if not all(np.all(np.isfinite(array)) for array in begun.march.state):
+        raise ProblemError(f"{subject.name}: the start leads to numbers that are not finite")
     stepped = steps is True
     if stepped and (callback is not None or at is not None):
         raise ArgumentError(
@@ -311,17 +305,24 @@ def march(
     if callback is not None and not callable(callback):
         raise ArgumentError(f"callback must be a function, given {arguments.shown(callback)}")
     last = _last(begun, t_end, None if stepped else steps, at, stepped)
+    if last is not None and last > _MOST_STEPS:
+        raise ArgumentError(f"{last:.3g} steps are more than there can be, at most {_MOST_STEPS:g}")
     if at is not None:
         return _marched_at(begun, last, at, every, keep, callback)
     every = (1 if keep or stepped else 0) if every is None else arguments.count("every", every)
     return _marched(begun, last, every, keep, callback, stepped)
 
 
-def steps(problem: Any, *, h: float, **options: Any) -> Steps:
-    """A march that is stepped: the same as ``march(problem, h=h, steps=True, **options)``.
+def steps(
+    problem: Any, *, h: float, t_end: float | None = None, **options: Unpack[Options]
+) -> Steps:
+    """A march that is stepped: the same as `march` with ``steps=True``.
 
     Args:
-        problem, h, **options: As of `march`.
+        problem, h, t_end, **options: As of `march`; without ``t_end`` it has no end.
+
+    Returns:
+        An iterator over the steps that are kept.
 
     Raises:
         ArgumentError and others: As `march`.
@@ -334,7 +335,7 @@ def steps(problem: Any, *, h: float, **options: Any) -> Steps:
         0.02 s: -0.000200 True
         0.03 s: -0.000450 True
     """
-    stepping: Steps = march(problem, h=h, steps=True, **options)
+    stepping: Steps = march(problem, h=h, t_end=t_end, steps=True, **options)
     return stepping
 
 
@@ -533,7 +534,7 @@ def _marched_at(
     h, t0 = march.scheme.h, march.problem.t0
     end = t0 + last * h
     for time in times.tolist():
-        if not march.t - 1e-9 * h <= time <= end + h * (1 - 1e-9):
+        if not march.t - 1e-6 * h <= time <= end + 1e-6 * h:
             raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
     nearest = np.unique(np.clip(np.rint((times - t0) / h).astype(np.int64), march.done, last))
     _require_room(march, len(nearest), keep, "give fewer times")

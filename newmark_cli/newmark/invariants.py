@@ -26,7 +26,15 @@ class Misfit(NamedTuple):
 
 
 def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
-    """Misfits of a state.
+    """`misfits` of the state of a march."""
+    u, v = np.asarray(state.fields[:2], float)
+    return misfits(problem, t, u, v, state.multipliers)
+
+
+def misfits(
+    problem: Problem, t: float, u: Array, v: Array, multipliers: Array
+) -> dict[str, Misfit]:
+    """Misfits of coordinates, velocities and multipliers.
 
     ==========  ==============================================  =====================
     name        error                                           size
@@ -47,13 +55,13 @@ def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
     Args:
         problem: The problem.
         t: Time (s).
-        state: The state; its coordinates, velocities and multipliers count.
+        u, v: (n,) coordinates and velocities.
+        multipliers: (m,) λ.
 
     Returns:
         By name, in the order of `INVARIANTS`; without energy where none is conserved.
         NaN where the state is not finite or the index-1 matrix is singular.
     """
-    u, v = np.asarray(state.fields[:2], float)
     with np.errstate(all="ignore"):
         values = problem.values(t, u, v, np.zeros(problem.m))
         gradient = scipy.sparse.csc_array(
@@ -70,13 +78,11 @@ def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
             ),
         }
         try:
-            _, multipliers = Index1(problem).accelerations(t, u, v)
+            _, implied = Index1(problem).accelerations(t, u, v)
         except np.linalg.LinAlgError:
             found["multiplier"] = Misfit(np.nan, np.nan)
         else:
-            found["multiplier"] = Misfit(
-                _largest(state.multipliers - multipliers), _largest(multipliers)
-            )
+            found["multiplier"] = Misfit(_largest(multipliers - implied), _largest(implied))
         now, begin = (
             problem.energies(*at) for at in ((t, u, v), (problem.t0, problem.u0, problem.v0))
         )

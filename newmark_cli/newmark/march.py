@@ -133,26 +133,28 @@ class March:
             looks: Steps among them whose states are recorded, counted from the start of
                 the march; ascending.
         """
-        before = State(*(array.copy() for array in self.state))
-        record = recording(self.state, np.array(looks, np.int64) - (self.done + 1))
+        before, begin = State(*(array.copy() for array in self.state)), self.done
+        record = recording(self.state, np.array(looks, np.int64) - (begin + 1))
         try:
             ending, taken, norms, iterations = self._marched(steps, record)
             if ending != COMPLETED:
                 # Newton has overwritten the state on its way to a step that there is not.
                 self._go_back(before)
                 self._marched(taken, recording(self.state, np.empty(0)))
+            reached = bisect_right(looks, begin + taken)
+            stretch = Stretch(
+                norms[:taken],
+                iterations[:taken],
+                np.array(looks[:reached], np.int64),
+                Record(*(array[:reached] for array in record)),
+            )
+            self.ending, self.done = ending, begin + taken
+            return stretch
         except BaseException:
+            # An interrupt may come at any place.
             self._go_back(before)
+            self.ending, self.done = COMPLETED, begin
             raise
-        self.ending = ending
-        self.done += taken
-        reached = bisect_right(looks, self.done)
-        return Stretch(
-            norms[:taken],
-            iterations[:taken],
-            np.array(looks[:reached], np.int64),
-            Record(*(array[:reached] for array in record)),
-        )
 
     def _marched(self, steps: int, record: Record) -> tuple[int, int, Array, IndexArray]:
         """How it ended, the steps taken, and norms and iterations of all."""

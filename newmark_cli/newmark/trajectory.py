@@ -74,6 +74,7 @@ class Step:
         converged: Whether Newton's iteration converged, or met its tolerance.
         norms: Unknown (``"u"``, ``"lambda"`` and so on) → 2-norm of the last decreasing
             correction, in the scaled unknowns that the solver sees (eq. 50); 0 at the start.
+        carried: What the march goes on with; not public.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -138,6 +139,8 @@ class Trajectory:
 
     Attributes:
         t: (k,) times (s).
+        numbers: (k,) numbers of the steps that were kept, counted from the start, or from
+            that of the march that this one went on with.
         iterations: (k,) Newton corrections computed in each kept step; 0 at the start.
         converged: (k,) whether Newton's iteration converged in it.
         status: ``"ok"``; ``"not_converged"``, in some steps, see `not_converged`;
@@ -165,6 +168,7 @@ class Trajectory:
     """
 
     t: Array
+    numbers: IndexArray
     iterations: IndexArray
     converged: Mask
     status: str
@@ -326,25 +330,21 @@ class _Rows:
     def __init__(self, shape: tuple[int, ...], dtype: Any, most: int | None) -> None:
         self._values = np.empty((min(most or 64, 64), *shape), dtype)
         self._most = most
-        self._length = 0
 
-    def extend(self, values: Any) -> None:
-        end = self._length + len(values)
+    def write(self, begin: int, values: Any) -> None:
+        """Set the rows from ``begin`` on."""
+        end = begin + len(values)
         if end > len(self._values):
-            room = max(end, 2 * len(self._values))
-            grown = np.empty(
-                (max(end, min(room, self._most or room)), *self._values.shape[1:]),
-                self._values.dtype,
-            )
-            grown[: self._length] = self._values[: self._length]
+            twice = 2 * len(self._values)
+            room = max(end, min(twice, self._most or twice))
+            grown = np.empty((room, *self._values.shape[1:]), self._values.dtype)
+            grown[:begin] = self._values[:begin]
             self._values = grown
-        self._values[self._length : end] = values
-        self._length = end
+        self._values[begin:end] = values
 
-    @property
-    def values(self) -> Any:
-        """A copy that takes no more room than it needs."""
-        return self._values[: self._length].copy()
+    def first(self, count: int) -> Any:
+        """A copy of the first rows, which takes no more room than it needs."""
+        return self._values[:count].copy()
 
 
 class Recorder:
@@ -366,20 +366,18 @@ class Recorder:
         n, m = march.problem.n, march.problem.m
         self.march = march
         self.finite = True
-        self._keep = tuple(name for name in KEPT if name in keep)
         self._begin = march.done
-        self._not_converged, self._corrections, self._last = 0, 0, -1
-        self._times = _Rows((), float, most)
+        self._not_converged, self._corrections = 0, 0
+        # An interrupt may come while rows are written: those that count are counted last.
+        self._kept, self._last = 0, -1
+        self._numbers = _Rows((), np.int64, most)
         self._counts = _Rows((), np.int64, most)
         self._arrays = {
-            name: _Rows((m if name == "lambda" else n,), float, most) for name in self._keep
+            name: _Rows((m if name == "lambda" else n,), float, most)
+            for name in KEPT
+            if name in keep
         }
         self._good = step_of(march)
-
-    @property
-    def steps(self) -> int:
-        """Steps taken."""
-        return self.march.done - self._begin
 
     @property
     def here(self) -> Step:
@@ -387,45 +385,45 @@ class Recorder:
         return self._good
 
     def keep_here(self) -> None:
-        """Keep the step where the march halts, unless it was kept already."""
-        if self._last == self.march.done or not self.finite:
-            return
+        """Keep that step, unless it was kept already."""
         step = self._good
-        count = step.iterations if step.converged else -step.iterations
-        fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
-        self._append([self.march.done], [count], {name: fields[name][None] for name in self._keep})
+        if self._last < step.carried.done:
+            count = step.iterations if step.converged else -step.iterations
+            fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
+            rows = {name: fields[name][None] for name in self._arrays}
+            self._append(np.array([step.carried.done]), np.array([count]), rows)
 
     def took(self, stretch: Stretch) -> None:
         """Take up what a stretch of the march recorded."""
-        self._not_converged += int(np.count_nonzero(stretch.iterations < 0))
-        self._corrections += int(np.abs(stretch.iterations).sum())
         fields, multipliers = stretch.record.fields, stretch.record.multipliers
-        if len(stretch.looks) and self.finite:
-            good = np.isfinite(fields).all(axis=(1, 2)) & np.isfinite(multipliers).all(axis=1)
-            self.finite = bool(good.all())
+        good = np.isfinite(fields).all(axis=(1, 2)) & np.isfinite(multipliers).all(axis=1)
+        if self.finite and len(good):
+            looks = stretch.looks[good]
             first = self.march.done - len(stretch.iterations)
-            self._append(
-                stretch.looks[good],
-                stretch.iterations[stretch.looks[good] - first - 1],
-                {
-                    name: (multipliers if name == "lambda" else fields[:, _ROWS[name]])[good]
-                    for name in self._keep
-                },
-            )
-        if self.finite and all(np.isfinite(array).all() for array in self.march.state[:3]):
-            self._good = step_of(self.march, stretch) if len(stretch.iterations) else self._good
-        else:
-            self.finite = False
+            rows = {
+                name: (multipliers if name == "lambda" else fields[:, _ROWS[name]])[good]
+                for name in self._arrays
+            }
+            self._append(looks, stretch.iterations[looks - first - 1], rows)
+        state = self.march.state
+        finite = self.finite and bool(good.all())
+        finite = finite and all(bool(np.isfinite(array).all()) for array in state[:3])
+        taken = len(stretch.iterations) > 0
+        here = step_of(self.march, stretch) if finite and taken else self._good
+        not_converged = self._not_converged + int(np.count_nonzero(stretch.iterations < 0))
+        corrections = self._corrections + int(np.abs(stretch.iterations).sum())
+        self.finite, self._good = finite, here
+        self._not_converged, self._corrections = not_converged, corrections
 
-    def _append(self, steps: Any, counts: Any, values: Mapping[str, Array]) -> None:
-        scheme, t0 = self.march.scheme, self.march.problem.t0
-        steps = np.asarray(steps, np.int64)
-        self._times.extend(t0 + steps * scheme.h)
-        self._counts.extend(counts)
-        for name, rows in self._arrays.items():
-            rows.extend(values[name])
-        if len(steps):
-            self._last = int(steps[-1])
+    def _append(self, steps: IndexArray, counts: IndexArray, rows: Mapping[str, Array]) -> None:
+        if not len(steps):
+            return
+        kept, last = self._kept + len(steps), int(steps[-1])
+        self._numbers.write(self._kept, steps)
+        self._counts.write(self._kept, counts)
+        for name, values in rows.items():
+            self._arrays[name].write(self._kept, values)
+        self._kept, self._last = kept, last
 
     def trajectory(self, status: str = "") -> Trajectory:
         """What was kept so far.
@@ -436,17 +434,18 @@ class Recorder:
         ending = self.march.ending if self.finite else DIVERGED
         if ending != COMPLETED:
             status = ENDINGS[ending]
-        counts = self._counts.values
+        numbers, counts = (rows.first(self._kept) for rows in (self._numbers, self._counts))
         return Trajectory(
-            t=self._times.values,
+            t=self.march.problem.t0 + numbers * self.march.scheme.h,
+            numbers=numbers,
             iterations=np.abs(counts),
             converged=counts >= 0,
             status=status or ("not_converged" if self._not_converged else "ok"),
-            steps=self.steps,
+            steps=self._good.carried.done - self._begin,
             not_converged=self._not_converged,
             newton_iterations=self._corrections,
             h=self.march.scheme.h,
             state=self._good,
             problem=self.march.problem,
-            arrays={name: rows.values for name, rows in self._arrays.items()},
+            arrays={name: rows.first(self._kept) for name, rows in self._arrays.items()},
         )

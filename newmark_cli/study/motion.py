@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -10,11 +11,12 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Integrator
-from newmark_cli.newmark.invariants import invariants
+from newmark_cli.newmark.invariants import misfits
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.trajectory import Recorder
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
 
@@ -112,23 +114,35 @@ def _judged(
 def _marched(
     problem: Problem, t_end: float, frames: int, steps: int, integrator: Integrator
 ) -> Motion:
-    form = FORMS["u-lambda"]
     h = t_end / steps
-    march = March(problem, Scheme(integrator, form, named_scaling("optimal", form), h))
-    stops = np.unique(np.round(np.linspace(0, steps, frames)).astype(int)).tolist()
-    found, worst = [march.state.fields[0].copy()], 0.0
-    for stretch in march.stretches(steps, stops):
+    march = March(problem, _scheme(integrator, h))
+    recorder = Recorder(march, most=frames)
+    recorder.keep_here()
+    for stretch in march.recorded(steps, _spread(steps, frames)):
+        recorder.took(stretch)
         if march.ending != COMPLETED or np.any(stretch.iterations < 0):
             raise InputError(
                 f"the march fails before t = {march.t - problem.t0:g} with h = {h:g}: Newton's "
                 "iteration does not converge; try a smaller --h, or the motion ends there"
             )
-        if march.done in stops:
-            found.append(march.state.fields[0].copy())
-            misfits = invariants(problem, march.t, march.here)
-            kept = [misfits[name] for name in ("position", "velocity", "energy") if name in misfits]
-            worst = max(worst, *(each.error / each.size if each.error else 0.0 for each in kept))
-    return Motion(found, h, math.inf, worst)
+    found, worst = recorder.trajectory(), 0.0
+    states = zip(found.t.tolist(), found.u, found.v, found.multipliers, strict=True)
+    for state in islice(states, 1, None):
+        missed = misfits(problem, *state)
+        kept = [missed[name] for name in ("position", "velocity", "energy") if name in missed]
+        worst = max(worst, *(each.error / each.size if each.error else 0.0 for each in kept))
+    return Motion([*found.u], h, math.inf, worst)
+
+
+def _scheme(integrator: Integrator, h: float) -> Scheme:
+    form = FORMS["u-lambda"]
+    return Scheme(integrator, form, named_scaling("optimal", form), h)
+
+
+def _spread(steps: int, looks: int) -> list[int]:
+    """Steps after the start at which to look, evenly spread, the last among them."""
+    spread = np.unique(np.round(np.linspace(0, steps, looks)).astype(int))
+    return [step for step in spread.tolist() if step > 0]
 
 
 @dataclass(frozen=True)
@@ -163,26 +177,23 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
     """
     if not problem.compiled or problem.n + problem.m > singular.LARGEST:
         return Facts()
-    form = FORMS["u-lambda"]
     steps = max(min(round(t_end / h), _LOOK_STEPS), 1)
-    scheme = Scheme(DAMPED, form, named_scaling("optimal", form), t_end / steps)
-    stops = frozenset(np.unique(np.round(np.linspace(0, steps, _LOOKS)).astype(int)).tolist())
-    times, gradients, fastest = [], [], 0.0
     try:
-        march = March(problem, scheme)
-        for _ in march.stretches(steps, stops):
-            if march.ending != COMPLETED:
-                break
-            if march.done in stops:
-                u, v = march.state.fields[:2]
-                times.append(march.t - problem.t0)
-                gradients.append(singular.gradient(problem, march.t, u))
-                fastest = max(fastest, float(np.abs(v).max()))
-        found = singular.crossings(np.array(times), np.array(gradients)) if len(times) > 2 else []
+        march = March(problem, _scheme(DAMPED, t_end / steps))
+        recorder = Recorder(march, keep=("u", "v"), most=_LOOKS)
+        for stretch in march.recorded(steps, _spread(steps, _LOOKS)):
+            recorder.took(stretch)
+        seen = recorder.trajectory()
+        gradients = [
+            singular.gradient(problem, t, u) for t, u in zip(seen.t.tolist(), seen.u, strict=True)
+        ]
+        times = seen.t - problem.t0
+        fastest = float(np.abs(seen.v).max(initial=0.0))
+        found = singular.crossings(times, np.array(gradients)) if len(times) > 2 else []
     except Exception:  # of the user's code too; the cells have told what goes wrong
         return Facts()
     size = float(np.abs(problem.u0).max()) or 1.0
     return Facts(
         tuple(float(f"{crossing.t:.4g}") for crossing in found),
-        still=bool(times) and fastest * t_end < _STILL * size,
+        still=len(times) > 0 and fastest * t_end < _STILL * size,
     )
