@@ -69,6 +69,8 @@ MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_ITEMS = 1_000
 _MOST_FIGURES = 100
+# Every row of the CSV has the problem's name, which is file, function and arguments.
+_LONGEST_LABEL = 2_000
 # From the beginning to the end of the text: $ would allow a line end behind it.
 _LINE = r"^[^\x00-\x1f\x7f]{1,200}(?![\s\S])"
 
@@ -415,6 +417,13 @@ def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
     """The problem, once it has shown that it can be used."""
     if spec in around.refused:
         raise documents.reported()
+    if len(spec.label) > _LONGEST_LABEL:
+        raise ValueError(
+            f"too long for a name in the CSV: {len(spec.label)} characters, at most "
+            f"{_LONGEST_LABEL}"
+        )
+    if re.search("[\ud800-\udfff]", spec.label):
+        raise ValueError("half a surrogate pair cannot be written into a CSV")
     try:
         spec.load()
     except InputError as error:
