@@ -137,27 +137,30 @@ def check(
     Prints and judges the studies that are named, by default all in DIR.  Writes
     DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
     prediction by more than its tolerance, if a series does not converge or lacks
-    results, if a claim of a figure fails, or if nothing could be judged.  Series
-    whose step sizes are too few or too coarse to tell are warned of.
+    results, if a claim of a figure fails, if a CSV contradicts itself or its record,
+    or if nothing could be judged.  Series whose step sizes are too few or too coarse
+    to tell are warned of.
 
     \b
     Example:
       newmark-study check pendulum-u
     """
     from newmark_cli.report import check as checking
-    from newmark_cli.report import slopes
+    from newmark_cli.report import contradictions, slopes
     from newmark_cli.study import reading
 
     wanted = reading.named_studies(folder, studies)
     everything = slopes.collect(folder)
     slopes.write(folder, everything)
     found = [slope for slope in everything if slope.study in wanted]
+    contradicted = contradictions.of_studies(folder, wanted)
     if as_json:
-        judged = checking.judge(found)
-        click.echo(as_json_text([s.row() for s in found] + [entry.row() for entry in judged]))
+        rows = [slope.row() for slope in found]
+        rows += [entry.row() for entry in checking.judge(found)]
+        click.echo(as_json_text(rows + [entry.row() for entry in contradicted]))
     else:
-        show_claims(found, show_all, markdown)
-    return verdict(found)
+        show_claims(found, show_all, markdown, [str(entry) for entry in contradicted])
+    return max(verdict(found), int(bool(contradicted)))
 
 
 @click.command()
@@ -291,8 +294,20 @@ def report(folder: Path, output: Path | None) -> int:
     return 0
 
 
-def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bool = False) -> None:
-    """Print slopes next to predictions, the claims, why series fail, and how many hold."""
+def show_claims(
+    slopes: "Sequence[Slope]",
+    show_all: bool = False,
+    markdown: bool = False,
+    contradicted: Sequence[str] = (),
+) -> None:
+    """Print slopes next to predictions, the claims, why series fail, and how many hold.
+
+    Args:
+        slopes: The series.
+        show_all: Whether all of them are shown.
+        markdown: Whether the tables are printed as Markdown, and nothing else.
+        contradicted: A line for each contradiction in the CSVs.
+    """
     from newmark_cli.report import check as checking
     from newmark_cli.report.text import text_table, wrapped
 
@@ -308,15 +323,18 @@ def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: boo
     for table in (checking.slope_lines(chosen), checking.claim_lines(judged)):
         if len(table) > 1:
             click.echo(text_table(table) + "\n")
-    remarks = checking.remarks(slopes)
-    most = len(remarks) if show_all else REMARKS
-    for line in remarks[:most]:
-        click.echo(wrapped(line))
-    if len(remarks) > most:
-        click.echo(f"… and {len(remarks) - most} more (--all)")
-    if remarks:
-        click.echo()
-    click.echo(wrapped(checking.summary(slopes, judged)))
+    for remarks in (checking.remarks(slopes), contradicted):
+        most = len(remarks) if show_all else REMARKS
+        for line in remarks[:most]:
+            click.echo(wrapped(line))
+        if len(remarks) > most:
+            click.echo(f"… and {len(remarks) - most} more (--all)")
+        if remarks:
+            click.echo()
+    summary = checking.summary(slopes, judged)
+    if contradicted:
+        summary += f", {len(contradicted)} not what the tool writes"
+    click.echo(wrapped(summary))
 
 
 def verdict(found: "Sequence[Slope]") -> int:

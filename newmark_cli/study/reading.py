@@ -115,6 +115,11 @@ def read_csv(
     return frame
 
 
+def read_texts(path: Path) -> "pd.DataFrame":
+    """Rows of one study's CSV as text; see `read_csv`."""
+    return read_csv(path, COLUMNS, _DEFAULTS)
+
+
 def read_study(path: Path) -> "pd.DataFrame":
     """Rows of one study's CSV.
 
@@ -127,7 +132,7 @@ def read_study(path: Path) -> "pd.DataFrame":
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
-    frame = read_csv(path, COLUMNS, _DEFAULTS)
+    frame = read_texts(path)
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in frame[axis.name].unique()}
         frame[axis.name] = frame[axis.name].map(spellings)
