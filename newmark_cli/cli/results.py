@@ -255,7 +255,8 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
 
     Values at rounding level (corrections, errors, residuals) differ from machine
     to machine, and are compared within a factor of ten.  Exits with 1 if the
-    verdict on a slope or a claim differs between A and B.
+    verdict on a slope or a claim differs between A and B, or if a study in both has
+    cells, series or rows in one of them only.
 
     \b
     Example:
@@ -267,7 +268,7 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
 
     found = comparing.compare(first, second, rtol)
     click.echo(comparing.as_text(found, None if everything else 10))
-    return 1 if found.verdicts else 0
+    return 1 if found.differs else 0
 
 
 @click.command()

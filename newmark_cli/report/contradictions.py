@@ -364,10 +364,10 @@ def _incomplete(segment: _Segment) -> Iterator[tuple[int, str]]:
     there = [name for name in expected if name in given or name[1] not in measure.may_lack]
     if given == there:
         return
-    line = segment.line
-    for name in there:
-        if name not in given:
-            yield line, f"the cell has {measure.name}, but no row {_said(name)}"
+    missing = [_said(name) for name in there if name not in given]
+    if missing:
+        rows = "row" if len(missing) == 1 else "rows"
+        yield segment.line, f"the cell has {measure.name}, but no {rows} {', '.join(missing)}"
     for row in segment.rows:
         if row.name not in there:
             yield row.line, f"{measure.name} of {form} has no row {_said(row.name)}"
