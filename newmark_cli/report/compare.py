@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from newmark_cli.errors import visible
 from newmark_cli.report import check, records
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
@@ -272,7 +273,8 @@ def as_text(found: Comparison, most: int | None) -> str:
 def _listed(title: str, entries: Sequence[str], most: int | None) -> list[str]:
     lines = [f"{title}: {entry}" for entry in entries[:most]]
     more = len(entries) - len(lines)
-    return [*lines, f"{title}: {more} more (--all)"] if more else lines
+    lines += [f"{title}: {more} more (--all)"] if more else []
+    return list(map(visible, lines))
 
 
 def _table(

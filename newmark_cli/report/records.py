@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from newmark_cli.errors import visible
 from newmark_cli.study import axes
 from newmark_cli.study.provenance import checksum
 from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
@@ -164,7 +165,8 @@ def as_text(record: Mapping[str, Any]) -> str:
     found = facts(record)
     width = max(map(len, found))
     title = ": ".join(filter(None, (str(record["study"]), description(record))))
-    return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in found.items())])
+    lines = (f"  {name:<{width}}  {text}" for name, text in found.items())
+    return "\n".join(map(visible, (title, *lines)))
 
 
 @dataclass(frozen=True)

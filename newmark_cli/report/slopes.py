@@ -347,6 +347,9 @@ def _predicted(key: SeriesKey, path: Path) -> float:
         if record.predicts and key.quantity not in (*UNKNOWNS, "jacobian"):
             known = nearest(key.quantity, UNKNOWNS)
             raise ResultsError(f"unknown quantity {key.quantity!r}{known}")
+        if record.quantities and key.quantity not in record.quantities:
+            known = nearest(key.quantity, record.quantities)
+            raise ResultsError(f"unknown quantity {key.quantity!r}{known}")
         return record.predicted(key)
     except (InputError, KeyError, ValueError) as error:
         raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None

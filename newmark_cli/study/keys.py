@@ -60,10 +60,10 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.spelling import closest, nearest
 from newmark_cli.study import drawing
+from newmark_cli.study.axes import STUDY_NAME
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
@@ -136,7 +136,7 @@ class _Known:
 
 
 def _name(text: str) -> str:
-    if not _NAME.fullmatch(text):
+    if not STUDY_NAME.fullmatch(text):
         raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
     if text in _RESERVED:
         raise ValueError("is the name of a file that 'check' writes; take another name")
@@ -147,7 +147,7 @@ Positive = Annotated[Number, Field(gt=0)]
 Name = Annotated[
     str,
     AfterValidator(_name),
-    also(pattern=f"^{_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
+    also(pattern=f"^{STUDY_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
 ]
 # A factor of a scaling, but that nobody counts its parentheses: symbols and positive
 # numbers with whole powers up to 16, joined by * and /.

@@ -35,9 +35,14 @@ def study_files(folder: Path) -> list[Path]:
     """CSVs of the studies in a results folder, by name.
 
     Raises:
-        ResultsError: When there is none.
+        ResultsError: When there is none, or a CSV has a name that no study has.
     """
     files = sorted(file for file in folder.glob("*.csv") if file.name not in NOT_STUDIES)
+    for file in files:
+        if not axes.STUDY_NAME.fullmatch(file.stem):
+            raise ResultsError(
+                f"{file}: no study of a name other than letters, digits, '.', '_', '-'"
+            )
     if not files:
         raise ResultsError(f"{folder}: no results; run 'newmark-study reproduce' or 'run' first")
     return files
