@@ -1,4 +1,6 @@
-"""The one kind of error that is the user's to mend."""
+"""The one kind of error that is the user's to mend, and text that a terminal may show."""
+
+from unicodedata import category
 
 
 class InputError(ValueError):
@@ -19,8 +21,23 @@ class ExecutorError(Exception):
 _LONGEST = 1_000
 
 
+def visible(text: str) -> str:
+    """Text as a terminal may show it, in one line: what is not printed is escaped.
+
+    That is control characters, line ends and separators, characters that change the
+    direction of writing or have no width, and halves of surrogate pairs.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or category(c) == "Zs" else ascii(c)[1:-1] for c in text)
+
+
+def visible_lines(text: str) -> str:
+    """The same of several lines, between line feeds."""
+    return "\n".join(map(visible, text.split("\n")))
+
+
 def one_line(text: str) -> str:
-    """Text as a terminal may show it: one line, not long, no control characters."""
-    text = " ".join(text[: 2 * _LONGEST].split())
-    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    """The same, not long, blanks and line ends of any length as one blank."""
+    text = visible(" ".join(text[: 2 * _LONGEST].split()))
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"

@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 from newmark_cli import __version__, interrupts
-from newmark_cli.cli import inspecting, pruning, results, running, showing
-from newmark_cli.cli.options import complain
+from newmark_cli.cli import inspecting, pruning, results, running, screen, showing
 from newmark_cli.errors import ExecutorError, InputError
 
 
@@ -85,21 +84,23 @@ def _told(error: BaseException) -> int:
     """Print what went wrong; the exit code.  What is nobody's mistake but ours is raised."""
     match error:
         case click.exceptions.NoArgsIsHelpError():
-            click.echo(error.ctx.get_help())
+            screen.lines(error.ctx.get_help())
         case click.ClickException():
-            complain(error.format_message())
+            screen.complain(error.format_message())
         case InputError():
-            complain(str(error))
+            screen.complain(str(error))
         case ExecutorError():
-            complain(f"{error}; what was finished is kept, run again to go on")
+            screen.complain(f"{error}; what was finished is kept, run again to go on")
             return 1
         case OSError():
-            complain(f"{error.filename or 'output'}: {error.strerror or error}")
+            screen.complain(f"{error.filename or 'output'}: {error.strerror or error}")
         case click.Abort() | _Interrupted():
-            complain("interrupted")
+            screen.complain("interrupted")
             return 130
         case RuntimeError() if "no locator available" in str(error):
-            complain("no folder for compiled code can be written; set NUMBA_CACHE_DIR to one")
+            screen.complain(
+                "no folder for compiled code can be written; set NUMBA_CACHE_DIR to one"
+            )
         case _:
             raise error
     return 2

@@ -353,6 +353,9 @@ def _predicted(key: SeriesKey, path: Path) -> float:
         if record.predicts and key.quantity not in (*UNKNOWNS, "jacobian"):
             hint = nearest(key.quantity, UNKNOWNS)
             raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
+        if record.quantities and key.quantity not in record.quantities:
+            hint = nearest(key.quantity, record.quantities)
+            raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
         return record.predicted(key)
     except (InputError, KeyError, ValueError) as error:
         raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None

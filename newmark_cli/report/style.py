@@ -41,8 +41,11 @@ STYLE: Any = {
 NONE: Mapping[str, Any] = MappingProxyType({})
 
 #: Settings that a style file does not decide: how matplotlib shows windows, which nobody sees
-#: here, and the salt of the names inside SVGs, without which no two files are the same.
-_NOT_STYLE = ("backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt")
+#: here, the salt of the names inside SVGs, without which no two files are the same, and TeX,
+#: which would run what a name says.
+_NOT_STYLE = (
+    "backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt", "text.usetex",
+)  # fmt: skip
 
 
 def read(path: Path) -> dict[str, Any]:

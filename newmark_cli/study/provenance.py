@@ -56,7 +56,7 @@ def record(
     return {
         "study": study.study,
         "config": config,
-        "config_sha256": checksum(json.dumps(config, sort_keys=True, separators=(",", ":"))),
+        "config_sha256": config_checksum(config),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "newmark-study": newmark_cli.__version__,
@@ -86,6 +86,11 @@ def record(
             for cell, outcome, taken in zip(cells, outcomes, seconds, strict=True)
         ],
     }
+
+
+def config_checksum(config: Mapping[str, Any]) -> str:
+    """SHA-256 of a resolved config, whatever the order of its keys."""
+    return checksum(json.dumps(config, sort_keys=True, separators=(",", ":")))
 
 
 def checksum(content: str | bytes) -> str:
