@@ -2,6 +2,7 @@
 
 import functools
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,7 +131,13 @@ def as_json_text(value: object) -> str:
             return [plain(item) for item in part]
         return None if isinstance(part, float) and not math.isfinite(part) else part
 
-    return json.dumps(plain(value), indent=2, ensure_ascii=False)
+    return json.dumps(plain(value), indent=2, ensure_ascii=not _has_all(sys.stdout))
+
+
+def _has_all(stream: object) -> bool:
+    """Whether a stream can say everything."""
+    name = str(getattr(stream, "encoding", None) or "")
+    return name.lower().replace("-", "").replace("_", "") == "utf8"
 
 
 def complain(message: str) -> None:

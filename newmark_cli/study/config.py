@@ -131,6 +131,7 @@ class _Rules(StrictModel):
             or "float32" in self.precision
         ):
             return
+        looked_at: list[Problem] = []
         for spec in self.problem:
             traits = spec.traits()
             if COMPENSATED in self.evaluation and not traits.sample.quadratic:
@@ -139,7 +140,9 @@ class _Rules(StrictModel):
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
-            if MINRES in self.linear_solver:
+            # Members of one family have one sample, and there may be a thousand.
+            if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
+                looked_at.append(traits.sample)
                 yield from self._asymmetric(spec.label, traits.sample)
             if "float32" not in self.precision:
                 continue
@@ -311,10 +314,15 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             wrong = {mistake.path[0] for mistake in error.mistakes if mistake.path}
             shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
     cases: dict[int, Case] = {}
+    count = 0
     for i, case in enumerate(given):
+        if mistakes.full:  # nobody reads a thousand, and looking takes its time
+            mistakes.stop()
+            break
         with mistakes.gathered():
             cases[i] = _case(document, shared, case, i, around)
-        if sum(case.count for case in cases.values()) > _MOST_CELLS:
+            count += cases[i].count
+        if count > _MOST_CELLS:
             mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
             break
     with mistakes.gathered():
@@ -346,24 +354,31 @@ def _case(
 
 def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
     """Grids have a cell in common if they share a value along every axis."""
-    known: list[dict[str, tuple[Any, ...]]] = []
+    known: list[dict[str, Collection[Any]]] = []
     for case in cases.values():
         ours = case.axes()
         for theirs in known:
+            if not all(any(map(theirs[name].__contains__, ours[name])) for name in ours):
+                continue
             shared = {
-                name: [value for value in mine if value in theirs[name]]
-                for name, mine in ours.items()
+                name: next(filter(theirs[name].__contains__, mine)) for name, mine in ours.items()
             }
-            if all(shared.values()):
-                problem, form, scaling, h, measure = (
-                    shared[name][0]
-                    for name in ("problem", "form", "preconditioning", "h", "measure")
-                )
-                raise document.error(
-                    ("cases",),
-                    f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
-                )
-        known.append(ours)
+            problem, form, scaling, h, measure = (
+                shared[name] for name in ("problem", "form", "preconditioning", "h", "measure")
+            )
+            raise document.error(
+                ("cases",),
+                f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
+            )
+        known.append({name: _looked_up(values) for name, values in ours.items()})
+
+
+def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:
+    """Values to look others up in, quickly where they can be hashed."""
+    try:
+        return frozenset(values)
+    except TypeError:
+        return values
 
 
 def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> None:
