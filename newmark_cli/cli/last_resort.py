@@ -96,7 +96,8 @@ def silence() -> None:
     if not debugging():
         import threading
 
-        threading.excepthook = sys.unraisablehook = lambda lost: None
+        threading.excepthook = lambda lost: None
+        sys.unraisablehook = lambda lost: None
 
 
 def _where(text: str) -> str:
