@@ -114,7 +114,10 @@ def _marched(
 ) -> Motion:
     form = FORMS["u-lambda"]
     h = t_end / steps
-    march = March(problem, Scheme(integrator, form, named_scaling("optimal", form), h))
+    try:
+        march = March(problem, Scheme(integrator, form, named_scaling("optimal", form), h))
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"the march cannot start with h = {h:g}: {error}") from None
     stops = np.unique(np.round(np.linspace(0, steps, frames)).astype(int)).tolist()
     found, worst = [march.state.fields[0].copy()], 0.0
     for stretch in march.stretches(steps, stops):
