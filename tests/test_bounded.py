@@ -99,3 +99,66 @@ def test_grids_are_compared_quickly(tmp_path):
     (tmp_path / "grid.yaml").write_text(text(3) + "  - {h: [0.5, 0.100041]}\n")
     with pytest.raises(config.DocumentError, match=r"two cases have pendulum.*h = 0.100041"):
         config.load(tmp_path / "grid.yaml")
+
+
+HISTORY = """\
+study: long
+problem: {chain: {links: 1000}}
+form: [u-lambda, v-lambda]
+preconditioning: optimal
+h: [1e-5, 2e-5]
+t_end: 0.1
+measure: [history, condition]
+samples: 3000
+"""
+
+
+def test_histories_that_no_memory_holds_are_refused(cli):
+    """By file, line and key, before anything runs: with what it would be and what is allowed."""
+    cli.write("long.yaml", HISTORY)
+    line = cli.refused("run", "long.yaml")
+    # Pairs of 3000 samples of 10000 steps, 5000 steps, 1000 links, two forms.
+    assert line == (
+        "newmark-study: long.yaml, line 8: samples: history of 22000000 multipliers in 4 cells, "
+        "at most 10000000; lower samples, given 3000"
+    )
+    assert not (cli.folder / "results").exists()
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 1250"))
+    assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 1251"))
+    assert "history of 10008000 multipliers" in cli.refused("validate", "long.yaml")
+
+
+def test_histories_of_all_cases_count(cli):
+    """Each case is small enough, the study is not."""
+    case = "  - {{form: u-lambda, h: {}}}\n"
+    text = HISTORY.replace("h: [1e-5, 2e-5]\n", "").replace("form: [u-lambda, v-lambda]\n", "")
+    cli.write("long.yaml", text + "cases:\n" + case.format("1e-5") + case.format("2e-5"))
+    assert cli.refused("validate", "long.yaml") == (
+        "newmark-study: long.yaml, line 7: cases: history of 11000000 multipliers in all cases, "
+        "at most 10000000; lower samples"
+    )
+
+
+def test_halts_of_a_long_march_take_no_memory():
+    """Stretches end at every stop and after every so many steps, one at a time."""
+    import tracemalloc
+
+    from newmark_cli.newmark.march import March
+    from newmark_cli.newmark.march_data import COMPLETED
+
+    march = March.__new__(March)
+    march.solver, march.done, march.ending = "gmres", 0, COMPLETED
+
+    def advance(steps):
+        march.done += steps
+        return steps
+
+    march.advance = advance
+    tracemalloc.start()
+    stretches = march.stretches(20_000_000, [3])
+    assert [next(stretches) for _ in range(5)] == [1, 1, 1, 1, 1]
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+    march.solver, march.done = "sparse-lu", 7
+    assert [*march.stretches(60, [9, 30, 27, 60, 5])] == [2, 18, 3, 17, 13]

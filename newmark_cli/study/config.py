@@ -53,7 +53,7 @@ from newmark_cli.study.keys import (
     problem_of,
     scaling_of,
 )
-from newmark_cli.study.measures import MEASURES, Measure
+from newmark_cli.study.measures import HISTORY, MEASURES, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -62,6 +62,10 @@ MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
+
+
+# Multipliers in the time series of a study: 200 MB in its CSV, 300 MB in its kept cells.
+_MOST_RECORDED = 10_000_000
 
 
 class _Rules(StrictModel):
@@ -125,6 +129,12 @@ class _Rules(StrictModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """What a problem is not fit for; loads problems only where it matters."""
+        if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
+            yield misfit(
+                "samples",
+                f"history of {self.recorded} multipliers in {self.count} cells, at most "
+                f"{_MOST_RECORDED}; lower samples, given {self.samples}",
+            )
         if not (
             COMPENSATED in self.evaluation
             or MINRES in self.linear_solver
@@ -189,6 +199,20 @@ class _Rules(StrictModel):
         return math.prod(
             len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
         )
+
+    @property
+    def recorded(self) -> int:
+        """Number of multipliers in the time series; 0 where none is measured."""
+        if HISTORY.name not in self.measure or (self.t_end is None and self.steps is None):
+            return 0
+        lengths = (
+            round(min(self.t_end / h, MOST_STEPS)) if self.steps is None else self.steps
+            for h in self.h
+        )
+        pairs = sum(min(steps, 2 * min(steps, self.samples)) for steps in lengths)
+        multipliers = sum(spec.traits().m for spec in self.problem)
+        others = self.count // (len(self.h) * len(self.problem))
+        return int(pairs * multipliers * others)
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -327,7 +351,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             break
     with mistakes.gathered():
         study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
-    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels):
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_history):
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
@@ -371,6 +395,16 @@ def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> Non
                 f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
             )
         known.append({name: _looked_up(values) for name, values in ours.items()})
+
+
+def _refuse_long_history(document: Document, cases: Mapping[int, Case]) -> None:
+    recorded = sum(case.recorded for case in cases.values())
+    if recorded > _MOST_RECORDED:
+        raise document.error(
+            ("cases",),
+            f"history of {recorded} multipliers in all cases, at most {_MOST_RECORDED}; "
+            "lower samples",
+        )
 
 
 def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:
