@@ -72,6 +72,37 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("module", ["newmark_cli.cli", "newmark_cli.interrupts", "signal", "click"])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_console_script_answers_from_its_first_import(tmp_path, module, ending):
+    """Before `signal` itself is imported, to say nothing of the commands."""
+    code = f"""
+    import os, sys
+    class Finder:
+        def find_spec(name, path, target=None):
+            if name == {module!r}:
+                os.kill(os.getpid(), {int(ending)})
+    from newmark_cli.console import main
+    assert "signal" not in sys.modules and "typing" not in sys.modules
+    sys.meta_path.insert(0, Finder)
+    sys.argv[1:] = ["run", "pendulum-u"]
+    main()
+    """
+    # Without site, which may import anything.
+    run = [sys.executable, "-S", "-c", "import sys\nsys.path += sys.argv.pop().split(':')\n"]
+    run[-1] += textwrap.dedent(code)
+    done = subprocess.run(
+        [*run, ":".join(filter(None, sys.path))], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.stderr == f"newmark-study: {ENDINGS[ending]}\n"
+    assert done.returncode == 128 + ending
+
+
+def test_the_console_script_is_the_installed_one():
+    """It begins where signals are answered first."""
+    assert "from newmark_cli.console import main" in SCRIPT.read_text()
+
+
 @pytest.mark.parametrize("where", ["module", "factory"])
 def test_interrupts_in_the_users_code(cli, where):
     """They are no fault of the code, wherever it is when they come."""

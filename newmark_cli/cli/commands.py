@@ -3,14 +3,17 @@
 Everything heavy is imported inside the commands, so that ``--help`` is quick.
 """
 
+import contextlib
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import click
 
 from newmark_cli import __version__, interrupts
-from newmark_cli.cli import inspecting, pruning, results, running, screen, showing
+from newmark_cli.cli import inspecting, last_resort, pruning, results, running, screen, showing
+from newmark_cli.cli.streams import UNREAD, OutputError
 from newmark_cli.errors import ExecutorError, InputError
 
 
@@ -19,11 +22,24 @@ class _Interrupted(BaseException):
 
 
 class _Commands(click.Group):
+    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
+        with _past_click():
+            return super().make_context(*arguments, **more)
+
     def invoke(self, ctx: click.Context) -> Any:
-        try:
+        with _past_click(), last_resort.watching():
             return super().invoke(ctx)
-        except KeyboardInterrupt as interrupt:
-            raise _Interrupted from interrupt
+
+
+@contextlib.contextmanager
+def _past_click() -> Iterator[None]:
+    """Errors that click has an answer of its own to, which is not ours."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        raise _Interrupted from interrupt
+    except (EOFError, BrokenPipeError) as error:  # of a prompt and stdout, click believes
+        raise RuntimeError(f"{type(error).__name__}: {error}") from error
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -73,7 +89,9 @@ def run(arguments: Sequence[str] | None) -> int:
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
-        return int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
+        code = int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
+        sys.stdout.flush()
+        return code
     except (Exception, _Interrupted) as error:
         if interrupts.received():
             raise  # or a consequence of the interrupt
@@ -92,8 +110,12 @@ def _told(error: BaseException) -> int:
         case ExecutorError():
             screen.complain(f"{error}; what was finished is kept, run again to go on")
             return 1
-        case OSError():
-            screen.complain(f"{error.filename or 'output'}: {error.strerror or error}")
+        case OutputError():
+            if error.unread:
+                return UNREAD
+            screen.complain(str(error))
+        case OSError() if error.filename is not None:
+            screen.complain(f"{error.filename}: {error.strerror or error}")
         case click.Abort() | _Interrupted():
             screen.complain("interrupted")
             return 130

@@ -111,8 +111,10 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
         except DocumentError as error:
             for mistake in error.mistakes:
                 screen.complain(mistake.text)
-            if error.more:
-                screen.complain(f"{name}: … and {error.more} more")
+            if error.more or error.stopped:
+                least = "at least " * error.stopped
+                count = f"{least}{error.more}" if error.more else "possibly"
+                screen.complain(f"{name}: … and {count} more")
             code = 2
         except InputError as error:
             screen.complain(str(error))

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,6 +137,12 @@ def as_json_text(value: object) -> str:
         return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4))
 
     # Only strings have such characters: JSON's own line ends are line feeds.
-    text = json.dumps(plain(value), indent=2, ensure_ascii=False)
+    text = json.dumps(plain(value), indent=2, ensure_ascii=not _has_all(sys.stdout))
     unprintable = {c for c in text if visible_lines(c) != c}
     return re.sub(f"[{re.escape(''.join(unprintable))}]", escaped, text) if unprintable else text
+
+
+def _has_all(stream: object) -> bool:
+    """Whether a stream can say everything."""
+    name = str(getattr(stream, "encoding", None) or "")
+    return name.lower().replace("-", "").replace("_", "") == "utf8"

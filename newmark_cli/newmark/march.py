@@ -125,10 +125,10 @@ class March:
         Yields:
             What was recorded since the last halt; the march stands at its end.
         """
-        longest = _STRETCH[self.solver]
-        halts = {steps, *range(self.done + longest, steps, longest)}
-        halts.update(stop for stop in stops if self.done < stop <= steps)
-        for halt in sorted(halts):
-            yield self.advance(halt - self.done)
-            if self.ending != COMPLETED:
-                return
+        begin, longest = self.done, _STRETCH[self.solver]
+        for stop in (*sorted(stop for stop in set(stops) if begin < stop < steps), steps):
+            while self.done < stop:
+                regular = self.done + longest - (self.done - begin) % longest
+                yield self.advance(min(regular, stop) - self.done)
+                if self.ending != COMPLETED:
+                    return

@@ -22,6 +22,7 @@ from numba.core.dispatcher import Dispatcher
 
 from newmark_cli import files
 from newmark_cli.arrays import Array
+from newmark_cli.cached_code import cached_njit
 from newmark_cli.problems import user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
@@ -385,7 +386,7 @@ def _derivatives(functions: Mapping[str, Any]) -> Callable[..., None]:
     return derivatives
 
 
-@njit(cache=True)
+@cached_njit()
 def _extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
     """Limit of central differences for steps that shrink by a ratio, each column its own.
 

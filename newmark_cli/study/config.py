@@ -53,7 +53,7 @@ from newmark_cli.study.keys import (
     problem_of,
     scaling_of,
 )
-from newmark_cli.study.measures import MEASURES, Measure
+from newmark_cli.study.measures import HISTORY, MEASURES, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -62,6 +62,10 @@ MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
+
+
+# Multipliers in the time series of a study: 200 MB in its CSV, 300 MB in its kept cells.
+_MOST_RECORDED = 10_000_000
 
 
 class _Rules(StrictModel):
@@ -125,12 +129,19 @@ class _Rules(StrictModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """What a problem is not fit for; loads problems only where it matters."""
+        if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
+            yield misfit(
+                "samples",
+                f"history of {self.recorded} multipliers in {self.count} cells, at most "
+                f"{_MOST_RECORDED}; lower samples, given {self.samples}",
+            )
         if not (
             COMPENSATED in self.evaluation
             or MINRES in self.linear_solver
             or "float32" in self.precision
         ):
             return
+        looked_at: list[Problem] = []
         for spec in self.problem:
             traits = spec.traits()
             if COMPENSATED in self.evaluation and not traits.sample.quadratic:
@@ -139,7 +150,9 @@ class _Rules(StrictModel):
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
-            if MINRES in self.linear_solver:
+            # Members of one family have one sample, and there may be a thousand.
+            if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
+                looked_at.append(traits.sample)
                 yield from self._asymmetric(spec.label, traits.sample)
             if "float32" not in self.precision:
                 continue
@@ -186,6 +199,20 @@ class _Rules(StrictModel):
         return math.prod(
             len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
         )
+
+    @property
+    def recorded(self) -> int:
+        """Number of multipliers in the time series; 0 where none is measured."""
+        if HISTORY.name not in self.measure or (self.t_end is None and self.steps is None):
+            return 0
+        lengths = (
+            round(min(self.t_end / h, MOST_STEPS)) if self.steps is None else self.steps
+            for h in self.h
+        )
+        pairs = sum(min(steps, 2 * min(steps, self.samples)) for steps in lengths)
+        multipliers = sum(spec.traits().m for spec in self.problem)
+        others = self.count // (len(self.h) * len(self.problem))
+        return int(pairs * multipliers * others)
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -311,15 +338,20 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             wrong = {mistake.path[0] for mistake in error.mistakes if mistake.path}
             shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
     cases: dict[int, Case] = {}
+    count = 0
     for i, case in enumerate(given):
+        if mistakes.full:  # nobody reads a thousand, and looking takes its time
+            mistakes.stop()
+            break
         with mistakes.gathered():
             cases[i] = _case(document, shared, case, i, around)
-        if sum(case.count for case in cases.values()) > _MOST_CELLS:
+            count += cases[i].count
+        if count > _MOST_CELLS:
             mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
             break
     with mistakes.gathered():
         study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
-    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels):
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_history):
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
@@ -346,24 +378,41 @@ def _case(
 
 def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
     """Grids have a cell in common if they share a value along every axis."""
-    known: list[dict[str, tuple[Any, ...]]] = []
+    known: list[dict[str, Collection[Any]]] = []
     for case in cases.values():
         ours = case.axes()
         for theirs in known:
+            if not all(any(map(theirs[name].__contains__, ours[name])) for name in ours):
+                continue
             shared = {
-                name: [value for value in mine if value in theirs[name]]
-                for name, mine in ours.items()
+                name: next(filter(theirs[name].__contains__, mine)) for name, mine in ours.items()
             }
-            if all(shared.values()):
-                problem, form, scaling, h, measure = (
-                    shared[name][0]
-                    for name in ("problem", "form", "preconditioning", "h", "measure")
-                )
-                raise document.error(
-                    ("cases",),
-                    f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
-                )
-        known.append(ours)
+            problem, form, scaling, h, measure = (
+                shared[name] for name in ("problem", "form", "preconditioning", "h", "measure")
+            )
+            raise document.error(
+                ("cases",),
+                f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
+            )
+        known.append({name: _looked_up(values) for name, values in ours.items()})
+
+
+def _refuse_long_history(document: Document, cases: Mapping[int, Case]) -> None:
+    recorded = sum(case.recorded for case in cases.values())
+    if recorded > _MOST_RECORDED:
+        raise document.error(
+            ("cases",),
+            f"history of {recorded} multipliers in all cases, at most {_MOST_RECORDED}; "
+            "lower samples",
+        )
+
+
+def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:
+    """Values to look others up in, quickly where they can be hashed."""
+    try:
+        return frozenset(values)
+    except TypeError:
+        return values
 
 
 def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> None:

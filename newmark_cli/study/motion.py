@@ -24,6 +24,8 @@ DAMPED = GeneralizedAlpha(0.9)
 VISIBLE = 1e-3
 #: Steps of the first try, and how often they are halved when the user leaves them open.
 _STEPS, _HALVINGS = 1000, 6
+#: Most steps, as in a study.
+_MOST_STEPS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,8 @@ def motion(
         InputError: When the march does not get to the end.
     """
     if h is not None:
+        if not t_end / h <= _MOST_STEPS:
+            raise InputError(f"more than {_MOST_STEPS} steps to t = {t_end:g} with h = {h:g}")
         return _judged(
             problem, t_end, frames, max(round(t_end / h), frames - 1), integrator, halvings=0
         )
@@ -112,8 +116,19 @@ def _judged(
 def _marched(
     problem: Problem, t_end: float, frames: int, steps: int, integrator: Integrator
 ) -> Motion:
-    form = FORMS["u-lambda"]
     h = t_end / steps
+    try:
+        with np.errstate(all="ignore"):
+            return _marched_with(problem, h, frames, steps, integrator)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        why = error.args[-1] if error.args else type(error).__name__
+        raise InputError(f"no march to t = {t_end:g} with h = {h:g}: {why}") from None
+
+
+def _marched_with(
+    problem: Problem, h: float, frames: int, steps: int, integrator: Integrator
+) -> Motion:
+    form = FORMS["u-lambda"]
     march = March(problem, Scheme(integrator, form, named_scaling("optimal", form), h))
     stops = np.unique(np.round(np.linspace(0, steps, frames)).astype(int)).tolist()
     found, worst = [march.state.fields[0].copy()], 0.0

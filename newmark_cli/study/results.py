@@ -73,23 +73,29 @@ def history_path(folder: Path, study: str) -> Path:
 
 def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
-    table = [
-        {"study": study}
-        | axes.labels(cell)
-        | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
-        | {f"lambda_{k + 1}": float(value) for k, value in enumerate(multipliers)}
-        for cell, outcome in zip(cells, outcomes, strict=True)
-        for step, multipliers in outcome.history
+    recording = [
+        (cell, outcome) for cell, outcome in zip(cells, outcomes, strict=True) if outcome.history
     ]
-    multipliers = [len(values) for outcome in outcomes for _, values in outcome.history]
+    if not recording:
+        return ""
+    most = max(len(values) for _, outcome in recording for _, values in outcome.history)
+    names = [f"lambda_{k + 1}" for k in range(most)]
+    labels = [axes.labels(cell) for cell, _ in recording]
     told = [
         axis.name
         for axis in axes.cell_axes()
-        if axis.name in HISTORY_MAY_HAVE and any(row[axis.name] != axis.usual for row in table)
+        if axis.name in HISTORY_MAY_HAVE and any(each[axis.name] != axis.usual for each in labels)
     ]
-    names = (f"lambda_{k + 1}" for k in range(max(multipliers, default=0)))
-    columns = (*HISTORY_COLUMNS, *told, *names)
-    return csv_text(columns, table) if table else ""
+    # Row by row: there may be millions of values.
+    table = (
+        {"study": study}
+        | label
+        | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
+        | dict(zip(names, multipliers.tolist(), strict=False))
+        for label, (cell, outcome) in zip(labels, recording, strict=True)
+        for step, multipliers in outcome.history
+    )
+    return csv_text((*HISTORY_COLUMNS, *told, *names), table)
 
 
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
