@@ -20,3 +20,12 @@ def one_line(text: str) -> str:
     text = " ".join(text[: 2 * _LONGEST].split())
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"
+
+
+def described(error: BaseException) -> str:
+    """Kind and text of an error in one line, whatever its text does when it is asked for."""
+    try:
+        text = "".join(("", str(error)))  # no subclass of str
+    except BaseException as failure:
+        text = f"(its text cannot be shown: {type(failure).__name__})"
+    return one_line(f"{type(error).__name__}: {text}".rstrip(": "))

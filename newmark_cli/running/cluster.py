@@ -1,7 +1,6 @@
 """Cells on the workers of a dask scheduler, or of one started for this run."""
 
 import logging
-import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
@@ -10,15 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from newmark_cli.errors import ExecutorError, InputError, one_line
-from newmark_cli.mechanisms.spec import portable
-from newmark_cli.running.child import ChildError, call
+from newmark_cli.mechanisms.spec import is_code, portable
 from newmark_cli.running.executors import (
+    Apart,
     Execution,
     Task,
     failed,
     interrupts_held,
     perform,
-    wants_process,
 )
 from newmark_cli.running.store import core, unlike, versions
 from newmark_cli.study.cell import Done
@@ -48,8 +46,10 @@ def cluster(
     """Workers of a dask scheduler.
 
     The scheduler gives the cells of a worker that has died to another.  Problems
-    travel by their content.  How long a scheduler may take to answer, and how often a
-    cell may end its worker, is in dask's configuration
+    travel by their content; those that are the user's code run in processes of the
+    workers, one for each cell as in `newmark_cli.running.executors.local`.
+    How long a scheduler may take to answer, and how often a cell may end its worker, is
+    in dask's configuration
     (``distributed.comm.timeouts.connect``, ``distributed.scheduler.allowed-failures``).
 
     Args:
@@ -57,8 +57,7 @@ def cluster(
         address: Of the scheduler; without one, processes of this machine that
             listen on loopback alone.
         jobs: How many such processes.
-        timeout: Most wall time of a cell (s); problems in plain Python, which might
-            not come back, then run in processes of the workers.
+        timeout: Most wall time of a cell (s).
         on_steps: Told how many steps were done, a cell at a time.
         on_told: Told what the run waits for, when it does.
 
@@ -143,14 +142,9 @@ def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
             f"the dask worker at {distributed.get_worker().address} computes with another "
             f"{'; '.join(others) or 'numerical core of the same version'}"
         )
-    if timeout is None or not wants_process(task.cell.problem):
-        return perform(task, timeout)
-    start = time.perf_counter()
-    try:
-        done: Done = call(perform, (task,), timeout)
-    except ChildError as error:
-        return Done(failed(str(error)), time.perf_counter() - start)
-    return done
+    if is_code(task.cell.problem):
+        return Apart().perform(task, timeout)
+    return perform(task, timeout)
 
 
 def _as_done(
