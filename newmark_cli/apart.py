@@ -74,12 +74,8 @@ class Process:
         Raises:
             ExecutorError: When no process can be started.
         """
-        self._connection, self._ended = _forked()
+        self._connection, self._ended, self._pid = _forked()
         self._given_up = False
-        try:
-            self._pid: int = self._connection.recv()
-        except (EOFError, OSError):
-            raise ExecutorError("no process can be started for code of the user's") from None
 
     def call(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float | None = None
@@ -208,6 +204,16 @@ def _end_idle() -> None:
             _waiting.remove(one)
 
 
+def stop() -> None:
+    """End the server with all its processes; the next call starts it anew."""
+    global _server
+    with _guard:
+        _waiting.clear()
+        if _server is not None:
+            _server.close()
+            _server = None
+
+
 def _folder() -> str | None:
     try:
         return os.getcwd()
@@ -234,29 +240,37 @@ class _Server:
             )
         self._process.returncode = 0  # no warning that it is still running
 
-    def fork(self) -> tuple[Connection, Connection]:
-        """Of a new process: for its calls, and for the code that it ends with."""
+    def fork(self) -> tuple[Connection, Connection, int]:
+        """Of a new process: for its calls, for the code that it ends with, and its number."""
         ours, theirs = Pipe()
         ended, ends = Pipe(duplex=False)
         with theirs, ends:
             socket.send_fds(self._control, [b"1"], [theirs.fileno(), ends.fileno()])
-        return ours, ended
+        return ours, ended, ours.recv()
+
+    def close(self) -> None:
+        """Ask for no more."""
+        self._control.close()
 
 
 _server: _Server | None = None
 
 
-def _forked() -> tuple[Connection, Connection]:
-    global _server
+def _forked() -> tuple[Connection, Connection, int]:
     with _guard:
-        if _server is None or _server.asked_by != os.getpid():
-            _waiting.clear()
-            _server = _Server()
-        try:
-            return _server.fork()
-        except OSError:  # it has ended
-            _server = _Server()
-            return _server.fork()
+        for server in (_server, None):
+            if server is None or server.asked_by != os.getpid():
+                server = _started()
+            with contextlib.suppress(EOFError, OSError):  # it has ended
+                return server.fork()
+    raise ExecutorError("no process can be started for code of the user's")
+
+
+def _started() -> _Server:
+    global _server
+    stop()
+    _server = _Server()
+    return _server
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
@@ -151,11 +151,13 @@ class Document:
         name: File as the user named it.
         data: Mappings, lists and scalars.
         lines: Path of keys and indices → line, counted from 1.
+        content: What the file said, of a document that was read from one.
     """
 
     name: str
     data: Any
     lines: Mapping[KeyPath, int]
+    content: bytes = b""
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
@@ -292,7 +294,7 @@ def read(path: Path, name: str | None = None) -> Document:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise DocumentError(f"{name}, line 1: not a text file in UTF-8") from None
-    return parse(text, name)
+    return replace(parse(text, name), content=content)
 
 
 def parse(text: str, name: str) -> Document:

@@ -110,9 +110,10 @@ def merge(
     merged = runner.merge(studies, folder, sources)
     for source, count in zip(sources, merged.taken, strict=True):
         click.echo(f"{source}: {count} cells")
-    for study, count in zip(studies, merged.missing, strict=True):
+    for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
         if count:
-            complain(f"{study.study}: {count} of {len(study.cells())} cells are missing")
+            why = "".join(f"; {n} kept otherwise: {how}" for how, n in merged.why[i].items())
+            complain(f"{study.study}: {count} of {len(study.cells())} cells are missing{why}")
     if any(merged.missing):
         return 1
     return _tell(merged.runs, folder)

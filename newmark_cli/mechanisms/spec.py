@@ -159,8 +159,7 @@ def _mechanism(spec: MechanismFile) -> Problem:
 class PythonFactory:
     """A problem that a Python function of the user's returns.
 
-    Its code runs in processes of its own, which take it pinned: to the code that it had
-    when it was first loaded.
+    Its code runs in processes of its own only; see `newmark_cli.apart`.
 
     Attributes:
         path: Python file.
@@ -189,37 +188,33 @@ class PythonFactory:
         return {"python": self.spelled, "args": dict(self.arguments)}
 
     def load(self) -> Problem:
-        """The problem if pinned, else its description from a process of its own.
+        """The problem in a process of its own, elsewhere its description from one.
 
         Raises:
             ProblemError: When the code fails, is another, ends its process, or returns
                 nonsense.
         """
-        return _python(self) if self.code else _described(self)
+        return _python(self) if apart.inside() else _described(self)
 
     def traits(self) -> Traits:
         """Of the problem; raises what `load` does."""
         return _traits(self.load())
 
     def pinned(self) -> "PythonFactory":
-        """The same, to be run in this process, from the code that it has now."""
-        return self if self.code else replace(self, code=self.load().code)
+        """The same, to be loaded from the code that it has now."""
+        return replace(self, code=self.load().code)
 
 
 @cache
 def _python(spec: PythonFactory) -> Problem:
-    problem = _run(spec)
-    if spec.code != problem.code:
-        raise ProblemError(f"{spec.spelled}: has changed since the run began")
-    return problem
-
-
-def _run(spec: PythonFactory) -> Problem:
     from newmark_cli.problems import python_problem
 
     file = spec.spelled.rpartition(":")[0]
     arguments = dict(spec.arguments)
-    return python_problem.load(spec.path, spec.factory, arguments, spec.label, file)
+    problem = python_problem.load(spec.path, spec.factory, arguments, spec.label, file)
+    if spec.code not in ("", problem.code):
+        raise ProblemError(f"{spec.spelled}: has changed since the run began")
+    return problem
 
 
 @cache
@@ -235,7 +230,7 @@ def _described(spec: PythonFactory) -> Problem:
 
 def _description(spec: PythonFactory) -> Problem:
     """The problem with functions that pickle can carry."""
-    problem = _run(spec)
+    problem = spec.load()
     elsewhere = partial(_elsewhere, spec.label)
     return replace(
         problem,
@@ -273,7 +268,7 @@ class Carried:
         return self.spec.given
 
     def load(self) -> Problem:
-        """The problem, from copies of its files; its code runs in this process."""
+        """The problem, from copies of its files; see the problem's own."""
         return _carried(self)
 
 
@@ -338,9 +333,9 @@ def pinned(spec: ProblemSpec) -> ProblemSpec:
 
 
 def portable(spec: ProblemSpec) -> ProblemSpec:
-    """The same problem for another machine, without files behind it."""
+    """The same problem for another machine: what its files said when it was loaded."""
     if isinstance(spec, PythonFactory):
         return Carried(spec.pinned(), tuple(spec.load().sources.items()))
     if isinstance(spec, MechanismFile):
-        return Carried(spec, ((spec.path.name, spec.path.read_bytes()),))
+        return Carried(spec, tuple(spec.load().sources.items()))
     return spec

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from newmark_cli.errors import ExecutorError, InputError, one_line
+from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.spec import is_code, portable
 from newmark_cli.running.executors import (
     Apart,
@@ -55,7 +56,7 @@ def cluster(
     Args:
         tasks: In the order in which they start.
         address: Of the scheduler; without one, processes of this machine that
-            listen on loopback alone.
+            listen on loopback only, and to nobody who has not this run's credentials.
         jobs: How many such processes.
         timeout: Most wall time of a cell (s).
         on_steps: Told how many steps were done, a cell at a time.
@@ -70,6 +71,8 @@ def cluster(
         with interrupts_held():  # what imports on the way may swallow them
             import dask
             import distributed
+
+            security = distributed.Security.temporary() if address is None else None
     except ImportError:
         raise InputError(
             "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
@@ -89,6 +92,10 @@ def cluster(
                             n_workers=jobs,
                             threads_per_worker=1,
                             host="127.0.0.1",
+                            # Others on this machine reach loopback too, and a scheduler
+                            # runs whatever it is sent.
+                            protocol="tls://",
+                            security=security,
                             dashboard_address=None,
                             # The usual port may be taken, and is another's then.
                             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
@@ -107,7 +114,7 @@ def cluster(
         if address is not None and not client.nthreads():
             on_told(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
-        here = _Core(core(), versions())
+        here = _Core(core(), versions(), registry.digest())
 
         def submit(name: int, attempt: str, priority: int) -> Any:
             task = tasks[name]
@@ -122,25 +129,33 @@ def cluster(
 
 @dataclass(frozen=True)
 class _Core:
-    """What the numbers come from; see `newmark_cli.running.store`."""
+    """What the numbers come from; see `newmark_cli.running.store`.
+
+    Attributes:
+        digest: Of the numerical core.
+        versions: Of what it computes with.
+        shipped: Digest of the shipped mechanisms, which travel by their names.
+    """
 
     digest: str
     versions: Mapping[str, str]
+    shipped: str
 
 
 def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
     """A cell on a worker, which must compute as the process that keeps the result."""
-    if core() != wanted.digest:
+    if (core(), registry.digest()) != (wanted.digest, wanted.shipped):
         import distributed
 
         there = versions()
+        same = "numerical core" if core() != wanted.digest else "set of shipped mechanisms"
         others = [
             f"{name} {there[name]}, here {wanted.versions[name]}"
             for name in unlike(there, wanted.versions)
         ]
         raise ExecutorError(
             f"the dask worker at {distributed.get_worker().address} computes with another "
-            f"{'; '.join(others) or 'numerical core of the same version'}"
+            f"{'; '.join(others) or f'{same} of the same version'}"
         )
     if is_code(task.cell.problem):
         return Apart().perform(task, timeout)

@@ -24,7 +24,7 @@ from newmark_cli.running import executors, prune
 from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
-from newmark_cli.running.store import Store, file_name
+from newmark_cli.running.store import NOT_RUN, Store, file_name
 from newmark_cli.study import motion, provenance, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
@@ -231,11 +231,13 @@ class Merged:
     Attributes:
         taken: Cells taken from each folder.
         missing: Cells that are missing of each study.
+        why: For each study, why kept cells do not count among them → how many.
         runs: The studies, when nothing is missing.
     """
 
     taken: tuple[int, ...]
     missing: tuple[int, ...]
+    why: tuple[Mapping[str, int], ...]
     runs: tuple[StudyRun, ...]
 
 
@@ -260,12 +262,20 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
         if any(missing):
             for study in studies:
                 prune.begun(folder, study)
-            return Merged(taken, missing, ())
+            why = tuple(
+                Counter(
+                    one.why
+                    for one in planned
+                    if one.study == s and one.done is None and one.why != NOT_RUN
+                )
+                for s in range(len(studies))
+            )
+            return Merged(taken, missing, why, ())
         open_runs = _OpenRuns(studies, folder, Options(jobs=1), planned, writes=True)
         for i, one in enumerate(planned):
             assert one.done is not None
             open_runs.took(i, one.done)
-        return Merged(taken, missing, tuple(open_runs.close()))
+        return Merged(taken, missing, (), tuple(open_runs.close()))
 
 
 @contextlib.contextmanager
