@@ -165,12 +165,14 @@ class Document:
         data: Mappings, lists and scalars.
         lines: Path of keys and indices → line, counted from 1.
         linked: Whether the file is a symbolic link.  Errors then do not quote it.
+        content: What the file said, of a document that was read from one.
     """
 
     name: str
     data: Any
     lines: Mapping[KeyPath, int]
     linked: bool = False
+    content: bytes = b""
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
@@ -307,7 +309,7 @@ def read(path: Path, name: str | None = None) -> Document:
         raise DocumentError(f"{name}, line 1: not a text file in UTF-8") from None
     linked = path.is_symlink()
     try:
-        return replace(parse(text, name), linked=linked)
+        return replace(parse(text, name), linked=linked, content=content)
     except DocumentError as error:
         if not linked:
             raise

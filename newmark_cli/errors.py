@@ -41,3 +41,12 @@ def one_line(text: str) -> str:
     """The same, not long, blanks and line ends of any length as one blank."""
     text = visible(" ".join(text[: 2 * _LONGEST].split()))
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"
+
+
+def described(error: BaseException) -> str:
+    """Kind and text of an error in one line, whatever its text does when it is asked for."""
+    try:
+        text = "".join(("", str(error)))  # no subclass of str
+    except BaseException as failure:
+        text = f"(its text cannot be shown: {type(failure).__name__})"
+    return one_line(f"{type(error).__name__}: {text}".rstrip(": "))

@@ -10,6 +10,7 @@ import synthetic
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from newmark_cli import files
 from newmark_cli.report import slopes
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.history import read_histories
@@ -99,7 +100,9 @@ def test_studies_and_slopes_read_back(tmp_path_factory, name):
     curve = FIGURES["15"].curves[0]
     row = {column: getattr(curve, column, "") for column in columns}
     row |= {"problem": name, "h": 0.5, "step": 1, "t": 0.5, "lambda_1": 7.0}
-    results.write_atomically(results.history_path(folder, "history"), csv_text(columns, [row]))
+    path = results.history_path(folder, "history")
+    path.parent.mkdir(exist_ok=True)
+    files.write(path, csv_text(columns, [row]))
     same = type(curve)(curve.label, **curve.key.named() | {"problem": name})
     (series,) = read_histories(folder, "history", [same], 0.5)
     assert series.multipliers.tolist() == [[7.0]]

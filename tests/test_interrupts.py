@@ -11,7 +11,7 @@ import threading
 import time
 
 import pytest
-from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells
+from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells, wait_until
 from warm import SCRIPT
 
 from newmark_cli import interrupts
@@ -105,23 +105,25 @@ def test_the_console_script_is_the_installed_one():
 
 @pytest.mark.parametrize("where", ["module", "factory"])
 def test_interrupts_in_the_users_code(cli, where):
-    """They are no fault of the code, wherever it is when they come."""
-    begin = "import os, signal, time\n"
-    lines = ["os.kill(os.getpid(), signal.SIGINT)", "time.sleep(30)", ""]
+    """They are no fault of the code, wherever it is when they come, and do not wait for it."""
+    lines = ["open('inside', 'w').close()", "time.sleep(3600)", ""]
     if where == "factory":
         lines = ["def swing():", *(f"    {line}" for line in lines)]
-    cli.write("mine.py", begin + "\n".join(lines))
+    cli.write("mine.py", "import time\n" + "\n".join(lines))
     cli.write("one.yaml", ONE)
-    done = cli("run", "one.yaml", "--allow-code", code=130)
-    assert done.stderr == "newmark-study: interrupted\n"
+    run = cli.start("run", "one.yaml", "--allow-code", start_new_session=True)
+    wait_until((cli.folder / "inside").exists)
+    os.killpg(run.pid, signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert (run.returncode, errors) == (130, "newmark-study: interrupted\n")
 
 
 def test_interrupts_that_are_no_signals(cli):
-    """A `KeyboardInterrupt` of the user's code ends the command like Ctrl-C."""
+    """A `KeyboardInterrupt` of the user's code is a mistake in it like any other."""
     cli.write("mine.py", "raise KeyboardInterrupt\n")
     cli.write("one.yaml", ONE)
-    done = cli("run", "one.yaml", "--allow-code", code=130)
-    assert done.stderr == "newmark-study: interrupted\n"
+    line = cli.refused("run", "one.yaml", "--allow-code")
+    assert line.endswith("one.yaml, line 2: problem: mine.py, line 1: KeyboardInterrupt")
 
 
 def test_an_interrupt_that_python_swallows_comes_again():

@@ -110,9 +110,11 @@ def merge(
     merged = runner.merge(studies, folder, sources)
     for source, count in zip(sources, merged.taken, strict=True):
         screen.line(f"{source}: {count} cells")
-    for study, count in zip(studies, merged.missing, strict=True):
+    for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
         if count:
-            screen.complain(f"{study.study}: {count} of {len(study.cells())} cells are missing")
+            why = "".join(f"; {n} kept otherwise: {how}" for how, n in merged.why[i].items())
+            total = len(study.cells())
+            screen.complain(f"{study.study}: {count} of {total} cells are missing{why}")
     if any(merged.missing):
         return 1
     return _tell(merged.runs, folder)

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from newmark_cli import files
+from newmark_cli import errors, files
 from newmark_cli.arrays import Array
 from newmark_cli.cached_code import cached_njit
 from newmark_cli.problems import user_code
@@ -123,9 +123,11 @@ def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
     """Errors of the user's code, an exit included, by the line that they come from."""
     try:
         yield
-    except (ProblemError, KeyboardInterrupt):
+    except ProblemError:
         raise
     except BaseException as error:
+        if user_code.is_interrupt(error):
+            raise
         where = _line(error, path)
         raise ProblemError(f"{file}{where}: {what}{_describe(error)}") from None
 
@@ -420,6 +422,11 @@ def _extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
     return limits
 
 
+def warm() -> None:
+    """Have Numba load what it needs for its first call, which takes long."""
+    _extrapolated(np.zeros((2, 1)), _STEP_RATIO)
+
+
 def _require_gradient(
     functions: Mapping[str, Any], u: Array, t: float, gradient: Array, source: _Source, given: Any
 ) -> None:
@@ -489,9 +496,9 @@ def _called(
     """
     try:
         given = function(*arguments)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # an exit included
+        if user_code.is_interrupt(error):
+            raise
         where = _line(error, source.path) if source.file else ""
         name = f"{source.file}{where}: {key}" if where else source.of(key, function)
         raise ProblemError(f"{name} failed: {_describe(error)}") from None
@@ -574,7 +581,7 @@ def _described(given: Any) -> str:
 
 
 def _describe(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    return errors.described(error)[:300]
 
 
 def _line(error: BaseException, path: Path) -> str:

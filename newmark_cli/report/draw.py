@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
+
+# isort: split
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from newmark_cli.arrays import Mask
 from newmark_cli.errors import InputError, visible
 from newmark_cli.report.panels import Panel, Sheet, Trace, power
-from newmark_cli.report.style import NONE, STYLE
+from newmark_cli.report.style import NONE, STYLE, settled
 
 #: What a legend or a title may take of the sheet's width.
 _MOST = 0.99
@@ -40,7 +43,7 @@ def drawn(
     """
     if size is not None:
         sheet = replace(sheet, layout=None)
-    with mpl.rc_context(STYLE | dict(sheet.settings) | dict(settings)):
+    with settled(sheet.settings, settings):
         drawing, grid = _axes(sheet, size)
         series: dict[str, Any] = {}
         lines: dict[str, Any] = {}

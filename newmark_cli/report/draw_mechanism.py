@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
+from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
+
+# isort: split
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -21,7 +23,7 @@ from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.problems.problem import Problem
 from newmark_cli.report.draw import drawn, plain
 from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
-from newmark_cli.report.style import STYLE
+from newmark_cli.report.style import settled
 
 #: Moving points up to which a mechanism is drawn with all its names and symbols.
 _MOST_LABELS = 30
@@ -409,7 +411,7 @@ def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Pa
     Returns:
         The file.
     """
-    with mpl.rc_context(STYLE | _WITHOUT_TICKS):
+    with settled(_WITHOUT_TICKS):
         drawing = Figure(figsize=(WIDTH, 3.5), dpi=110)
         axes = drawing.add_axes((0.155, 0.11, 0.825, 0.83))
         factor, unit = _length_unit(places(problem, problem.u0))

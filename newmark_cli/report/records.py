@@ -70,6 +70,7 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
         "commit": _commit(source),
         "BLAS of numpy": blas.get("numpy"),
         "BLAS of scipy": blas.get("scipy"),
+        "BLAS kernel": blas.get("kernel"),
         "BLAS threads": ", ".join(f"{name}={count}" for name, count in threads.items()),
         "processor": machine.get("processor"),
         "processors": machine.get("processors"),

@@ -1,12 +1,16 @@
-"""One style for all figures, and how they are written."""
+"""One style for all figures, whatever the user's settings are, and how they are written."""
 
 import io
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
+
+# isort: split
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
@@ -46,6 +50,22 @@ NONE: Mapping[str, Any] = MappingProxyType({})
 _NOT_STYLE = (
     "backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt", "text.usetex",
 )  # fmt: skip
+
+
+@contextmanager
+def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
+    """Draw in this context: with matplotlib's defaults, the project's style, and no others.
+
+    Args:
+        settings: Settings over those, the last first.
+    """
+    merged: Any = {
+        key: value for key, value in mpl.rcParamsDefault.items() if key not in _NOT_STYLE
+    }
+    for each in (STYLE, *settings):
+        merged |= each
+    with mpl.rc_context(merged):
+        yield
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -103,7 +123,7 @@ def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> b
         settings: Settings of matplotlib over those of the project.
     """
     content = io.BytesIO()
-    with mpl.rc_context(STYLE | dict(settings)):
+    with settled(settings):
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
         figure.savefig(content, format=kind, metadata=metadata)
     return content.getvalue()

@@ -19,6 +19,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from newmark_cli import documents
+from newmark_cli.apart import ApartError
 from newmark_cli.documents import (
     Document,
     DocumentError,
@@ -26,7 +27,7 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms.spec import ProblemSpec
+from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import (
     AUTO,
@@ -153,7 +154,7 @@ class _Rules(StrictModel):
             # Members of one family have one sample, and there may be a thousand.
             if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
                 looked_at.append(traits.sample)
-                yield from self._asymmetric(spec.label, traits.sample)
+                yield from self._asymmetric(spec, traits.sample)
             if "float32" not in self.precision:
                 continue
             if not traits.sample.single:
@@ -162,21 +163,27 @@ class _Rules(StrictModel):
                 if choose(solver, traits, FORMS[form]) != DENSE:
                     yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
-    def _asymmetric(self, label: str, problem: Problem) -> Iterator[PydanticCustomError]:
+    def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
         from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
 
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
             try:
-                symmetric = is_symmetric(problem, scheme)
+                if is_code(spec):
+                    symmetric = with_problem(spec, is_symmetric, scheme)
+                else:
+                    symmetric = is_symmetric(sample, scheme)
+            except ApartError as error:
+                yield misfit("linear_solver", f"{MINRES}: the matrix of {spec.label}: {error}")
+                return
             except ArithmeticError:
                 yield misfit("h", f"too large or too small, given {self.h[0]:g}")
                 return
             if not symmetric:
                 yield misfit(
                     "linear_solver",
-                    f"{MINRES}: the matrix of {label}, {form}, {variant.name} is not "
+                    f"{MINRES}: the matrix of {spec.label}, {form}, {variant.name} is not "
                     f"symmetric; take {GMRES}",
                 )
 

@@ -76,6 +76,7 @@ SIGNALS = {
 def run(folder):
     """One run, in this process; notes each cell that starts and each that is kept."""
     from newmark_cli.cli import main
+    from newmark_cli.mechanisms.spec import is_code
     from newmark_cli.running import executors, store
 
     log = os.open(folder / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
@@ -91,7 +92,7 @@ def run(folder):
         return compute(cell, *rest)
 
     def keeping(self, cell, done):
-        if executors.wants_process(cell.problem):
+        if is_code(cell.problem):
             noted("start", cell)  # its process has no log
         keep(self, cell, done)
         noted("kept", cell)
