@@ -120,13 +120,13 @@ def test_histories_that_no_memory_holds_are_refused(cli):
     # Pairs of 3000 samples of 10000 steps, 5000 steps, 1000 links, two forms.
     assert line == (
         "newmark-study: long.yaml, line 8: samples: history of 22000000 multipliers in 4 cells, "
-        "at most 10000000; lower samples, given 3000"
+        "at most 5000000; lower samples, given 3000"
     )
     assert not (cli.folder / "results").exists()
-    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 1250"))
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 625"))
     assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
-    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 1251"))
-    assert "history of 10008000 multipliers" in cli.refused("validate", "long.yaml")
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 626"))
+    assert "history of 5008000 multipliers" in cli.refused("validate", "long.yaml")
 
 
 def test_histories_of_all_cases_count(cli):

@@ -273,6 +273,9 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
+    for part in (folder / name for name in ("cells", "history", "references")):
+        if part.exists():
+            results.require_writable(part, ())
     with locked(folder, f"{what} {' '.join(names)}", shard):
         Store(folder).prepare()
         yield
