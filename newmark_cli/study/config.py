@@ -132,8 +132,8 @@ class _Rules(StrictModel):
         if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
             yield misfit(
                 "samples",
-                f"history of {self.recorded} multipliers in {self.count} cells, at most "
-                f"{_MOST_RECORDED}; lower samples, given {self.samples}",
+                f"history of {self.recorded} multipliers, at most {_MOST_RECORDED}; lower "
+                f"samples, given {self.samples}",
             )
         if not (
             COMPENSATED in self.evaluation
