@@ -119,24 +119,25 @@ def test_histories_that_no_memory_holds_are_refused(cli):
     line = cli.refused("run", "long.yaml")
     # Pairs of 3000 samples of 10000 steps, 5000 steps, 1000 links, two forms.
     assert line == (
-        "newmark-study: long.yaml, line 8: samples: history of 22000000 multipliers in 4 cells, "
-        "at most 10000000; lower samples, given 3000"
+        "newmark-study: long.yaml, line 8: samples: history of 22000000 multipliers, "
+        "at most 5000000; lower samples, given 3000"
     )
     assert not (cli.folder / "results").exists()
-    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 1250"))
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 625"))
     assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
-    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 1251"))
-    assert "history of 10008000 multipliers" in cli.refused("validate", "long.yaml")
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 626"))
+    assert "history of 5008000 multipliers" in cli.refused("validate", "long.yaml")
 
 
 def test_histories_of_all_cases_count(cli):
     """Each case is small enough, the study is not."""
     case = "  - {{form: u-lambda, h: {}}}\n"
     text = HISTORY.replace("h: [1e-5, 2e-5]\n", "").replace("form: [u-lambda, v-lambda]\n", "")
+    text = text.replace("samples: 3000", "samples: 2000")
     cli.write("long.yaml", text + "cases:\n" + case.format("1e-5") + case.format("2e-5"))
     assert cli.refused("validate", "long.yaml") == (
-        "newmark-study: long.yaml, line 7: cases: history of 11000000 multipliers in all cases, "
-        "at most 10000000; lower samples"
+        "newmark-study: long.yaml, line 7: cases: history of 8000000 multipliers in all cases, "
+        "at most 5000000; lower samples"
     )
 
 

@@ -1,8 +1,9 @@
-"""Results folders on file systems without locks."""
+"""Results folders that cannot be locked, or written in part."""
 
 import errno
 import fcntl
 import os
+import tempfile
 
 import pytest
 
@@ -43,3 +44,24 @@ def test_a_lock_that_is_held(tmp_path, monkeypatch, number):
         lock.locked(tmp_path, "run quick"),
     ):
         pass
+
+
+@pytest.mark.parametrize("part", ["cells", "history", "references"])
+def test_parts_that_cannot_be_written_are_found_first(tmp_path, monkeypatch, part):
+    """Before hours of work rather than after."""
+    from newmark_cli.running import runner
+    from newmark_cli.study import config
+
+    (tmp_path / part).mkdir()
+    make = tempfile.mkstemp
+
+    def refuse(*arguments, **options):
+        if str(options["dir"]).endswith(part):
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return make(*arguments, **options)
+
+    monkeypatch.setattr(tempfile, "mkstemp", refuse)
+    monkeypatch.setattr(runner, "_execution", None)  # nothing runs
+    study = config.load_shipped("pendulum-u")
+    with pytest.raises(ResultsError, match=rf"{part}: results cannot be written: Permission de"):
+        runner.run_studies([study], tmp_path, runner.Options(jobs=1))

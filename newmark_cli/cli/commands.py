@@ -38,7 +38,8 @@ def _past_click() -> Iterator[None]:
         yield
     except KeyboardInterrupt as interrupt:
         raise _Interrupted from interrupt
-    except (EOFError, BrokenPipeError) as error:  # of a prompt and stdout, click believes
+    # Of a prompt and of stdout, click believes; and to exit is not for what a command calls.
+    except (EOFError, BrokenPipeError, SystemExit) as error:
         raise RuntimeError(f"{type(error).__name__}: {error}") from error
 
 
@@ -92,6 +93,8 @@ def run(arguments: Sequence[str] | None) -> int:
         code = int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
         sys.stdout.flush()
         return code
+    except SystemExit as ending:  # completion has said what it has to say
+        return int(ending.code or 0)
     except (Exception, _Interrupted) as error:
         if interrupts.received():
             raise  # or a consequence of the interrupt

@@ -285,6 +285,9 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
+    for part in (folder / name for name in ("cells", "history", "references")):
+        if part.exists():
+            results.require_writable(part, ())
     with locked(folder, f"{what} {' '.join(names)}", shard):
         Store(folder).prepare()
         if not shard:  # which others hold too

@@ -65,8 +65,8 @@ _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
-# Multipliers in the time series of a study: 200 MB in its CSV, 300 MB in its kept cells.
-_MOST_RECORDED = 10_000_000
+# Multipliers in the time series of a study: 100 MB of CSV, 150 MB of kept cells, 1 GB of memory.
+_MOST_RECORDED = 5_000_000
 
 
 class _Rules(StrictModel):
@@ -133,8 +133,8 @@ class _Rules(StrictModel):
         if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
             yield misfit(
                 "samples",
-                f"history of {self.recorded} multipliers in {self.count} cells, at most "
-                f"{_MOST_RECORDED}; lower samples, given {self.samples}",
+                f"history of {self.recorded} multipliers, at most {_MOST_RECORDED}; lower "
+                f"samples, given {self.samples}",
             )
         if not (
             COMPENSATED in self.evaluation
