@@ -31,11 +31,13 @@ from newmark_cli import interrupts
 from newmark_cli.errors import ExecutorError, InputError, described
 from newmark_cli.processors import usable
 
-#: What the processes need, and would otherwise import each for itself.
+#: What loads a problem.  The first process needs no more, and should not wait.
+_FIRST = "newmark_cli.problems.python_problem"
+#: What runs one, and would otherwise be imported by each process for itself.
 _IMPORTED = tuple(
     f"newmark_cli.{name}"
     for name in (
-        "problems.python_problem", "problems.reference", "study.compute", "study.motion",
+        "problems.reference", "study.compute", "study.motion",
         "newmark.compiled_march", "newmark.scipy_march", "running.runner",
     )
 )  # fmt: skip
@@ -290,11 +292,7 @@ def _signals_blocked() -> Iterator[None]:
 
 def _serve(descriptor: int) -> None:
     """Fork for everyone who asks, and tell how each has ended; ends with who has started it."""
-    for name in _IMPORTED:
-        importlib.import_module(name)
-    _warm()
-    gc.collect()
-    gc.freeze()  # a collection in a fork would copy every page
+    importlib.import_module(_FIRST)
     control = socket.socket(fileno=descriptor)
     woken, wakes = os.pipe()
     for end in (woken, wakes):
@@ -302,6 +300,7 @@ def _serve(descriptor: int) -> None:
     signal.signal(signal.SIGCHLD, lambda number, frame: None)
     signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
     running: dict[int, Connection[Any, Any]] = {}
+    ready_for_cells = False
     while True:
         ready, _, _ = select.select([control.fileno(), woken], [], [])
         if woken in ready:
@@ -326,15 +325,22 @@ def _serve(descriptor: int) -> None:
                 _work(connection)
             connection.close()
             running[pid] = ends
+            if not ready_for_cells:
+                _import_rest()
+                ready_for_cells = True
     for pid in running:
         os.kill(pid, signal.SIGKILL)
 
 
-def _warm() -> None:
-    """Have Numba load what it loads at its first call."""
+def _import_rest() -> None:
+    """What the cells need, while the first process loads a problem."""
+    for name in _IMPORTED:
+        importlib.import_module(name)
     from newmark_cli.problems import python_problem
 
     python_problem.warm()
+    gc.collect()
+    gc.freeze()  # a collection in a fork would copy every page
 
 
 def _fork() -> int:
