@@ -1,5 +1,5 @@
 """``python -m newmark_cli``."""
 
-from newmark_cli.cli import main
+from newmark_cli.console import main
 
 main()

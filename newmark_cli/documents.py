@@ -41,6 +41,7 @@ _DEEPEST = 30
 #: Parser in C where PyYAML was built with it: ten times as fast.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TOO_MANY = f"more than {_MOST_VALUES} values"
+_TOO_LONG = f"more than {_MOST_BYTES} characters with what aliases stand for"
 _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
 
 #: Mistakes of one document that are reported one by one; of the rest only their number.
@@ -90,6 +91,7 @@ class DocumentError(InputError):
         mistakes: Every mistake that was found, at most `MOST_REPORTED`, in the order of
             their lines; the text of the error is that of the first.
         more: Number of mistakes beyond those.
+        stopped: Whether there may be more than that.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -99,10 +101,16 @@ class DocumentError(InputError):
         newmark_cli.documents.DocumentError: mechanism: points.P.weight: unknown key; allowed: ...
     """
 
-    def __init__(self, text: str, mistakes: Sequence[Mistake] | None = None, more: int = 0) -> None:
+    def __init__(
+        self,
+        text: str,
+        mistakes: Sequence[Mistake] | None = None,
+        more: int = 0,
+        stopped: bool = False,
+    ) -> None:
         super().__init__(text)
         self.mistakes = (Mistake(0, (), text),) if mistakes is None else tuple(mistakes)
-        self.more = more
+        self.more, self.stopped = more, stopped
 
 
 class Mistakes:
@@ -118,7 +126,7 @@ class Mistakes:
 
     def __init__(self) -> None:
         self._found: dict[Mistake, None] = {}
-        self._more = 0
+        self._more, self._stopped = 0, False
 
     @property
     def full(self) -> bool:
@@ -129,6 +137,10 @@ class Mistakes:
         """Take up the mistakes of an error, each once."""
         self._found.update(dict.fromkeys(error.mistakes))
         self._more += error.more
+
+    def stop(self) -> None:
+        """Parts of the document are not looked at any more."""
+        self._stopped = True
 
     @contextmanager
     def gathered(self) -> Iterator[None]:
@@ -148,7 +160,7 @@ class Mistakes:
             return
         found = sorted(self._found, key=lambda mistake: mistake.line)
         more += self._more + len(found[MOST_REPORTED:])
-        raise DocumentError(found[0].text, found[:MOST_REPORTED], more)
+        raise DocumentError(found[0].text, found[:MOST_REPORTED], more, self._stopped)
 
 
 @dataclass(frozen=True)
@@ -160,12 +172,14 @@ class Document:
         data: Mappings, lists and scalars.
         lines: Path of keys and indices → line, counted from 1.
         linked: Whether the file is a symbolic link.  Errors then do not quote it.
+        content: What the file said, of a document that was read from one.
     """
 
     name: str
     data: Any
     lines: Mapping[KeyPath, int]
     linked: bool = False
+    content: bytes = b""
 
     @classmethod
     def of(cls, name: str, data: Any) -> "Document":
@@ -330,7 +344,7 @@ def read(path: Path, name: str | None = None) -> Document:
         raise DocumentError(f"{name}, line 1: not a text file in UTF-8") from None
     linked = path.is_symlink()
     try:
-        return replace(parse(text, name), linked=linked)
+        return replace(parse(text, name), linked=linked, content=content)
     except DocumentError as error:
         if not linked:
             raise
@@ -495,7 +509,7 @@ class _NodeReader:
     def __init__(self, name: str) -> None:
         self.name = name
         self.lines: dict[KeyPath, int] = {}
-        self._values = 0
+        self._values = self._characters = 0
 
     def value(self, node: _Node, path: KeyPath) -> Any:
         self.lines.setdefault(path, node.line)
@@ -525,10 +539,18 @@ class _NodeReader:
         return mapping
 
     def _count(self, node: _Node) -> None:
-        """As the composer did, now that aliases stand for what they refer to."""
+        """As the composer and `read` did, now that aliases stand for what they refer to.
+
+        A text is one object however often it is referred to, but everything that is
+        made of it, such as a message, is not.
+        """
         self._values += 1
         if self._values > _MOST_VALUES:
             raise self._error(node, _TOO_MANY)
+        if isinstance(node, _Scalar):
+            self._characters += len(node.text)
+            if self._characters > _MOST_BYTES:
+                raise self._error(node, _TOO_LONG)
 
     def _error(self, node: _Node, message: str) -> DocumentError:
         return DocumentError(f"{self.name}, line {node.line}: {message}")

@@ -1,4 +1,6 @@
-"""Errors that say what to mend: the base of what the package raises on purpose."""
+"""Errors that say what to mend, and text that a terminal may show."""
+
+from unicodedata import category
 
 
 class NewmarkError(Exception):
@@ -53,8 +55,32 @@ class ExecutorError(Exception):
 _LONGEST = 1_000
 
 
+def visible(text: str) -> str:
+    """Text as a terminal may show it, in one line: what is not printed is escaped.
+
+    That is control characters, line ends and separators, characters that change the
+    direction of writing or have no width, and halves of surrogate pairs.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or category(c) == "Zs" else ascii(c)[1:-1] for c in text)
+
+
+def visible_lines(text: str) -> str:
+    """The same of several lines, between line feeds."""
+    return "\n".join(map(visible, text.split("\n")))
+
+
 def one_line(text: str) -> str:
-    """Text as a terminal may show it: one line, not long, no control characters."""
-    text = " ".join(text[: 2 * _LONGEST].split())
-    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    """The same, not long, blanks and line ends of any length as one blank."""
+    text = visible(" ".join(text[: 2 * _LONGEST].split()))
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"
+
+
+def described(error: BaseException) -> str:
+    """Kind and text of an error in one line, whatever its text does when it is asked for."""
+    try:
+        text = "".join(("", str(error)))  # no subclass of str
+    except BaseException as failure:
+        text = f"(its text cannot be shown: {type(failure).__name__})"
+    return one_line(f"{type(error).__name__}: {text}".rstrip(": "))

@@ -18,12 +18,10 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
+from newmark_cli import console
+
 #: What the signals are called; the exit code is 128 plus the signal's number.
-NAMES = {
-    signal.SIGINT: "interrupted",
-    signal.SIGTERM: "terminated",
-    signal.SIGHUP: "hung up",
-}
+NAMES = {signal.Signals(number): name for number, name in console.NAMES.items()}
 
 #: Seconds between two looks whether an interrupt was lost.
 _AGAIN = 0.1
@@ -56,7 +54,7 @@ def catch() -> None:
     """Answer signals from now on; outside the main thread this does nothing."""
     global _state
     _state = _State()
-    defaults = (signal.SIG_DFL, signal.default_int_handler)
+    defaults = (signal.SIG_DFL, signal.default_int_handler, console.answer)
     with contextlib.suppress(ValueError):  # not in the main thread
         for number in NAMES:
             if signal.getsignal(number) in defaults:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import pickle
 import re
 import shutil
 import signal
@@ -19,6 +20,8 @@ from conftest import (
 )
 
 import newmark_cli
+from newmark_cli.mechanisms.spec import MechanismFile, portable
+from newmark_cli.study import provenance
 
 pytest.importorskip("distributed")
 
@@ -168,22 +171,46 @@ def test_interrupts_are_for_the_run(cli):
     require_interrupts_taken(cli, moments, where, "--executor", "dask", "--jobs", 1)
 
 
-def test_a_worker_with_another_core_is_refused(cli, scheduler):
-    """Its numbers would be kept as those of the code that runs here."""
+#: What another copy of the package has that this one has not, and what is said of it.
+OTHERS = {
+    "newmark/kernel.py": "numerical core of the same version",
+    "mechanisms/shipped/pendulum.yaml": "set of shipped mechanisms of the same version",
+}
+
+
+@pytest.mark.parametrize("file", OTHERS)
+def test_a_worker_with_another_core_is_refused(cli, scheduler, file):
+    """Its numbers would be kept as those of the code and the mechanisms that are here."""
     _, address, workers = scheduler
     package = Path(newmark_cli.__file__).parent
     other = cli.folder / "other"
     shutil.copytree(package, other / "newmark_cli", ignore=shutil.ignore_patterns("__pycache__"))
-    with (other / "newmark_cli/newmark/kernel.py").open("a") as file:
-        file.write("# changed\n")
+    with (other / "newmark_cli" / file).open("a") as changed:
+        changed.write("# changed\n")
     workers(1, PYTHONPATH=str(other))
+    require_refused(cli, address, f"computes with another {OTHERS[file]}; ")
+
+
+def test_a_worker_with_another_kernel_is_refused(cli, scheduler):
+    """A BLAS that computes for another processor, named with the one that runs here."""
+    _, address, workers = scheduler
+    here = provenance.blas_kernel()
+    if here not in ("Haswell", "SkylakeX", "Zen", "Cooperlake", "SapphireRapids"):
+        pytest.skip("the BLAS of this machine takes no other kernel, or does not tell")
+    there = "Sandybridge"
+    workers(1, OPENBLAS_CORETYPE=there)
+    require_refused(cli, address, f"computes with another BLAS kernel {there}, here {here}; ")
+
+
+def require_refused(cli, address, why):
+    """The run ends in one line, and nothing is kept."""
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
     run = running(cli, address)
     _, errors = run.communicate(timeout=120)
     assert run.returncode == 1
     (line,) = errors.splitlines()
-    assert "computes with another numerical core of the same version; " in line
+    assert why in line
     assert not list((cli.folder / "dask/cells").iterdir())
 
 
@@ -201,21 +228,21 @@ def test_workers_that_never_come(cli, scheduler):
 
 
 def test_a_cell_that_ends_its_worker_fails_alone(cli):
-    """Again and again, with one worker of this machine: the others are done all the same."""
+    """Plain Python runs in a process of the worker, which outlives it."""
     write_swings(cli, "exit", "")
     done = cli(
         "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1
     )
     assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
     failed, told = [line for line in done.stderr.splitlines() if "failed" in line]
-    reason = "failed: ended its workers, whichever it ran on"
+    reason = "failed: its process ended with code 3"
     assert reason in failed
     assert "swing(what=exit)" in failed
     assert told == f"newmark-study: swings: 1 of 2 cells {reason}"
 
 
 def test_a_cell_that_does_not_come_back_fails_alone(cli):
-    """With a timeout plain Python runs in a process of the worker, which outlives it."""
+    """The process of the worker is ended, and the worker goes on."""
     write_swings(cli, "hang", "exit", "")
     with socket.socket() as dashboard:
         # Somebody else's, which dask would tell of.
@@ -228,3 +255,62 @@ def test_a_cell_that_does_not_come_back_fails_alone(cli):
         )  # fmt: skip
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
     require_failed_alone(done.stderr, "3 cells on the workers of this machine")
+
+
+def test_what_travels_is_what_was_read(tmp_path):
+    """A mechanism that is edited after it was read, or removed: the cell is of what was read."""
+    file = tmp_path / "mine.yaml"
+    file.write_text(MINE)
+    spec = MechanismFile(file, "mine.yaml")
+    content = spec.load().content
+    file.write_text(MINE.replace("mass: 1", "mass: 5"))
+    edited = portable(spec)
+    file.unlink()
+    assert edited == portable(spec)
+    assert pickle.loads(pickle.dumps(edited)).load().content == content
+    assert edited.files == (("mine.yaml", MINE.encode()),)
+    assert (edited.label, edited.given) == (spec.label, spec.given)
+
+
+#: Tries to get into the cluster of a run, in three ways, and lets the run go on.
+INTRUDER = """import distributed
+from newmark_cli.running import cluster, executors
+from newmark_cli.study import config
+
+
+def main():
+    tasks = {i: executors.Task(cell) for i, cell in enumerate(config.find("spread.yaml").cells())}
+    with cluster.cluster(tasks, None, 1, None, lambda steps: None, print) as finished:
+        address = distributed.default_client().scheduler.address
+        assert address.startswith("tls://127.0.0.1:"), address
+        ways = [
+            (address.replace("tls://", "tcp://"), None),
+            (address, None),
+            (address, distributed.Security.temporary()),
+        ]
+        for where, security in ways:
+            try:
+                distributed.Client(where, security=security, timeout=3, set_as_default=False)
+            except Exception as error:
+                print("refused", type(error).__name__)
+            else:
+                print("let in")
+        print(*(done.outcome.status for _, done in finished))
+
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_nobody_else_gets_in(cli, study):
+    """Who has not the credentials of the run is refused by its scheduler; the run goes on."""
+    script = cli.write("intruder.py", INTRUDER)
+    done = subprocess.run(
+        [sys.executable, script], cwd=cli.folder, capture_output=True, text=True, timeout=120
+    )
+    *refused, statuses = done.stdout.splitlines()
+    assert [line.split()[0] for line in refused] == ["refused"] * 3, done.stderr
+    assert statuses == " ".join(["ok"] * 24)
+    cli("run", "spread.yaml", "--results", "own", "--executor", "dask", "--jobs", 2)
+    assert (cli.folder / "own/spread.csv").read_bytes() == study

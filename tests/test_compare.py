@@ -5,6 +5,7 @@ import math
 
 import pytest
 import synthetic
+import tampering
 
 from newmark_cli.report import compare as comparing
 from newmark_cli.report.figures import FIGURES
@@ -38,7 +39,8 @@ def test_the_same_results(folders):
     assert found.cells == 5 * 4 + 4 * 4
     assert found.compared == 5 * 4 + 4 * 4
     assert (found.slopes, found.claims) == (5 + 4, len(MULTIPLIERS.claims) + len(KRYLOV.claims))
-    assert found.only == ((), ())
+    assert found.only == found.lacking == ((), ())
+    assert not found.differs
     assert found.farthest is None
     assert found.statuses == found.values == found.verdicts == found.environment == ()
 
@@ -101,15 +103,37 @@ def test_cells_that_are_not_in_both(folders):
     )
     found = compared(folders)
     where = "krylov random-chain(links=1000) newmark beta=0.25 gamma=0.5 u-lambda"
+    assert found.lacking == (("study multipliers, 20 cells",), ())
     assert found.only == (
-        ("study multipliers, 20 cells", f"{where} left gmres, h = 0.002, 30 steps"),
+        (f"{where} left gmres, h = 0.002, 30 steps",),
         (f"{where} left gmres, h = 0.001, 30 steps",),
     )
+    assert found.differs
     assert found.statuses == (
         comparing.Difference(
             f"{where} right gmres, h = 1e-05, 30 steps", "stagnated", "not_converged"
         ),
     )
+
+
+def test_series_and_rows_that_are_not_in_both(cli, committed_folder):
+    """Of cells in both folders: each row, or the whole series where nothing of it is there."""
+    columns, rows = tampering.read(committed_folder / "pendulum-u.csv")
+    tampering.write(cli.folder / "a/pendulum-u.csv", columns, rows)
+    left = {"quantity": "lambda", "measure": "correction", "preconditioning": "left"}
+    fewer = tampering.without(rows, **left)
+    fewer = tampering.without(fewer, measure="condition", h="0.1", preconditioning="none")
+    tampering.write(cli.folder / "b/pendulum-u.csv", columns, fewer)
+    where = "pendulum-u pendulum newmark beta=0.25 gamma=0.5 u-lambda"
+    lines = [
+        f"only in a: {where} left, correction lambda, 4 rows",
+        f"only in a: {where} none, condition jacobian, h = 0.1, 30 steps",
+    ]
+    shown = cli("compare", "a", "b", code=1).stdout
+    assert shown.splitlines()[:3] == ["cells in both: 16", *lines]
+    shown = cli("compare", "b", "a", code=1).stdout
+    assert shown.splitlines()[:3] == ["cells in both: 16", *lines]
+    cli("compare", "a", "a")
 
 
 def test_environments(folders):
@@ -142,7 +166,7 @@ def test_long_lists_are_cut(folders):
 
 
 def test_exit_codes(cli):
-    """0 for the same results and for what is in one folder alone, 1 for another verdict."""
+    """0 for the same results and for studies in one folder only, 1 for another verdict."""
     for name in ("a", "b"):
         synthetic.write(cli.folder / name, MULTIPLIERS)
     synthetic.write(cli.folder / "b", KRYLOV)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import textbook
 from conftest import QUICK
+from covering import covering
 from damped import damped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -224,9 +225,11 @@ def test_multipliers_against_long_numbers(form, engine):
 # Engines
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
-@EVERY_FORM
-@pytest.mark.parametrize("name", STEPS_OF)
+@pytest.mark.parametrize(
+    ("name", "form", "integrator"),
+    covering(STEPS_OF, FORMS.values(), INTEGRATORS),
+    ids=lambda value: getattr(value, "label", getattr(value, "name", value)),
+)
 def test_engines_agree_per_step(name, form, integrator, subjects):
     """Kernel and SciPy march take the same step to rounding of its increments: λ to eps/h."""
     subject, h = subjects[name], STEPS_OF[name]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from covering import covering
 from damped import damped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,10 +22,11 @@ def named(name):
     return damped() if name == "damped" else problem(name)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", STEP)
+@pytest.mark.parametrize(
+    ("name", "form", "variant", "integrator"),
+    covering(STEP, FORMS, VARIANTS, INTEGRATORS, strength=3),
+    ids=lambda value: getattr(value, "label", value),
+)
 def test_engines_agree_per_step(name, form, variant, integrator):
     """Kernel and SciPy march take the same step, to rounding, from states along a run."""
     subject = named(name)

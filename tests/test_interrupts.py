@@ -11,7 +11,7 @@ import threading
 import time
 
 import pytest
-from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells
+from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells, wait_until
 from warm import SCRIPT
 
 from newmark_cli import interrupts
@@ -72,25 +72,58 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("module", ["newmark_cli.cli", "newmark_cli.interrupts", "signal", "click"])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_console_script_answers_from_its_first_import(tmp_path, module, ending):
+    """Before `signal` itself is imported, to say nothing of the commands."""
+    code = f"""
+    import os, sys
+    class Finder:
+        def find_spec(name, path, target=None):
+            if name == {module!r}:
+                os.kill(os.getpid(), {int(ending)})
+    from newmark_cli.console import main
+    assert "signal" not in sys.modules and "typing" not in sys.modules
+    sys.meta_path.insert(0, Finder)
+    sys.argv[1:] = ["run", "pendulum-u"]
+    main()
+    """
+    # Without site, which may import anything.
+    run = [sys.executable, "-S", "-c", "import sys\nsys.path += sys.argv.pop().split(':')\n"]
+    run[-1] += textwrap.dedent(code)
+    done = subprocess.run(
+        [*run, ":".join(filter(None, sys.path))], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.stderr == f"newmark-study: {ENDINGS[ending]}\n"
+    assert done.returncode == 128 + ending
+
+
+def test_the_console_script_is_the_installed_one():
+    """It begins where signals are answered first."""
+    assert "from newmark_cli.console import main" in SCRIPT.read_text()
+
+
 @pytest.mark.parametrize("where", ["module", "factory"])
 def test_interrupts_in_the_users_code(cli, where):
-    """They are no fault of the code, wherever it is when they come."""
-    begin = "import os, signal, time\n"
-    lines = ["os.kill(os.getpid(), signal.SIGINT)", "time.sleep(30)", ""]
+    """They are no fault of the code, wherever it is when they come, and do not wait for it."""
+    lines = ["open('inside', 'w').close()", "time.sleep(3600)", ""]
     if where == "factory":
         lines = ["def swing():", *(f"    {line}" for line in lines)]
-    cli.write("mine.py", begin + "\n".join(lines))
+    cli.write("mine.py", "import time\n" + "\n".join(lines))
     cli.write("one.yaml", ONE)
-    done = cli("run", "one.yaml", "--allow-code", code=130)
-    assert done.stderr == "newmark-study: interrupted\n"
+    run = cli.start("run", "one.yaml", "--allow-code", start_new_session=True)
+    wait_until((cli.folder / "inside").exists)
+    os.killpg(run.pid, signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert (run.returncode, errors) == (130, "newmark-study: interrupted\n")
 
 
 def test_interrupts_that_are_no_signals(cli):
-    """A `KeyboardInterrupt` of the user's code ends the command like Ctrl-C."""
+    """A `KeyboardInterrupt` of the user's code is a mistake in it like any other."""
     cli.write("mine.py", "raise KeyboardInterrupt\n")
     cli.write("one.yaml", ONE)
-    done = cli("run", "one.yaml", "--allow-code", code=130)
-    assert done.stderr == "newmark-study: interrupted\n"
+    line = cli.refused("run", "one.yaml", "--allow-code")
+    assert line.endswith("one.yaml, line 2: problem: mine.py, line 1: KeyboardInterrupt")
 
 
 def test_an_interrupt_that_python_swallows_comes_again():

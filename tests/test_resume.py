@@ -283,7 +283,10 @@ def measured(folder):
     [
         ("hang", "no reference at t = 1: took longer than 6 s"),
         ("exit", "no reference at t = 1: its process ended with code 3"),
-        ("leave", "no reference at t = 1: its process ended with code 0"),
+        (
+            "leave",
+            f"no reference at t = 1: mine.py, line {line_of('SystemExit')}: SystemExit: 0",
+        ),
         (
             "raise",
             f"no reference at t = 1: mine.py, line {line_of('RuntimeError')}: "

@@ -189,9 +189,17 @@ def test_studies_of_a_folder(cli):
 # -- check and verify of one study --------------------------------------------------------------
 
 
+def conditions(steps=(1e-2, 1e-3, 1e-4, 1e-5)):
+    """Rows of a study that is as predicted: a whole cell each, at the initial state."""
+    return series(
+        {h: h**-4 for h in steps}, quantity="jacobian", measure="condition", t_end=0.0, steps=0,
+        newton_iterations="",
+    )  # fmt: skip
+
+
 def test_check_of_one_study(cli):
     """Only it is judged and printed; slopes.csv keeps the rows of all."""
-    write(cli, series(power(-2)), "good")
+    write(cli, conditions(), "good")
     write(cli, series(power(-3)), "bad")
     whole = cli("check", code=1)
     rows = (cli.folder / "results/slopes.csv").read_text()
@@ -206,13 +214,12 @@ def test_check_of_one_study(cli):
 
 def test_check_warns_of_what_it_cannot_judge(cli):
     """Next to a series that passes: exit 0, one line on stderr.  Alone: exit 1."""
-    few = series(power(-2, (1e-1, 1e-2)))
-    write(cli, few, "few")
+    write(cli, conditions((1e-1, 1e-2)), "few")
     warning = "newmark-study: warning: not judged: 1 too few points\n"
     done = cli("check", code=1)
     assert done.stderr == warning
     assert done.stdout.endswith("1 too few points: nothing could be judged\n")
-    write(cli, series(power(-2)))
+    write(cli, conditions())
     assert cli("check").stderr == warning
     assert cli("check", "own").stderr == ""
 

@@ -8,6 +8,7 @@ import pytest
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report import check
+from newmark_cli.report.fits import power_law
 from newmark_cli.report.slopes import COLUMNS, study_slopes, write
 from newmark_cli.report.verdicts import (
     INCOMPLETE,

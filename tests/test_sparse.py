@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import QUICK
+from covering import covering
 from damped import damped
 from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
@@ -46,9 +47,7 @@ def test_same_jacobian(name, form, h):
         np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize(("name", "form", "variant"), covering(STEPS, FORMS, VARIANTS))
 def test_marches_agree_per_step(name, form, variant):
     """Dense kernel and sparse march take the same step, to rounding, along a run."""
     subject = SUBJECTS[name]
@@ -86,9 +85,7 @@ def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
     assert np.max(np.abs(found - exact) / units) < 1e-8
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", SUBJECTS)
+@pytest.mark.parametrize(("name", "form", "variant"), covering(SUBJECTS, FORMS, VARIANTS))
 def test_condition_estimate(name, form, variant):
     """Between a third of the exact 1-norm condition number and all of it; repeatable.
 

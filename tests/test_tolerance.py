@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 from conftest import QUICK
+from covering import covering
 from marching import INTEGRATORS, march
 
 from newmark_cli.documents import DocumentError
@@ -71,15 +72,20 @@ def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
 
 
 @ENGINES
-@pytest.mark.parametrize("cap", [2, 3, 20])
 @pytest.mark.parametrize(
-    ("absolute", "relative"), [(1e-3, 0.0), (1e-6, 0.0), (0.0, 1e-4), (0.0, 1e-7), (1e-5, 1e-5)]
+    ("subject", "field", "scaled", "tolerance", "cap"),
+    covering(
+        [("pendulum", 1e-1), ("andrews", 3e-4)],
+        ["u", "v", "a"],
+        [False, True],
+        [(1e-3, 0.0), (1e-6, 0.0), (0.0, 1e-4), (0.0, 1e-7), (1e-5, 1e-5)],
+        [2, 3, 20],
+        strength=3,
+    ),
 )
-@pytest.mark.parametrize("scaled", [False, True])
-@pytest.mark.parametrize("field", ["u", "v", "a"])
-@pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-1), ("andrews", 3e-4)])
-def test_rule(name, h, field, scaled, absolute, relative, cap, engine):
+def test_rule(subject, field, scaled, tolerance, cap, engine):
     """Corrections of every step, met or not, and where they lead, against the rule written out."""
+    (name, h), (absolute, relative) = subject, tolerance
     subject, form, steps = problem(name), FORMS[f"{field}-lambda"], 20
     expected, u, multipliers = literal_steps(
         subject, h, steps, cap, field, scaled, absolute, relative

@@ -3,15 +3,17 @@
 Everything heavy is imported inside the commands, so that ``--help`` is quick.
 """
 
+import contextlib
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import click
 
 from newmark_cli import __version__, interrupts
-from newmark_cli.cli import inspecting, pruning, results, running, showing
-from newmark_cli.cli.options import complain
+from newmark_cli.cli import inspecting, last_resort, pruning, results, running, screen, showing
+from newmark_cli.cli.streams import UNREAD, OutputError
 from newmark_cli.errors import ExecutorError, InputError
 
 
@@ -20,11 +22,25 @@ class _Interrupted(BaseException):
 
 
 class _Commands(click.Group):
+    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
+        with _past_click():
+            return super().make_context(*arguments, **more)
+
     def invoke(self, ctx: click.Context) -> Any:
-        try:
+        with _past_click(), last_resort.watching():
             return super().invoke(ctx)
-        except KeyboardInterrupt as interrupt:
-            raise _Interrupted from interrupt
+
+
+@contextlib.contextmanager
+def _past_click() -> Iterator[None]:
+    """Errors that click has an answer of its own to, which is not ours."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        raise _Interrupted from interrupt
+    # Of a prompt and of stdout, click believes; and to exit is not for what a command calls.
+    except (EOFError, BrokenPipeError, SystemExit) as error:
+        raise RuntimeError(f"{type(error).__name__}: {error}") from error
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -74,7 +90,11 @@ def run(arguments: Sequence[str] | None) -> int:
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     try:
-        return int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
+        code = int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
+        sys.stdout.flush()
+        return code
+    except SystemExit as ending:  # completion has said what it has to say
+        return int(ending.code or 0)
     except (Exception, _Interrupted) as error:
         if interrupts.received():
             raise  # or a consequence of the interrupt
@@ -85,21 +105,27 @@ def _told(error: BaseException) -> int:
     """Print what went wrong; the exit code.  What is nobody's mistake but ours is raised."""
     match error:
         case click.exceptions.NoArgsIsHelpError():
-            click.echo(error.ctx.get_help())
+            screen.lines(error.ctx.get_help())
         case click.ClickException():
-            complain(error.format_message())
+            screen.complain(error.format_message())
         case InputError():
-            complain(str(error))
+            screen.complain(str(error))
         case ExecutorError():
-            complain(f"{error}; what was finished is kept, run again to go on")
+            screen.complain(f"{error}; what was finished is kept, run again to go on")
             return 1
-        case OSError():
-            complain(f"{error.filename or 'output'}: {error.strerror or error}")
+        case OutputError():
+            if error.unread:
+                return UNREAD
+            screen.complain(str(error))
+        case OSError() if error.filename is not None:
+            screen.complain(f"{error.filename}: {error.strerror or error}")
         case click.Abort() | _Interrupted():
-            complain("interrupted")
+            screen.complain("interrupted")
             return 130
         case RuntimeError() if "no locator available" in str(error):
-            complain("no folder for compiled code can be written; set NUMBA_CACHE_DIR to one")
+            screen.complain(
+                "no folder for compiled code can be written; set NUMBA_CACHE_DIR to one"
+            )
         case _:
             raise error
     return 2

@@ -12,6 +12,8 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
+from newmark_cli.errors import visible
+
 Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
@@ -54,5 +56,7 @@ def _yaml_files(begun: str) -> Iterator[str]:
         return
     for name in entries:
         hidden = name.startswith(".") and not start.startswith(".")
-        if name.startswith(start) and name.endswith((".yaml", ".yml")) and not hidden:
+        # What a shell cannot be told in a line is left to its own completion of files.
+        spoken = name == visible(name)
+        if spoken and name.startswith(start) and name.endswith((".yaml", ".yml")) and not hidden:
             yield f"{folder}{slash}{name}"

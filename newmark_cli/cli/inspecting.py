@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
-    complain,
     complete_config,
     results_folder,
 )
-from newmark_cli.errors import InputError, one_line
+from newmark_cli.errors import InputError
 
 if TYPE_CHECKING:
     from newmark_cli.newmark.scaling import Preconditioning
@@ -82,7 +82,7 @@ def orders(
     else:
         found = [theory.predict(*one) for one in chosen]
         texts = [theory.as_text(entry) + "\n" for entry in found]
-    click.echo(as_json_text(found) if as_json else "\n".join(texts))
+    screen.lines(as_json_text(found) if as_json else "\n".join(texts))
     return 0
 
 
@@ -107,15 +107,17 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     code = 0
     for name in files:
         try:
-            click.echo(one_line(config.describe(Path(name), name, allow_code)))
+            screen.line(config.describe(Path(name), name, allow_code))
         except DocumentError as error:
             for mistake in error.mistakes:
-                complain(mistake.text)
-            if error.more:
-                complain(f"{name}: … and {error.more} more")
+                screen.complain(mistake.text)
+            if error.more or error.stopped:
+                least = "at least " * error.stopped
+                count = f"{least}{error.more}" if error.more else "possibly"
+                screen.complain(f"{name}: … and {count} more")
             code = 2
         except InputError as error:
-            complain(str(error))
+            screen.complain(str(error))
             code = 2
     return code
 
@@ -198,15 +200,15 @@ def draw(
         places = list(moved.positions)
         if moved.doubt:
             advice = "" if step is None else "; try a smaller --h"
-            complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
+            screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
     title = (subject.drawing.title or spec.label) + (f", t = {time:g} s" if time else "")
     if animated is not None:
-        click.echo(draw_mechanism.animation(title, subject, places, animated))
+        screen.line(draw_mechanism.animation(title, subject, places, animated))
         return 0
-    name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-")
+    name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-") or "mechanism"
     figure = draw_mechanism.mechanism_figure(title, subject, places[-1])
     for file in style.save(figure, folder, name):
-        click.echo(file)
+        screen.line(file)
     return 0
 
 
@@ -223,7 +225,7 @@ def schema(kind: str) -> int:
     """
     from newmark_cli.study import schema as schemas
 
-    click.echo(schemas.text(kind))
+    screen.lines(schemas.text(kind))
     return 0
 
 
@@ -252,17 +254,17 @@ def list_(as_json: bool) -> int:
     sections = catalogue.sections()
     sections["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
     if as_json:
-        click.echo(as_json_text(sections))
+        screen.lines(as_json_text(sections))
         return 0
     # In a pipe an entry stays a line, for grep.
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
     width = max(len(name) for entries in sections.values() for name in entries)
     for title, entries in sections.items():
         explained = f" ({_EXPLAINED[title]})" if title in _EXPLAINED else ""
-        click.echo(f"{title}{explained}:")
+        screen.line(f"{title}{explained}:")
         for name, text in entries.items():
             begin = f"  {name:<{width}} "
-            click.echo(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
+            screen.lines(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
     return 0
 
 

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import click
 
 from newmark_cli.cli.completion import complete
-from newmark_cli.errors import one_line
+from newmark_cli.errors import visible_lines
 from newmark_cli.processors import usable
 
 complete_config = complete("configs", files=True)
@@ -120,8 +121,9 @@ class How:
 
 
 def as_json_text(value: object) -> str:
-    """JSON for programs; NaN and infinity are null."""
+    """JSON for programs; NaN and infinity are null, what no terminal prints is escaped."""
     import json
+    import re
 
     def plain(part: object) -> object:
         if isinstance(part, dict):
@@ -130,9 +132,17 @@ def as_json_text(value: object) -> str:
             return [plain(item) for item in part]
         return None if isinstance(part, float) and not math.isfinite(part) else part
 
-    return json.dumps(plain(value), indent=2, ensure_ascii=False)
+    def escaped(unprintable: re.Match[str]) -> str:
+        units = unprintable[0].encode("utf-16-be", "surrogatepass").hex()
+        return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4))
+
+    # Only strings have such characters: JSON's own line ends are line feeds.
+    text = json.dumps(plain(value), indent=2, ensure_ascii=not _has_all(sys.stdout))
+    unprintable = {c for c in text if visible_lines(c) != c}
+    return re.sub(f"[{re.escape(''.join(unprintable))}]", escaped, text) if unprintable else text
 
 
-def complain(message: str) -> None:
-    """Print one line of error."""
-    click.echo(f"newmark-study: {one_line(message)}", err=True)
+def _has_all(stream: object) -> bool:
+    """Whether a stream can say everything."""
+    name = str(getattr(stream, "encoding", None) or "")
+    return name.lower().replace("-", "").replace("_", "") == "utf8"

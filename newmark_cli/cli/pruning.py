@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from newmark_cli.cli import screen
 from newmark_cli.cli.options import allow_code_option, complete_config, results_folder
 
 
@@ -33,19 +34,19 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
     for removed in pruned.removed:
         count = len(removed.files)
         what = removed.one if count == 1 else removed.many
-        click.echo(f"{verb} {count} {what} ({_bytes(removed.size)})")
+        screen.line(f"{verb} {count} {what} ({_bytes(removed.size)})")
     if not pruned.removed:
-        click.echo("nothing to remove")
+        screen.line("nothing to remove")
     cells = "1 cell stays" if pruned.stay == 1 else f"{pruned.stay} cells stay"
-    click.echo(f"{cells} ({_bytes(pruned.size)})")
+    screen.line(f"{cells} ({_bytes(pruned.size)})")
     if pruned.outdated:
         are = "is" if pruned.outdated == 1 else "are"
-        click.echo(
+        screen.line(
             f"{pruned.outdated} of them {are} of another numerical core: run their studies again "
             "and prune again, or name their configs"
         )
     if pruned.unfinished:
-        click.echo(f"not finished, so that their cells stay: {', '.join(pruned.unfinished)}")
+        screen.line(f"not finished, so that their cells stay: {', '.join(pruned.unfinished)}")
     return 0
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import as_json_text, complain, results_folder, studies_argument
+from newmark_cli.cli.options import as_json_text, results_folder, studies_argument
 from newmark_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -110,11 +111,11 @@ def plot(
     results = Results(folder, slopes.collect(folder) if needed else [])
     chosen = plotting.chosen(names, results, choice)
     for file in plotting.plot(chosen.figures, results, formats, size, style_file):
-        click.echo(file)
+        screen.line(file)
     if needed:
         slopes.write(folder, results.slopes)
     for note in chosen.notes:
-        complain(note)
+        screen.complain(note)
     return 0
 
 
@@ -137,27 +138,30 @@ def check(
     Prints and judges the studies that are named, by default all in DIR.  Writes
     DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
     prediction by more than its tolerance, if a series does not converge or lacks
-    results, if a claim of a figure fails, or if nothing could be judged.  Series
-    whose step sizes are too few or too coarse to tell are warned of.
+    results, if a claim of a figure fails, if a CSV contradicts itself or its record,
+    or if nothing could be judged.  Series whose step sizes are too few or too coarse
+    to tell are warned of.
 
     \b
     Example:
       newmark-study check pendulum-u
     """
     from newmark_cli.report import check as checking
-    from newmark_cli.report import slopes
+    from newmark_cli.report import contradictions, slopes
     from newmark_cli.study import reading
 
     wanted = reading.named_studies(folder, studies)
     everything = slopes.collect(folder)
     slopes.write(folder, everything)
     found = [slope for slope in everything if slope.study in wanted]
+    contradicted = contradictions.of_studies(folder, wanted)
     if as_json:
-        judged = checking.judge(found)
-        click.echo(as_json_text([s.row() for s in found] + [entry.row() for entry in judged]))
+        rows = [slope.row() for slope in found]
+        rows += [entry.row() for entry in checking.judge(found)]
+        screen.lines(as_json_text(rows + [entry.row() for entry in contradicted]))
     else:
-        show_claims(found, show_all, markdown)
-    return verdict(found)
+        show_claims(found, show_all, markdown, [str(entry) for entry in contradicted])
+    return max(verdict(found), int(bool(contradicted)))
 
 
 @click.command()
@@ -201,12 +205,12 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
     files = [folder / f"{name}.csv" for name in studies] or reading.study_files(folder)
     found = [records.read(file) for file in files]
     for record in found:
-        click.echo(records.as_text(record))
+        screen.lines(records.as_text(record))
         if with_config:
-            click.echo("\n" + records.config_text(record).rstrip())
+            screen.lines("\n" + records.config_text(record).rstrip())
         if with_cells:
-            click.echo("\n" + text_table(records.cell_rows(record)))
-        click.echo()
+            screen.lines("\n" + text_table(records.cell_rows(record)))
+        screen.line()
     return 0
 
 
@@ -227,7 +231,7 @@ def verify(studies: tuple[str, ...], folder: Path) -> int:
 
     found = records.verify(folder, studies)
     for entry in found:
-        click.echo(f"{entry.path}: {entry.finding}")
+        screen.line(f"{entry.path}: {entry.finding}")
     return 0 if all(entry.ok for entry in found) else 1
 
 
@@ -252,7 +256,8 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
 
     Values at rounding level (corrections, errors, residuals) differ from machine
     to machine, and are compared within a factor of ten.  Exits with 1 if the
-    verdict on a slope or a claim differs between A and B.
+    verdict on a slope or a claim differs between A and B, or if a study in both has
+    cells, series or rows in one of them only.
 
     \b
     Example:
@@ -263,8 +268,8 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     from newmark_cli.report import compare as comparing
 
     found = comparing.compare(first, second, rtol)
-    click.echo(comparing.as_text(found, None if everything else 10))
-    return 1 if found.verdicts else 0
+    screen.lines(comparing.as_text(found, None if everything else 10))
+    return 1 if found.differs else 0
 
 
 @click.command()
@@ -287,12 +292,24 @@ def report(folder: Path, output: Path | None) -> int:
     """
     from newmark_cli.report import page
 
-    click.echo(page.write(folder, output))
+    screen.line(page.write(folder, output))
     return 0
 
 
-def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: bool = False) -> None:
-    """Print slopes next to predictions, the claims, why series fail, and how many hold."""
+def show_claims(
+    slopes: "Sequence[Slope]",
+    show_all: bool = False,
+    markdown: bool = False,
+    contradicted: Sequence[str] = (),
+) -> None:
+    """Print slopes next to predictions, the claims, why series fail, and how many hold.
+
+    Args:
+        slopes: The series.
+        show_all: Whether all of them are shown.
+        markdown: Whether the tables are printed as Markdown, and nothing else.
+        contradicted: A line for each contradiction in the CSVs.
+    """
     from newmark_cli.report import check as checking
     from newmark_cli.report.text import text_table, wrapped
 
@@ -303,20 +320,23 @@ def show_claims(slopes: "Sequence[Slope]", show_all: bool = False, markdown: boo
         chosen = [s for s in chosen if show_all or s.figures or s.fails]
         for table in (checking.slope_rows(chosen), checking.claim_rows(judged)):
             if len(table) > 1:
-                click.echo(checking.markdown_table(table) + "\n")
+                screen.lines(checking.markdown_table(table) + "\n")
         return
     for table in (checking.slope_lines(chosen), checking.claim_lines(judged)):
         if len(table) > 1:
-            click.echo(text_table(table) + "\n")
-    remarks = checking.remarks(slopes)
-    most = len(remarks) if show_all else REMARKS
-    for line in remarks[:most]:
-        click.echo(wrapped(line))
-    if len(remarks) > most:
-        click.echo(f"… and {len(remarks) - most} more (--all)")
-    if remarks:
-        click.echo()
-    click.echo(wrapped(checking.summary(slopes, judged)))
+            screen.lines(text_table(table) + "\n")
+    for remarks in (checking.remarks(slopes), contradicted):
+        most = len(remarks) if show_all else REMARKS
+        for line in remarks[:most]:
+            screen.lines(wrapped(line))
+        if len(remarks) > most:
+            screen.line(f"… and {len(remarks) - most} more (--all)")
+        if remarks:
+            screen.line()
+    summary = checking.summary(slopes, judged)
+    if contradicted:
+        summary += f", {len(contradicted)} not what the tool writes"
+    screen.lines(wrapped(summary))
 
 
 def verdict(found: "Sequence[Slope]") -> int:
@@ -325,14 +345,14 @@ def verdict(found: "Sequence[Slope]") -> int:
     from newmark_cli.report import paper_tables
 
     if warning := checking.warning(found):
-        complain(warning)
+        screen.complain(warning)
     if not checking.all_hold(found, checking.judge(found)):
         return 1
     if not any(slope.study == paper_tables.STUDY for slope in found):
         return 0
     missed = paper_tables.missed(paper_tables.build(found))
     for entry in missed:
-        click.echo(
+        screen.line(
             f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}: not as predicted"
         )
     return 1 if missed else 0
@@ -344,8 +364,8 @@ def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
     from newmark_cli.report.text import text_table, wrapped
 
     for title, grid in tabling.grids(entries):
-        click.echo(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")
-    click.echo(f"{tabling.worst(entries)}\n")
+        screen.lines(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")
+    screen.lines(f"{tabling.worst(entries)}\n")
     for file in tabling.write(folder, entries):
-        click.echo(file)
-    click.echo()
+        screen.line(file)
+    screen.line()

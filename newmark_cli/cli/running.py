@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from newmark_cli import interrupts
+from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
     How,
     allow_code_option,
-    complain,
     complete_config,
     results_folder,
     running_options,
@@ -109,10 +109,12 @@ def merge(
     studies = [config.find(name, allow_code) for name in configs]
     merged = runner.merge(studies, folder, sources)
     for source, count in zip(sources, merged.taken, strict=True):
-        click.echo(f"{source}: {count} cells")
-    for study, count in zip(studies, merged.missing, strict=True):
+        screen.line(f"{source}: {count} cells")
+    for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
         if count:
-            complain(f"{study.study}: {count} of {len(study.cells())} cells are missing")
+            why = "".join(f"; {n} kept otherwise: {how}" for how, n in merged.why[i].items())
+            total = len(study.cells())
+            screen.complain(f"{study.study}: {count} of {total} cells are missing{why}")
     if any(merged.missing):
         return 1
     return _tell(merged.runs, folder)
@@ -145,8 +147,8 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
 
     found = slopes.collect(folder, studies)
     files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
-    click.echo(f"{len(files)} files in {folder / 'figures'}")
-    click.echo()
+    screen.line(f"{len(files)} files in {folder / 'figures'}")
+    screen.line()
     show_tables(folder, tabling.build(found))
     show_claims(found)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,
@@ -185,10 +187,10 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
         kept = f" ({done.kept} kept)" if done.kept else ""
         where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
         if not quiet:
-            click.echo(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
+            screen.line(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
     for done in runs:
         for complaint in done.complaints:
-            complain(f"{done.study}: {complaint}")
+            screen.complain(f"{done.study}: {complaint}")
     return 0 if all(done.ok for done in runs) else 1
 
 
@@ -205,7 +207,7 @@ def _dry_run(
             lacks = "".join(f"; measured no error: {why}" for why in one.done.outcome.lacks)
             again = "; a run tries again" if lacks else ""
             state = f"done, {one.done.outcome.status}{lacks}{again}"
-        click.echo(f"{studies[one.study].study}: {axes.described(one.cell)}: {state}")
+        screen.line(f"{studies[one.study].study}: {axes.described(one.cell)}: {state}")
     left = sum(one.done is None for one in planned)
-    click.echo(f"{left} of {len(planned)} cells to run")
+    screen.line(f"{left} of {len(planned)} cells to run")
     return 0

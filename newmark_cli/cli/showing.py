@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import as_json_text, results_folder, studies_argument
 
@@ -48,14 +49,14 @@ def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[
 
     found = showing.read(folder, studies)
     if not studies and not any(wanted.values()):
-        click.echo(
+        screen.lines(
             as_json_text([study.row() for study in found]) if as_json else showing.listed(found)
         )
         return 0
     chosen = showing.choose(found, wanted)
     if as_json:
-        click.echo(as_json_text([study.data() for study in chosen]))
+        screen.lines(as_json_text([study.data() for study in chosen]))
         return 0
     matching = [study for study in chosen if study.chosen or study.recovered]
-    click.echo("\n\n".join(showing.as_text(study) for study in matching))
+    screen.lines("\n\n".join(showing.as_text(study) for study in matching))
     return 0

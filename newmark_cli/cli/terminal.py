@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-import click
-
 from newmark_cli import interrupts
+from newmark_cli.cli import screen
+from newmark_cli.errors import visible
 from newmark_cli.running.runner import Planned, Watcher, weight
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
@@ -89,7 +89,7 @@ class Told(Counts):
         if self._display is not None:
             self._say(line)
         elif self._verbose:
-            click.echo(line, err=True)
+            screen.note(line)
 
     def finished(self, cell: Cell, done: Done) -> None:
         """Count a cell, and write a line for it when lines are asked for."""
@@ -107,10 +107,10 @@ class Told(Counts):
 
     def _say(self, line: str) -> None:
         if self._display is None:
-            click.echo(line, err=True)
+            screen.note(line)
         else:
             self._display.console.print(
-                line, markup=False, highlight=False, emoji=False, soft_wrap=True
+                visible(line), markup=False, highlight=False, emoji=False, soft_wrap=True
             )
 
     def _count(self) -> None:

@@ -38,7 +38,8 @@ A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).
 """
 
 import numpy as np
-from numba import njit
+
+from newmark_cli.cached_code import cached_njit
 
 LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD = range(8)
 
@@ -50,7 +51,7 @@ KIND, COUNT, DOF, ROW, X_START, Y_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8
 OFFSET, PARAMETER, LAW, REAL_COLUMNS = 8, 10, 12, 18
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit(nogil=True, error_model="numpy")
 def _law(t, reals, e, derivative):
     """A law of time (`LAW` columns of element e), or its first or second derivative."""
     half = reals.dtype.type(0.5)
@@ -64,7 +65,7 @@ def _law(t, reals, e, derivative):
     return second - amplitude * frequency * frequency * np.sin(phase)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit(nogil=True, error_model="numpy")
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
     """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
 
@@ -210,7 +211,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                 x += 4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit(nogil=True, error_model="numpy")
 def constraint_derivatives(t, u, v, ints, reals, rate, curvature):
     """What Φ does in time beside Gᵀ v and Gᵀ u'': for consistent starts.
 
@@ -250,7 +251,7 @@ def constraint_derivatives(t, u, v, ints, reals, rate, curvature):
                 curvature[row] = wx * wx + wy * wy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached_njit(nogil=True, error_model="numpy")
 def potential(t, u, v, ints, reals):
     """Potential energy of springs and loads (J): ½ k (|Δ| − L)² and −F·P.
 

@@ -8,7 +8,7 @@ mass matrix is constant, and it brings one distance constraint.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -279,7 +279,7 @@ class Site:
 
 
 def load(path: Path, name: str, spelled: str | None = None) -> Problem:
-    """Problem from a mechanism file.
+    """Problem from a mechanism file, which carries what the file said as its source.
 
     Args:
         path: YAML file.
@@ -290,7 +290,8 @@ def load(path: Path, name: str, spelled: str | None = None) -> Problem:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
-    return built(name, documents.read(path, spelled))
+    document = documents.read(path, spelled)
+    return replace(built(name, document), sources={path.name: document.content})
 
 
 def built(name: str, document: Document) -> Problem:

@@ -1,5 +1,6 @@
 """Problems by name: the mechanism files that travel with the package."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -13,6 +14,15 @@ _FOLDER = Path(__file__).parent / "shipped"
 
 #: Names of the shipped problems.
 PROBLEMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
+
+
+@cache
+def digest() -> str:
+    """Hexadecimal digest of the files of the shipped problems."""
+    found = hashlib.sha256()
+    for name in PROBLEMS:
+        found.update(name.encode() + b"\0" + (_FOLDER / f"{name}.yaml").read_bytes())
+    return found.hexdigest()
 
 
 @cache

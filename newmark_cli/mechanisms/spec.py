@@ -4,18 +4,21 @@ Each kind of problem is a frozen, hashable value with
 
 - ``label``, the CSV's ``problem`` column, without commas;
 - ``given``, as a config spells it;
-- ``load()``, the problem itself, built once for all cells that share it;
+- ``load()``, the problem itself, built once for all cells that share it; of the user's
+  code only a description, whose functions cannot be called: see `with_problem`;
 - ``traits()``, what `Traits` names of it, at no cost where it is large.
 
 Another kind is another such class beside these and a member of `ProblemSpec`.
 """
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, TypeVar
 
+from newmark_cli import apart
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.problems.problem import Problem, ProblemError
@@ -154,7 +157,9 @@ def _mechanism(spec: MechanismFile) -> Problem:
 
 @dataclass(frozen=True)
 class PythonFactory:
-    """A problem that a Python function of the user's returns; loading it runs code.
+    """A problem that a Python function of the user's returns.
+
+    Its code runs in processes of its own only; see `newmark_cli.apart`.
 
     Attributes:
         path: Python file.
@@ -183,8 +188,13 @@ class PythonFactory:
         return {"python": self.spelled, "args": dict(self.arguments)}
 
     def load(self) -> Problem:
-        """The problem; raises ProblemError when the code fails, is another, or returns nonsense."""
-        return _python(self)
+        """The problem in a process of its own, elsewhere its description from one.
+
+        Raises:
+            ProblemError: When the code fails, is another, ends its process, or returns
+                nonsense.
+        """
+        return _python(self) if apart.inside() else _described(self)
 
     def traits(self) -> Traits:
         """Of the problem; raises what `load` does."""
@@ -205,6 +215,33 @@ def _python(spec: PythonFactory) -> Problem:
     if spec.code not in ("", problem.code):
         raise ProblemError(f"{spec.spelled}: has changed since the run began")
     return problem
+
+
+@cache
+def _described(spec: PythonFactory) -> Problem:
+    try:
+        found = apart.call(_description, (spec,))
+    except apart.ApartError as error:
+        raise ProblemError(f"{spec.spelled}: cannot be loaded: {error}") from None
+    if not isinstance(found, Problem):
+        raise ProblemError(f"{spec.spelled}: cannot be loaded: gave back what is no problem")
+    return found
+
+
+def _description(spec: PythonFactory) -> Problem:
+    """The problem with functions that pickle can carry."""
+    problem = spec.load()
+    elsewhere = partial(_elsewhere, spec.label)
+    return replace(
+        problem,
+        function=elsewhere,
+        derivatives=elsewhere,
+        potential=elsewhere if problem.potential else None,
+    )
+
+
+def _elsewhere(label: str, *arguments: Any) -> NoReturn:
+    raise RuntimeError(f"{label} is code of the user's, which only runs in processes of its own")
 
 
 @dataclass(frozen=True)
@@ -248,15 +285,57 @@ def _carried(carried: Carried) -> Problem:
 ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory | Carried
 
 
+def is_code(spec: ProblemSpec) -> bool:
+    """Whether a problem is code of the user's, which runs in processes of its own."""
+    return isinstance(spec.spec if isinstance(spec, Carried) else spec, PythonFactory)
+
+
+_Found = TypeVar("_Found")
+
+
+def with_problem(
+    spec: ProblemSpec,
+    function: Callable[..., _Found],
+    *arguments: Any,
+    timeout: float | None = None,
+) -> _Found:
+    """What a function returns of a problem; in a process of its own if that is the user's code.
+
+    Args:
+        spec: The problem.
+        function: A function of a module; its first argument is the problem.
+        arguments: Its others, such as pickle can carry.
+        timeout: Most wall time of the process (s).
+
+    Raises:
+        ApartError: When the process does not come back.
+        InputError: What the function raises.
+    """
+    if not is_code(spec):
+        return function(spec.load(), *arguments)
+    asked = (pinned(spec), function, arguments)
+    found: _Found = apart.call(_loaded_with, asked, timeout, owner(spec))
+    return found
+
+
+def _loaded_with(spec: ProblemSpec, function: Callable[..., Any], arguments: Any) -> Any:
+    return function(spec.load(), *arguments)
+
+
+def owner(spec: ProblemSpec) -> ProblemSpec | None:
+    """Who a process of the user's code is kept for: compiled code, which compiles for long."""
+    return pinned(spec) if spec.load().compiled else None
+
+
 def pinned(spec: ProblemSpec) -> ProblemSpec:
     """The same problem for another process, which does not take it when its code has changed."""
     return spec.pinned() if isinstance(spec, PythonFactory) else spec
 
 
 def portable(spec: ProblemSpec) -> ProblemSpec:
-    """The same problem for another machine, without files behind it."""
+    """The same problem for another machine: what its files said when it was loaded."""
     if isinstance(spec, PythonFactory):
         return Carried(spec.pinned(), tuple(spec.load().sources.items()))
     if isinstance(spec, MechanismFile):
-        return Carried(spec, ((spec.path.name, spec.path.read_bytes()),))
+        return Carried(spec, tuple(spec.load().sources.items()))
     return spec

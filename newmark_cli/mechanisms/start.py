@@ -81,7 +81,7 @@ def _fitted(
     rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
     misfit = gradient.T @ problem.v0 + rate
     if options.project_velocities:
-        return replace(problem, v0=problem.v0 - _least_change(gradient, misfit))
+        return replace(problem, v0=_projected(problem, gradient, rate, document, paths))
     sizes = _column_norms(gradient)
     speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate / sizes).max()))
     mistakes = documents.Mistakes()
@@ -96,6 +96,39 @@ def _fitted(
         )
     mistakes.refuse()
     return problem
+
+
+def _projected(
+    problem: Problem,
+    gradient: scipy.sparse.csc_array,
+    rate: Array,
+    document: Document,
+    paths: Sequence[KeyPath],
+) -> Array:
+    """Velocities next to the initial ones with Gᵀv + Φ_t = 0.
+
+    Next to a singular position the normal equations are singular long before G is, and
+    velocities that a motion asks for there are beyond all bounds.
+    """
+    v, sizes = problem.v0, _column_norms(gradient)
+    left = np.abs(gradient.T @ v + rate) / sizes
+    with np.errstate(all="ignore"):
+        for _ in range(2):  # the first leaves what is rounding of a large change
+            try:
+                v = v - _least_change(gradient, gradient.T @ v + rate)
+            except RuntimeError:  # exactly singular
+                break
+            left = np.abs(gradient.T @ v + rate) / sizes
+            speed = max(float(np.abs(v).max()), float(np.abs(rate / sizes).max()))
+            if np.all(left <= _VELOCITY_TOLERANCE * speed):
+                return v
+    _require_independent(problem, gradient, _RANK_TOLERANCE_FOUND, document, paths)
+    worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
+    raise document.error(
+        paths[worst],
+        "no velocities found that fit this constraint: the start is too close to a singular "
+        "position, such as a dead centre; start from another position",
+    )
 
 
 def _gradient(problem: Problem, u: Array) -> scipy.sparse.csc_array:

@@ -21,14 +21,15 @@ import threading
 from typing import NamedTuple
 
 import numpy as np
-from numba import from_dtype, njit, typeof, types
+from numba import from_dtype, typeof, types
 
+from newmark_cli.cached_code import cached_njit
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, SINGULAR
 
 #: A function by itself, and one that becomes a part of its caller.  Without fastmath:
 #: compiled and interpreted, the march gives the same bits.
-_compile = njit(cache=True, nogil=True, error_model="numpy")
-_inline = njit(cache=True, nogil=True, error_model="numpy", inline="always")
+_compile = cached_njit(nogil=True, error_model="numpy")
+_inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 
 def evaluate_type(dtype):
@@ -626,10 +627,10 @@ def march(
     with _compiling:
         if dtype not in _compiled:
             signature = (evaluate_type(dtype), *(typeof(a) for a in arguments))
-            compiled = _compile(_march)
-            compiled.compile(signature)
+            made = _compile(_march)
+            made.compile(signature)
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
-            compiled.disable_compile()
-            _compiled[dtype] = compiled
+            made.disable_compile()
+            _compiled[dtype] = made
     return _compiled[dtype](evaluate, *arguments)

@@ -93,8 +93,8 @@ class Problem:
         potential: ``(t, u, v, ints, reals)`` → what the kinetic energy lacks to the
             total one (J), up to a constant; None where no energy is conserved.
         code: Digest of the user's code behind the functions; empty without any.
-        sources: That code: path, relative to the folder of the problem's file, →
-            content, of the file and of the modules beside it that it imported.
+        sources: What the problem was made from: path, relative to the folder of its
+            file, → content, of the file and of the modules beside it that it imported.
         coordinates_given: (n,) names of the coordinates; those of the points, or
             numbers, where it is empty.
         constraints_given: (m,) parts of the name of each constraint, such as

@@ -20,8 +20,9 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from newmark_cli import files
+from newmark_cli import errors, files
 from newmark_cli.arrays import Array
+from newmark_cli.cached_code import cached_njit
 from newmark_cli.problems import user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
@@ -145,9 +146,11 @@ def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
     """Errors of the user's code, an exit included, by the line that they come from."""
     try:
         yield
-    except (ProblemError, KeyboardInterrupt):
+    except ProblemError:
         raise
     except BaseException as error:
+        if user_code.is_interrupt(error):
+            raise
         where = _line(error, path)
         raise ProblemError(f"{file}{where}: {what}{_describe(error)}") from None
 
@@ -428,7 +431,7 @@ def _derivatives(functions: Mapping[str, Any]) -> Callable[..., None]:
     return derivatives
 
 
-@njit(cache=True)
+@cached_njit()
 def _extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
     """Limit of central differences for steps that shrink by a ratio, each column its own.
 
@@ -460,6 +463,11 @@ def _extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
                 above[j], entry = entry, better
             above[i] = entry
     return limits
+
+
+def warm() -> None:
+    """Have Numba load what it needs for its first call, which takes long."""
+    _extrapolated(np.zeros((2, 1)), _STEP_RATIO)
 
 
 def _require_gradient(
@@ -531,9 +539,9 @@ def _called(
     """
     try:
         given = function(*arguments)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # an exit included
+        if user_code.is_interrupt(error):
+            raise
         where = _line(error, source.path) if source.file else ""
         name = f"{source.file}{where}: {key}" if where else source.of(key, function)
         raise ProblemError(f"{name} failed: {_describe(error)}") from None
@@ -616,7 +624,7 @@ def _described(given: Any) -> str:
 
 
 def _describe(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    return errors.described(error)[:300]
 
 
 def _line(error: BaseException, path: Path) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from newmark_cli import apart
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.problems import collocation, singular, user_code
@@ -161,7 +162,9 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
         raise
     except np.linalg.LinAlgError as error:
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {error}") from None
-    except Exception as error:  # of a problem in Python
+    except BaseException as error:  # of a problem in Python, an exit included
+        if not (isinstance(error, Exception) or apart.inside()):
+            raise
         reason = user_code.described(error)
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {reason}") from None
     u_error = relative_error(coarse[0], u)

@@ -21,6 +21,7 @@ from importlib.machinery import (
 from pathlib import Path, PurePath
 from types import CodeType, ModuleType
 
+from newmark_cli import apart, errors
 from newmark_cli.errors import one_line
 
 #: One file's imports at a time: another's modules may have the same names.
@@ -73,8 +74,13 @@ def described(error: BaseException, otherwise: str = "") -> str:
         if file is not None:
             where = f"{file}, line {frame.tb_lineno}: "
         frame = frame.tb_next
-    text = one_line(f"{where}{type(error).__name__}: {error}".rstrip(": "))
+    text = one_line(where + errors.described(error))
     return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether the user wants an end, and not the code: signals go where no such code runs."""
+    return isinstance(error, KeyboardInterrupt) and not apart.inside()
 
 
 class _AsWritten(SourceFileLoader):

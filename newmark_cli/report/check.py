@@ -12,6 +12,7 @@ from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.kinds import Figure
 from newmark_cli.report.slopes import Slope, in_figure_order
+from newmark_cli.report.text import markdown
 from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 
@@ -185,8 +186,7 @@ def _variant(slope: Slope) -> str:
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """The same as Markdown."""
-    # |λ| would end its cell.
-    lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
+    lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from newmark_cli.errors import visible
 from newmark_cli.report import check, records
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
@@ -56,7 +57,8 @@ class Comparison:
         folders: The two.
         rtol: Relative tolerance of the measures in `DETERMINED`.
         cells: How many are in both.
-        only: Cells, or whole studies, that are in one folder alone: of either folder.
+        lacking: Studies that are in one folder only: of either folder.
+        only: Cells, series and rows of studies in both folders that are in one of them only.
         statuses: Cells that ended differently.
         compared: How many values were compared.
         values: Those that do not agree.
@@ -70,6 +72,7 @@ class Comparison:
     folders: tuple[Path, Path]
     rtol: float
     cells: int
+    lacking: tuple[tuple[str, ...], tuple[str, ...]]
     only: tuple[tuple[str, ...], tuple[str, ...]]
     statuses: tuple[Difference, ...]
     compared: int
@@ -79,6 +82,11 @@ class Comparison:
     claims: int
     verdicts: tuple[Difference, ...]
     environment: tuple[Difference, ...]
+
+    @property
+    def differs(self) -> bool:
+        """Whether a verdict is another one, or a study in both folders lacks something in one."""
+        return bool(self.verdicts) or any(self.only)
 
 
 @dataclass(frozen=True)
@@ -163,7 +171,11 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
         folders=(first, second),
         rtol=rtol,
         cells=len(shared),
-        only=(_only(cells_a, cells_b), _only(cells_b, cells_a)),
+        lacking=(_lacking(cells_a, cells_b), _lacking(cells_b, cells_a)),
+        only=(
+            (*_only(cells_a, cells_b), *_only_rows(values_a, values_b, cells_b)),
+            (*_only(cells_b, cells_a), *_only_rows(values_b, values_a, cells_a)),
+        ),
         statuses=tuple(
             Difference(_cell_name(key), cells_a[key], cells_b[key])
             for key in shared
@@ -230,7 +242,8 @@ def as_text(found: Comparison, most: int | None) -> str:
                 f"cells in both: {found.cells}",
                 *(
                     line
-                    for name, only in zip(names, found.only, strict=True)
+                    for parts in (found.lacking, found.only)
+                    for name, only in zip(names, parts, strict=True)
                     for line in _listed(f"only in {name}", only, most)
                 ),
             ]
@@ -260,7 +273,8 @@ def as_text(found: Comparison, most: int | None) -> str:
 def _listed(title: str, entries: Sequence[str], most: int | None) -> list[str]:
     lines = [f"{title}: {entry}" for entry in entries[:most]]
     more = len(entries) - len(lines)
-    return [*lines, f"{title}: {more} more (--all)"] if more else lines
+    lines += [f"{title}: {more} more (--all)"] if more else []
+    return list(map(visible, lines))
 
 
 def _table(
@@ -274,14 +288,43 @@ def _table(
     return "\n".join([*lines, f"  {more} more (--all)"] if more else lines)
 
 
-def _only(cells: Mapping[Key, str], others: Mapping[Key, str]) -> tuple[str, ...]:
-    """Cells that the others lack; a study that they lack altogether is one entry."""
+def _lacking(cells: Mapping[Key, str], others: Mapping[Key, str]) -> tuple[str, ...]:
+    """Studies that the others lack altogether."""
     theirs = {key[0] for key in others}
     whole = Counter(key[0] for key in cells if key[0] not in theirs)
-    return (
-        *(f"study {study}, {count} cells" for study, count in whole.items()),
-        *(_cell_name(key) for key in cells if key[0] in theirs and key not in others),
-    )
+    return tuple(f"study {study}, {count} cells" for study, count in whole.items())
+
+
+def _only(cells: Mapping[Key, str], others: Mapping[Key, str]) -> tuple[str, ...]:
+    """Cells that the others lack of studies which they have."""
+    theirs = {key[0] for key in others}
+    return tuple(_cell_name(key) for key in cells if key[0] in theirs and key not in others)
+
+
+def _only_rows(
+    values: Mapping[Key, object], others: Mapping[Key, object], cells: Mapping[Key, str]
+) -> tuple[str, ...]:
+    """Rows that the others lack of cells which they have; a whole series is one entry."""
+    missing: dict[Key, list[Key]] = {}
+    for key in values:
+        if key not in others and _cell_of(key) in cells:
+            missing.setdefault(key[:-2], []).append(key)
+    theirs = {key[:-2] for key in others}
+    names = []
+    for series, keys in missing.items():
+        if series in theirs:
+            names += [_row_name(key) for key in keys]
+        else:
+            named = dict(zip(SERIES, series, strict=True))
+            rows = "1 row" if len(keys) == 1 else f"{len(keys)} rows"
+            names.append(f"{_where(named)}, {_what(named)}, {rows}")
+    return tuple(names)
+
+
+def _cell_of(row: Key) -> Key:
+    """Key of the cell that a row belongs to."""
+    named = dict(zip((*SERIES, "h", "steps"), row, strict=True))
+    return tuple(named[name] for name in _CELL)
 
 
 def _farthest(pairs: Iterable[tuple[Slope, Slope]]) -> Difference | None:

@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
+
+# isort: split
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,9 +17,9 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from newmark_cli.arrays import Mask
-from newmark_cli.errors import InputError
+from newmark_cli.errors import InputError, visible
 from newmark_cli.report.panels import Panel, Sheet, Trace, power
-from newmark_cli.report.style import NONE, STYLE
+from newmark_cli.report.style import NONE, STYLE, settled
 
 #: What a legend or a title may take of the sheet's width.
 _MOST = 0.99
@@ -40,7 +43,7 @@ def drawn(
     """
     if size is not None:
         sheet = replace(sheet, layout=None)
-    with mpl.rc_context(STYLE | dict(sheet.settings) | dict(settings)):
+    with settled(sheet.settings, settings):
         drawing, grid = _axes(sheet, size)
         series: dict[str, Any] = {}
         lines: dict[str, Any] = {}
@@ -97,7 +100,7 @@ def _label(axes: Any, panel: Panel, sheet: Sheet, place: int) -> None:
     if place % sheet.columns == 0 or not sheet.share_y:
         axes.set_ylabel(panel.y_label)
     if panel.title:
-        axes.set_title(_plain(panel.title))
+        axes.set_title(plain(panel.title))
 
 
 #: Names and handles of entries in the legend.
@@ -129,12 +132,12 @@ def _draw(axes: Any, panel: Panel) -> tuple[Entries, Entries]:
 
 
 def _entry(trace: Trace, panel: Panel) -> str:
-    return _plain(trace.label) + (f": {trace.fit}" if trace.fit and not panel.fits else "")
+    return plain(trace.label) + (f": {trace.fit}" if trace.fit and not panel.fits else "")
 
 
-def _plain(text: str) -> str:
-    """A text without mathematics: a name that somebody gave may have dollar signs."""
-    return text.replace("$", r"\$")
+def plain(text: str) -> str:
+    """A text without mathematics: a name that somebody gave may have dollar signs, or worse."""
+    return visible(text).replace("$", r"\$")
 
 
 def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
@@ -195,8 +198,8 @@ def _write_fits(axes: Any, panel: Panel) -> None:
     """Fits in a corner that is free, the upper right one if it is."""
     size = _points(mpl.rcParams["legend.fontsize"]) - 1
     room = 0.75 * axes.get_window_extent().width / (0.55 * size * axes.figure.dpi / 72)
-    fits = [(trace.label, trace.fit) for trace in panel.traces if trace.fit]
-    lines = [f"{_shortened(label, room - len(fit) - 2)}: {fit}" for label, fit in fits]
+    fits = [(visible(trace.label), trace.fit) for trace in panel.traces if trace.fit]
+    lines = [f"{plain(_shortened(label, room - len(fit) - 2))}: {fit}" for label, fit in fits]
     tall = 0.05 + 0.08 * len(lines)
     shown = [(t, t.shown(panel.x_scale, panel.y_scale)) for t in panel.traces]
     points = np.concatenate([np.column_stack([t.x[mask], t.y[mask]]) for t, mask in shown])
@@ -278,7 +281,7 @@ def _number(value: float, position: int | None = None) -> str:
 
 def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet, size: Any) -> None:
     """In the middle of a column of panels that have none, otherwise in that of the sheet."""
-    title = _wrapped(drawing, _plain(sheet.title), size, _MOST * drawing.bbox.width)
+    title = _wrapped(drawing, plain(sheet.title), size, _MOST * drawing.bbox.width)
     if sheet.layout is not None and sheet.columns == 1 and not sheet.panels[0].title:
         grid[0].set_title(title, fontsize=size)
     else:

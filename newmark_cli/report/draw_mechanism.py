@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
+from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
+
+# isort: split
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -19,9 +21,9 @@ from newmark_cli.arrays import Array
 from newmark_cli.files import write_output
 from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.problems.problem import Problem
-from newmark_cli.report.draw import drawn
+from newmark_cli.report.draw import drawn, plain
 from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
-from newmark_cli.report.style import STYLE
+from newmark_cli.report.style import settled
 
 #: Moving points up to which a mechanism is drawn with all its names and symbols.
 _MOST_LABELS = 30
@@ -283,7 +285,9 @@ def _body_label(
         align = "left" if across > 0.5 else "right" if across < -0.5 else "center"
         nearer = (start + end) / 2 + 0.55 * (place - (start + end) / 2)
         place = nearer if align != "center" else place
-    axes.text(place.real, place.imag, name, color="#0072B2", fontsize=6, ha=align, va="center")
+    axes.text(
+        place.real, place.imag, plain(name), color="#0072B2", fontsize=6, ha=align, va="center"
+    )
 
 
 def _joint_label(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
@@ -307,7 +311,7 @@ def _joint_label(axes: Any, mechanism: Mechanism, name: str, points: dict[str, c
     ]
     angle = float(candidates[int(np.argmax(distance))])
     axes.annotate(
-        name,
+        plain(name),
         (place.real, place.imag),
         textcoords="offset points",
         xytext=(8 * math.cos(angle), 8 * math.sin(angle)),
@@ -407,7 +411,7 @@ def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Pa
     Returns:
         The file.
     """
-    with mpl.rc_context(STYLE | _WITHOUT_TICKS):
+    with settled(_WITHOUT_TICKS):
         drawing = Figure(figsize=(WIDTH, 3.5), dpi=110)
         axes = drawing.add_axes((0.155, 0.11, 0.825, 0.83))
         factor, unit = _length_unit(places(problem, problem.u0))
@@ -427,7 +431,7 @@ def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Pa
                 limits(min(values) - margin, max(values) + margin)
             axes.set_xlabel(f"$x$ ({unit})")
             axes.set_ylabel(f"$y$ ({unit})")
-            axes.set_title(title)
+            axes.set_title(plain(title))
             content = io.BytesIO()
             drawing.savefig(content, format="png", dpi=110)
             frames.append(Image.open(content).convert("P", palette=Image.Palette.ADAPTIVE))

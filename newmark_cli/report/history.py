@@ -54,7 +54,7 @@ def read_histories(
     if not names or names != [f"lambda_{k + 1}" for k in range(len(names))]:
         raise ResultsError(f"{path}, line 1: the columns after t must be lambda_1, lambda_2, …")
     values = {
-        name: np.array([number(path, row, name, text) for row, text in enumerate(frame[name], 2)])
+        name: np.array([number(path, line, name, text) for line, text in frame[name].items()])
         for name in ("h", "t", *names)
     }
     found: list[History | None] = []

@@ -9,7 +9,7 @@ from typing import Any
 import newmark_cli
 from newmark_cli import files
 from newmark_cli.errors import InputError, ResultsError
-from newmark_cli.report import check, draw, paper_tables, plot, records, slopes
+from newmark_cli.report import check, contradictions, draw, paper_tables, plot, records, slopes
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import Drawing, rendered
@@ -99,6 +99,7 @@ def html(folder: Path) -> str:
     shown = check.chosen(found, everything=not check.in_paper(found))
     studies = dict.fromkeys(slope.study for slope in found)
     provenance = {study: records.known(folder / f"{study}.csv") for study in studies}
+    contradicted = contradictions.of_studies(folder, studies)
     runs = [_run(study, record) for study, record in provenance.items()]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("newmark_cli.report"),
@@ -110,7 +111,8 @@ def html(folder: Path) -> str:
     return environment.get_template("page.html").render(
         version=newmark_cli.__version__,
         finished=max((run.facts.get("finished", "") for run in runs), default=""),
-        holds=check.all_hold(found, judged),
+        holds=check.all_hold(found, judged) and not contradicted,
+        contradictions=[str(entry) for entry in contradicted],
         summary=check.summary(found, judged),
         slopes=check.slope_rows(shown),
         rest=check.slope_rows([slope for slope in found if slope not in shown]),

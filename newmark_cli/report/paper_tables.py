@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli import files
-from newmark_cli.errors import ResultsError
+from newmark_cli.errors import ResultsError, visible
 from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.forms import FORMS, ROWS
 from newmark_cli.newmark.integrator import FIELDS
@@ -26,6 +26,7 @@ from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.report.fits import Fit, fit_parts, format_fit, format_order, power_law
 from newmark_cli.report.slopes import Slope
+from newmark_cli.report.text import markdown
 from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.study import results
 
@@ -245,9 +246,9 @@ def _csv_row(entry: Entry) -> dict[str, object]:
 
 
 def _markdown(title: str, rows: Sequence[Sequence[str]]) -> str:
-    lines = ["| " + " | ".join(cell.replace("*", "\\*") for cell in row) + " |" for row in rows]
+    lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
     rule = "|" + " --- |" * len(rows[0])
-    return "\n".join([f"### {title}", "", lines[0], rule, *lines[1:], "", f"{NOTE}", ""])
+    return "\n".join([f"### {markdown(title)}", "", lines[0], rule, *lines[1:], "", f"{NOTE}", ""])
 
 
 #: How to read an entry.
@@ -260,6 +261,8 @@ NOTE = (
 _SPECIAL = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\char34{}",
+    "`": r"\textasciigrave{}",
 }  # fmt: skip
 _GREEK = {"lambda": r"\lambda", "beta": r"\beta", "gamma": r"\gamma"}
 _SUBJECTS = {
@@ -407,7 +410,7 @@ def _latex_factor(text: str) -> str:
 
 
 def _latex_text(text: str) -> str:
-    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+    return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))
 
 
 def _title(problem: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from newmark_cli import files
-from newmark_cli.errors import ResultsError
+from newmark_cli.errors import ResultsError, visible
 from newmark_cli.study import axes, results
 from newmark_cli.study.provenance import checksum
 from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
@@ -48,10 +48,15 @@ def _parsed(path: Path, contents: Mapping[Path, bytes | OSError]) -> dict[str, A
     return record
 
 
-def known(path: Path) -> dict[str, Any]:
-    """Provenance of one CSV; empty where there is none that can be read."""
+def known(path: Path, contents: Mapping[Path, bytes | OSError] | None = None) -> dict[str, Any]:
+    """Provenance of one CSV; empty where there is none that can be read.
+
+    Args:
+        path: The CSV.
+        contents: What `results.read` gives; read if omitted.
+    """
     try:
-        return read(path)
+        return _parsed(path, results.read(path) if contents is None else contents)
     except ResultsError:
         return {}
 
@@ -65,6 +70,7 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
         "commit": _commit(source),
         "BLAS of numpy": blas.get("numpy"),
         "BLAS of scipy": blas.get("scipy"),
+        "BLAS kernel": blas.get("kernel"),
         "BLAS threads": ", ".join(f"{name}={count}" for name, count in threads.items()),
         "processor": machine.get("processor"),
         "processors": machine.get("processors"),
@@ -171,7 +177,8 @@ def as_text(record: Mapping[str, Any]) -> str:
     found = facts(record)
     width = max(map(len, found))
     title = ": ".join(filter(None, (str(record["study"]), description(record))))
-    return "\n".join([title, *(f"  {name:<{width}}  {text}" for name, text in found.items())])
+    lines = (f"  {name:<{width}}  {text}" for name, text in found.items())
+    return "\n".join(map(visible, (title, *lines)))
 
 
 @dataclass(frozen=True)

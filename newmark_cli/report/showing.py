@@ -13,7 +13,7 @@ from newmark_cli.errors import ResultsError
 from newmark_cli.report.check import format_prediction, format_verdict
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
-from newmark_cli.report.text import text_table, wrapped
+from newmark_cli.report.text import Entry, text_table, wrapped
 from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import INCOMPLETE
 from newmark_cli.spelling import nearest
@@ -203,8 +203,8 @@ def _table(slopes: Sequence[Slope]) -> str:
     common, names = _names(slopes)
     title = _listed([first.problem, first.form, f"{quantity(first)} ({first.measure})", *common])
     points = [_points(slope) for slope in slopes]
-    rows = [
-        ("h", *("\n".join(name) for name in names)),
+    rows: list[tuple[Entry, ...]] = [
+        ("h", *(tuple(name) for name in names)),
         *(
             (f"{h:g}", *(entries.get((h, nth), MISSING) for entries in points))
             for h, nth in sorted({at for entries in points for at in entries}, reverse=True)
@@ -252,9 +252,9 @@ def _descending(slope: Slope) -> list[int]:
     return [int(i) for i in np.argsort(-slope.h, kind="stable")]
 
 
-def _points(slope: Slope) -> dict[tuple[float, int], str]:
+def _points(slope: Slope) -> dict[tuple[float, int], Entry]:
     """(h, how many of the same h came before) → value, local order, and status if not ok."""
-    found: dict[tuple[float, int], str] = {}
+    found: dict[tuple[float, int], Entry] = {}
     seen: Counter[float] = Counter()
     orders = [math.nan, *slope.local_orders]
     for i, order in zip(_descending(slope), orders, strict=True):
@@ -263,8 +263,9 @@ def _points(slope: Slope) -> dict[tuple[float, int], str]:
         if text and math.isfinite(order):
             text = f"{text:<9} {round(order, 2) + 0.0:.2f}".replace(" -", " −")
         if status not in slope.record.ok:
-            text = f"{text}\n{status}" if text else status
-        found[h, -seen[h]] = text or MISSING
+            found[h, -seen[h]] = (text, status) if text else status
+        else:
+            found[h, -seen[h]] = text or MISSING
         seen[h] += 1
     return found
 

@@ -21,7 +21,7 @@ from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import UNKNOWNS
-from newmark_cli.newmark.scheme import COMPENSATED, PRECISIONS
+from newmark_cli.newmark.scheme import COMPENSATED, EVALUATIONS, PRECISIONS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import (
@@ -344,9 +344,18 @@ def _predicted(key: SeriesKey, path: Path) -> float:
         integrator.parse(key.integrator)
         if key.form not in FORMS:
             raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
+        for name, given, known in (
+            ("precision", key.precision, PRECISIONS),
+            ("evaluation", key.evaluation, EVALUATIONS),
+        ):
+            if given not in known:
+                raise ResultsError(f"unknown {name} {given!r}{nearest(given, known)}")
         if record.predicts and key.quantity not in (*UNKNOWNS, "jacobian"):
-            known = nearest(key.quantity, UNKNOWNS)
-            raise ResultsError(f"unknown quantity {key.quantity!r}{known}")
+            hint = nearest(key.quantity, UNKNOWNS)
+            raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
+        if record.quantities and key.quantity not in record.quantities:
+            hint = nearest(key.quantity, record.quantities)
+            raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
         return record.predicted(key)
     except (InputError, KeyError, ValueError) as error:
         raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None

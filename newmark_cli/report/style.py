@@ -1,12 +1,16 @@
-"""One style for all figures, and how they are written."""
+"""One style for all figures, whatever the user's settings are, and how they are written."""
 
 import io
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
+
+# isort: split
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
@@ -41,8 +45,27 @@ STYLE: Any = {
 NONE: Mapping[str, Any] = MappingProxyType({})
 
 #: Settings that a style file does not decide: how matplotlib shows windows, which nobody sees
-#: here, and the salt of the names inside SVGs, without which no two files are the same.
-_NOT_STYLE = ("backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt")
+#: here, the salt of the names inside SVGs, without which no two files are the same, and TeX,
+#: which would run what a name says.
+_NOT_STYLE = (
+    "backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt", "text.usetex",
+)  # fmt: skip
+
+
+@contextmanager
+def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
+    """Draw in this context: with matplotlib's defaults, the project's style, and no others.
+
+    Args:
+        settings: Settings over those, the last first.
+    """
+    merged: Any = {
+        key: value for key, value in mpl.rcParamsDefault.items() if key not in _NOT_STYLE
+    }
+    for each in (STYLE, *settings):
+        merged |= each
+    with mpl.rc_context(merged):
+        yield
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -100,7 +123,7 @@ def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> b
         settings: Settings of matplotlib over those of the project.
     """
     content = io.BytesIO()
-    with mpl.rc_context(STYLE | dict(settings)):
+    with settled(settings):
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
         figure.savefig(content, format=kind, metadata=metadata)
     return content.getvalue()

@@ -4,10 +4,13 @@ A table that is too wide is folded, never cut: its longest columns wrap, or its 
 go into several tables one below the other.
 """
 
+import re
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+from newmark_cli.errors import visible
+from newmark_cli.painting import marked
 from newmark_cli.report.verdicts import FAILING, UNDECIDED
 from newmark_cli.study.cell import STATUSES
 
@@ -29,6 +32,15 @@ def width() -> int:
     return max(shutil.get_terminal_size((80, 24)).columns, _LEAST)
 
 
+#: What a cell of a table says: one line, or several.
+Entry = str | tuple[str, ...]
+
+
+def _shown(entry: Entry) -> str:
+    """An entry as a terminal may show it, its lines between line feeds."""
+    return visible(entry) if isinstance(entry, str) else "\n".join(map(visible, entry))
+
+
 def colour(entry: str) -> str:
     """Colour of an entry on a terminal; empty for most."""
     if entry.endswith(" !"):  # an entry of Tables 1 and 2 that is not as predicted
@@ -40,28 +52,39 @@ def wrapped(line: str, indent: int = 0) -> str:
     """A line of text, folded between words; its further lines are indented."""
     before = " " * indent
     return textwrap.fill(
-        line, width(), initial_indent=before, subsequent_indent=before + "  ",
+        visible(line), width(), initial_indent=before, subsequent_indent=before + "  ",
         break_long_words=False, break_on_hyphens=False,
     )  # fmt: skip
 
 
-def text_table(rows: Sequence[Sequence[str]], *, blocks: bool = False, indent: int = 0) -> str:
-    """Columns for a terminal, under headings.
+def text_table(rows: Sequence[Sequence[Entry]], *, blocks: bool = False, indent: int = 0) -> str:
+    """Columns for a terminal, under headings; colours are marked, see `newmark_cli.painting`.
 
     Args:
         rows: The headings first; a row of one entry is a heading of the rows below it.
+            What is not printed is escaped: an entry of several lines has them in a tuple.
         blocks: Whether columns that do not fit go into further tables, each with the first
             column; otherwise the longest columns wrap.
         indent: Spaces before each line.
     """
     room = width() - indent
-    groups = list(_blocks(rows, room)) if blocks else [list(range(len(rows[0])))]
+    shown = [list(map(_shown, row)) for row in rows]
+    groups = list(_blocks(shown, room)) if blocks else [list(range(len(rows[0])))]
     tables = [
-        _laid_out([[row[i] for i in group] if len(row) > 1 else row for row in rows], room)
+        _laid_out([[row[i] for i in group] if len(row) > 1 else row for row in shown], room)
         for group in groups
     ]
     lines = "\n\n".join(tables).splitlines()
-    return "\n".join(" " * indent + line if line else "" for line in lines)
+    return marked("\n".join(" " * indent + line if line else "" for line in lines))
+
+
+#: What Markdown would take for more than text, and HTML for a tag.
+_MARKDOWN = re.compile(r"[\\`*<>\[\]|&]|(?<!\w)_|_(?!\w)")
+
+
+def markdown(text: str) -> str:
+    """A text in Markdown that reads as it is, in a cell of a table too."""
+    return _MARKDOWN.sub(r"\\\g<0>", visible(text))
 
 
 def _blocks(rows: Sequence[Sequence[str]], room: int) -> Iterator[list[int]]:

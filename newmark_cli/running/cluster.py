@@ -1,7 +1,6 @@
 """Cells on the workers of a dask scheduler, or of one started for this run."""
 
 import logging
-import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
@@ -10,15 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from newmark_cli.errors import ExecutorError, InputError, one_line
-from newmark_cli.mechanisms.spec import portable
-from newmark_cli.running.child import ChildError, call
+from newmark_cli.mechanisms import registry
+from newmark_cli.mechanisms.spec import is_code, portable
 from newmark_cli.running.executors import (
+    Apart,
     Execution,
     Task,
     failed,
     interrupts_held,
     perform,
-    wants_process,
 )
 from newmark_cli.running.store import core, unlike, versions
 from newmark_cli.study.cell import Done
@@ -48,17 +47,18 @@ def cluster(
     """Workers of a dask scheduler.
 
     The scheduler gives the cells of a worker that has died to another.  Problems
-    travel by their content.  How long a scheduler may take to answer, and how often a
-    cell may end its worker, is in dask's configuration
+    travel by their content; those that are the user's code run in processes of the
+    workers, one for each cell as in `newmark_cli.running.executors.local`.
+    How long a scheduler may take to answer, and how often a cell may end its worker, is
+    in dask's configuration
     (``distributed.comm.timeouts.connect``, ``distributed.scheduler.allowed-failures``).
 
     Args:
         tasks: In the order in which they start.
         address: Of the scheduler; without one, processes of this machine that
-            listen on loopback alone.
+            listen on loopback only, and to nobody who has not this run's credentials.
         jobs: How many such processes.
-        timeout: Most wall time of a cell (s); problems in plain Python, which might
-            not come back, then run in processes of the workers.
+        timeout: Most wall time of a cell (s).
         on_steps: Told how many steps were done, a cell at a time.
         on_told: Told what the run waits for, when it does.
 
@@ -71,6 +71,8 @@ def cluster(
         with interrupts_held():  # what imports on the way may swallow them
             import dask
             import distributed
+
+            security = distributed.Security.temporary() if address is None else None
     except ImportError:
         raise InputError(
             "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
@@ -90,6 +92,10 @@ def cluster(
                             n_workers=jobs,
                             threads_per_worker=1,
                             host="127.0.0.1",
+                            # Others on this machine reach loopback too, and a scheduler
+                            # runs whatever it is sent.
+                            protocol="tls://",
+                            security=security,
                             dashboard_address=None,
                             # The usual port may be taken, and is another's then.
                             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
@@ -108,7 +114,7 @@ def cluster(
         if address is not None and not client.nthreads():
             on_told(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
-        here = _Core(core(), versions())
+        here = _Core(core(), versions(), registry.digest())
 
         def submit(name: int, attempt: str, priority: int) -> Any:
             task = tasks[name]
@@ -123,34 +129,37 @@ def cluster(
 
 @dataclass(frozen=True)
 class _Core:
-    """What the numbers come from; see `newmark_cli.running.store`."""
+    """What the numbers come from; see `newmark_cli.running.store`.
+
+    Attributes:
+        digest: Of the numerical core.
+        versions: Of what it computes with.
+        shipped: Digest of the shipped mechanisms, which travel by their names.
+    """
 
     digest: str
     versions: Mapping[str, str]
+    shipped: str
 
 
 def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
     """A cell on a worker, which must compute as the process that keeps the result."""
-    if core() != wanted.digest:
+    if (core(), registry.digest()) != (wanted.digest, wanted.shipped):
         import distributed
 
         there = versions()
+        same = "numerical core" if core() != wanted.digest else "set of shipped mechanisms"
         others = [
             f"{name} {there[name]}, here {wanted.versions[name]}"
             for name in unlike(there, wanted.versions)
         ]
         raise ExecutorError(
             f"the dask worker at {distributed.get_worker().address} computes with another "
-            f"{'; '.join(others) or 'numerical core of the same version'}"
+            f"{'; '.join(others) or f'{same} of the same version'}"
         )
-    if timeout is None or not wants_process(task.cell.problem):
-        return perform(task, timeout)
-    start = time.perf_counter()
-    try:
-        done: Done = call(perform, (task,), timeout)
-    except ChildError as error:
-        return Done(failed(str(error)), time.perf_counter() - start)
-    return done
+    if is_code(task.cell.problem):
+        return Apart().perform(task, timeout)
+    return perform(task, timeout)
 
 
 def _as_done(

@@ -1,4 +1,4 @@
-"""Where cells run: threads, processes, or the workers of a dask scheduler.
+"""Where cells run: threads, processes of their own, or the workers of a dask scheduler.
 
 An executor takes cells and gives back what each found as it finishes; it neither
 keeps nor writes anything.  What goes wrong in a cell is a status of the cell; what
@@ -13,16 +13,15 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import resource_tracker
-from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
 
 import numpy as np
 
-from newmark_cli import interrupts
+from newmark_cli import apart, interrupts
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms.spec import ProblemSpec, pinned
+from newmark_cli.mechanisms.spec import ProblemSpec, is_code, pinned
 from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
-from newmark_cli.running.child import end_with_parent, leave_signals_to_parent
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute
@@ -35,18 +34,18 @@ class Task:
     Attributes:
         cell: The cell.
         reference: Solution that its errors are taken from, if it measures any.
+        compiled: Whether its problem is compiled, of a task that travels; see `Apart`.
     """
 
     cell: Cell
     reference: Reference | None = None
+    compiled: bool = True
 
     def of(self, problem: ProblemSpec) -> "Task":
         """The same task, with its problem in the shape that travels."""
-        return replace(self, cell=replace(self.cell, problem=problem))
+        compiled = self.cell.problem.load().compiled
+        return replace(self, cell=replace(self.cell, problem=problem), compiled=compiled)
 
-
-#: No exit code of a process.
-_ENDED_WELL = 256
 
 #: Seconds that an interrupt waits for threads.
 _PATIENCE = 1.0
@@ -88,7 +87,7 @@ def perform(
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
             outcome = compute(task.cell, task.reference, checked)
-    except (_Stopped, InputError, KeyboardInterrupt):
+    except (_Stopped, InputError):
         raise
     except _Overtime:
         assert timeout is not None
@@ -96,6 +95,8 @@ def perform(
     except np.linalg.LinAlgError as error:
         outcome = Outcome([], 0, np.nan, "singular", user_code.described(error))
     except BaseException as error:  # an exit of the user's code included
+        if user_code.is_interrupt(error):
+            raise
         problem = task.cell.problem
         outcome = failed(user_code.described(error, problem.label if problem.load().code else ""))
     return Done(outcome, time.perf_counter() - start)
@@ -111,9 +112,55 @@ def failed(reason: str) -> Outcome:
     return Outcome([], 0, np.nan, "failed", reason)
 
 
-def wants_process(problem: ProblemSpec) -> bool:
-    """Whether a problem holds the interpreter lock: one in plain Python does."""
-    return not problem.load().compiled
+class Apart:
+    """Cells of the user's code, each in a process of its own; threads may share this object.
+
+    What one cell's code changes in its process no other cell sees.  Only cells of one
+    problem that is compiled, which takes long and leaves nothing to change, follow each
+    other in one process.
+    """
+
+    def __init__(self) -> None:
+        self._running: set[apart.Process] = set()
+        self._guard = threading.Lock()
+        self._ended = False
+
+    def perform(self, task: Task, timeout: float | None) -> Done:
+        """Run one cell; what goes wrong inside, or with its process, becomes its status.
+
+        Args:
+            task: The cell, with its problem as it travels.
+            timeout: Most wall time (s), after which its process is ended.
+
+        Raises:
+            InputError: When the cell asks for what there is not.
+        """
+        with apart.process(task.cell.problem if task.compiled else None) as process:
+            start = time.perf_counter()
+            with self._guard:
+                if self._ended:
+                    process.end()
+                self._running.add(process)
+            try:
+                done = process.call(perform, (task,), timeout)
+            except apart.TookLonger:
+                assert timeout is not None
+                return Done(overtime(timeout), timeout)
+            except apart.ApartError as error:
+                return Done(failed(str(error)), time.perf_counter() - start)
+            finally:
+                with self._guard:
+                    self._running.discard(process)
+        if not isinstance(done, Done):
+            return Done(failed("gave back what is no result"), time.perf_counter() - start)
+        return done
+
+    def end(self) -> None:
+        """End all processes that run a cell, and those that are about to."""
+        with self._guard:
+            self._ended = True
+            for process in self._running:
+                process.end()
 
 
 @contextmanager
@@ -123,7 +170,9 @@ def local(
     timeout: float | None,
     on_steps: Callable[[int], None],
 ) -> Iterator[Execution]:
-    """Threads for compiled problems, whose march releases the interpreter lock; processes else.
+    """Threads for compiled problems, whose march releases the interpreter lock.
+
+    Problems that are the user's code run in processes of their own.
 
     Leaving the context ends what still runs: threads between two stretches, and
     processes at once.  An interrupt does not wait long for threads, one of which may be
@@ -147,101 +196,56 @@ def local(
             raise _Stopped
         return perform(task, timeout, checked)
 
-    apart = {
-        name: task.of(pinned(task.cell.problem))
-        for name, task in tasks.items()
-        if wants_process(task.cell.problem)
-    }
-    threads, futures = ThreadPoolExecutor(max_workers=jobs), dict[Future[Done], int]()
-    waits = True
+    processes = Apart()
+
+    def apart_from_others(task: Task) -> Done:
+        done = processes.perform(task, timeout)
+        on_steps(task.cell.weight)
+        return done
+
+    own = _together(
+        {
+            name: task.of(pinned(task.cell.problem))
+            for name, task in tasks.items()
+            if is_code(task.cell.problem)
+        }
+    )
+    threads = ThreadPoolExecutor(max_workers=jobs)
+    waiting = ThreadPoolExecutor(max_workers=max(min(jobs, len(own)), 1))
+    futures, waits = dict[Future[Done], int](), True
     try:
-        with _processes(jobs, len(apart)) as start:
-            futures |= {start(task, timeout): name for name, task in apart.items()}
-            futures |= {
-                threads.submit(threaded, task): name
-                for name, task in tasks.items()
-                if name not in apart
-            }
-            yield _as_done(futures, tasks, apart, timeout, on_steps)
+        futures |= {waiting.submit(apart_from_others, task): name for name, task in own.items()}
+        futures |= {
+            threads.submit(threaded, task): name for name, task in tasks.items() if name not in own
+        }
+        yield ((futures[future], future.result()) for future in as_completed(futures))
     except KeyboardInterrupt:
         waits = False
         raise
     finally:
         stopped.set()
-        threads.shutdown(wait=waits, cancel_futures=True)
+        for pool in (waiting, threads):
+            pool.shutdown(wait=False, cancel_futures=True)
+        processes.end()
+        waiting.shutdown()
+        threads.shutdown(wait=waits)
         until = time.monotonic() + _PATIENCE
-        while any(future.running() for future, name in futures.items() if name not in apart):
+        while any(future.running() for future, name in futures.items() if name not in own):
             if time.monotonic() > until:
                 interrupts.leave_threads()
                 break
             time.sleep(0.01)
 
 
-def _as_done(
-    futures: Mapping[Future[Done], int],
-    tasks: Mapping[int, Task],
-    apart: Mapping[int, Task],
-    timeout: float | None,
-    on_steps: Callable[[int], None],
-) -> Execution:
-    from pebble import ProcessExpired
-
-    for future in as_completed(futures):
-        name = futures[future]
-        try:
-            done = future.result()
-        except TimeoutError:
-            assert timeout is not None
-            done = Done(overtime(timeout), timeout)
-        except ProcessExpired as error:
-            code = 0 if error.exitcode == _ENDED_WELL else error.exitcode
-            done = Done(failed(f"its process ended with code {code}"), 0.0)
-        if name in apart:
-            on_steps(tasks[name].cell.weight)
-        yield name, done
-
-
-class _Worker(SpawnProcess):
-    """A process of the pool, which has died if it ends by itself.
-
-    pebble takes code 0 for a good end, and waits for the cell ever after.
-    """
-
-    @property
-    def exitcode(self) -> int | None:
-        code = super().exitcode
-        return _ENDED_WELL if code == 0 else code
-
-    def terminate(self) -> None:
-        """End the process, which leaves SIGTERM to the one that has started it."""
-        self.kill()
-
-
-class _Context(SpawnContext):
-    """Forked, processes would inherit the locks of threads that do not run in them."""
-
-    Process = _Worker
-
-
-@contextmanager
-def _processes(jobs: int, tasks: int) -> Iterator[Callable[[Task, float | None], "Future[Done]"]]:
-    """A pool of processes, started with the first task."""
-    from pebble import ProcessPool
-
-    pool = ProcessPool(max(min(jobs, tasks), 1), initializer=_prepare, context=_Context())
-
-    def start(task: Task, timeout: float | None) -> Future[Done]:
-        with interrupts_held():
-            return pool.schedule(perform, args=[task], timeout=timeout)
-
-    try:
-        yield start
-        pool.close()
-        pool.join()
-    except BaseException:
-        pool.stop()
-        pool.join()
-        raise
+def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:
+    """The same, with cells of one compiled problem next to each other."""
+    first: dict[Any, int] = {}
+    for place, task in enumerate(tasks.values()):
+        if task.compiled:
+            first.setdefault(task.cell.problem, place)
+    places = {name: place for place, name in enumerate(tasks)}
+    order = sorted(tasks, key=lambda name: first.get(tasks[name].cell.problem, places[name]))
+    return {name: tasks[name] for name in order}
 
 
 @contextmanager
@@ -257,9 +261,3 @@ def interrupts_held() -> Iterator[None]:
             yield
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _prepare() -> None:
-    """A process of the pool ends with the one that has started it, and not before."""
-    leave_signals_to_parent()
-    end_with_parent()

@@ -1,10 +1,12 @@
 """One run at a time per results folder."""
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
 import platform
+import warnings
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -28,6 +30,9 @@ def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
 
     Raises:
         ResultsError: When another run holds it; names that run.
+
+    Warns:
+        UserWarning: When its file system has no locks: the run goes on.
     """
     with contextlib.ExitStack() as stack:
         if shard:
@@ -48,8 +53,14 @@ def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
     with open(descriptor, "r+", encoding="utf-8") as file:
         try:
             fcntl.flock(file, kind | fcntl.LOCK_NB)
-        except OSError:
-            raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES):
+                raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
+            # Every file is replaced as a whole: two runs would only do the same work twice.
+            warnings.warn(
+                f"{folder}: cannot be locked ({error.strerror}); let no other run use it meanwhile",
+                stacklevel=2,
+            )
         started = datetime.now().astimezone().isoformat(timespec="seconds")
         holder = {"what": what, "process": os.getpid(), "host": platform.node(), "started": started}
         # On a full disk the lock holds all the same, and whoever is refused learns less.

@@ -12,17 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import interrupts
+from newmark_cli import apart, interrupts
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms.spec import ProblemSpec, pinned
+from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
+from newmark_cli.problems import reference
+from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.running import child, executors, prune
+from newmark_cli.running import executors, prune
 from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
-from newmark_cli.running.store import Store, file_name
+from newmark_cli.running.store import NOT_RUN, Store, file_name
 from newmark_cli.study import motion, provenance, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
@@ -229,11 +231,13 @@ class Merged:
     Attributes:
         taken: Cells taken from each folder.
         missing: Cells that are missing of each study.
+        why: For each study, why kept cells do not count among them → how many.
         runs: The studies, when nothing is missing.
     """
 
     taken: tuple[int, ...]
     missing: tuple[int, ...]
+    why: tuple[Mapping[str, int], ...]
     runs: tuple[StudyRun, ...]
 
 
@@ -258,12 +262,20 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
         if any(missing):
             for study in studies:
                 prune.begun(folder, study)
-            return Merged(taken, missing, ())
+            why = tuple(
+                Counter(
+                    one.why
+                    for one in planned
+                    if one.study == s and one.done is None and one.why != NOT_RUN
+                )
+                for s in range(len(studies))
+            )
+            return Merged(taken, missing, why, ())
         open_runs = _OpenRuns(studies, folder, Options(jobs=1), planned, writes=True)
         for i, one in enumerate(planned):
             assert one.done is not None
             open_runs.took(i, one.done)
-        return Merged(taken, missing, tuple(open_runs.close()))
+        return Merged(taken, missing, (), tuple(open_runs.close()))
 
 
 @contextlib.contextmanager
@@ -273,6 +285,9 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
+    for part in (folder / name for name in ("cells", "history", "references")):
+        if part.exists():
+            results.require_writable(part, ())
     with locked(folder, f"{what} {' '.join(names)}", shard):
         Store(folder).prepare()
         if not shard:  # which others hold too
@@ -281,14 +296,13 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
 
 
 def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
-    """A reference, in time: plain Python, which might not come back, in a process."""
+    """A reference, in time: the user's code, which might not come back, in a process."""
     where = f"{spec.label}: no reference at t = {t:g}"
-    if executors.wants_process(spec):
+    if is_code(spec):
         try:
-            found: Reference = child.call(solved, (pinned(spec), t), timeout)
-        except child.ChildError as error:
+            return with_problem(spec, reference.solution, t, timeout=timeout)
+        except apart.ApartError as error:
             raise NoReference(f"{where}: {error}") from None
-        return found
     start = time.perf_counter()
 
     def watch() -> None:
@@ -345,9 +359,9 @@ def _execution(
         ) as running:
             yield running
     else:
-        apart = sum(executors.wants_process(task.cell.problem) for task in tasks.values())
-        threads = _counted(min(options.jobs, len(tasks) - apart), "thread", "threads")
-        processes = _counted(min(options.jobs, apart), "process", "processes")
+        own = sum(is_code(task.cell.problem) for task in tasks.values())
+        threads = _counted(min(options.jobs, len(tasks) - own), "thread", "threads")
+        processes = _counted(min(options.jobs, own), "process", "processes")
         places = " and ".join(filter(None, (threads, processes)))
         watcher.told(f"{cells} on {places}")
         with executors.local(tasks, options.jobs, options.timeout, watcher.steps) as running:
@@ -462,15 +476,24 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         if cell.steps > 0:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
             longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
-    with np.errstate(all="ignore"):
-        found = {
-            spec.label: motion.facts(spec.load(), t_end, h) for spec, (t_end, h) in longest.items()
-        }
+    found = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
     return {
         label: {"singular": list(facts.singular), "still": facts.still}
         for label, facts in found.items()
         if facts != motion.Facts()
     }
+
+
+def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
+    try:
+        return with_problem(spec, _quiet_facts, t_end, h)
+    except apart.ApartError:  # the cells have told what goes wrong
+        return motion.Facts()
+
+
+def _quiet_facts(problem: Problem, t_end: float, h: float) -> motion.Facts:
+    with np.errstate(all="ignore"):
+        return motion.facts(problem, t_end, h)
 
 
 def weight(planned: Sequence[Planned]) -> int:

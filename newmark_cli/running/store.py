@@ -25,10 +25,12 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed
-from newmark_cli.study import axes
+from newmark_cli.study import axes, provenance
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
+#: Why a cell is to run of which nothing is kept.
+NOT_RUN = "not run yet"
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
 #: What reading a record may raise.
@@ -147,11 +149,14 @@ class Store:
         if same_problem:
             told = same_problem[-1].get("versions")
             before, now = told if isinstance(told, dict) else {}, versions()
-            changed = [f"{name} {before.get(name)} -> {now[name]}" for name in unlike(before, now)]
+            changed = [
+                f"{name} {before.get(name, 'not recorded')} -> {now[name]}"
+                for name in unlike(before, now)
+            ]
             return ", ".join(changed) or "the numerical core has changed"
         if others:
             return "the problem has changed"
-        return "not run yet"
+        return NOT_RUN
 
     def take(self, folder: Path) -> int:
         """Copy the cells of another results folder; returns how many were taken.
@@ -203,7 +208,7 @@ def _key(cell: Cell) -> _Key:
 
 @cache
 def core() -> str:
-    """Digest of the code that the numbers come from, its libraries and processor type.
+    """Digest of the code that the numbers come from, its libraries, and what they compute for.
 
     Everything below `newmark_cli.newmark`, `newmark_cli.problems` and
     `newmark_cli.mechanisms`, and the march of a cell.
@@ -225,11 +230,17 @@ def core() -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what the numbers come from, and the type of processor, by name."""
+    """Versions of what the numbers come from, and what they compute for, by name.
+
+    Not the code of the libraries only: the kernel that a BLAS has chosen decides the last
+    digits of condition numbers.
+    """
     return {
         "newmark-study": newmark_cli.__version__,
         "machine": platform.machine(),
         **{name: version(name) for name in _LIBRARIES},
+        "BLAS": provenance.blas_loaded(),
+        "BLAS kernel": provenance.blas_kernel(),
     }
 
 

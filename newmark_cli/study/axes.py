@@ -8,6 +8,7 @@ A new axis is one more field of `Cell` (or of `RowAxes`, for what tells the rows
 cell apart), besides the code that gives it a meaning.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from functools import cache
@@ -22,6 +23,9 @@ from newmark_cli.newmark.scheme import DIRECT, Tolerance
 
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.spec import ProblemSpec
+
+#: Names of studies, and so of their files.
+STUDY_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 TRAPEZOIDAL = Newmark().label
 SATURATION = "saturation"

@@ -19,6 +19,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from newmark_cli import documents
+from newmark_cli.apart import ApartError
 from newmark_cli.documents import (
     Document,
     DocumentError,
@@ -26,7 +27,7 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms.spec import ProblemSpec
+from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import (
     AUTO,
@@ -54,7 +55,7 @@ from newmark_cli.study.keys import (
     problem_of,
     scaling_of,
 )
-from newmark_cli.study.measures import MEASURES, Measure
+from newmark_cli.study.measures import HISTORY, MEASURES, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -63,6 +64,10 @@ MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
+
+
+# Multipliers in the time series of a study: 100 MB of CSV, 150 MB of kept cells, 1 GB of memory.
+_MOST_RECORDED = 5_000_000
 
 
 class _Rules(StrictModel):
@@ -126,12 +131,19 @@ class _Rules(StrictModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """What a problem is not fit for; loads problems only where it matters."""
+        if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
+            yield misfit(
+                "samples",
+                f"history of {self.recorded} multipliers, at most {_MOST_RECORDED}; lower "
+                f"samples, given {self.samples}",
+            )
         if not (
             COMPENSATED in self.evaluation
             or MINRES in self.linear_solver
             or "float32" in self.precision
         ):
             return
+        looked_at: list[Problem] = []
         for spec in self.problem:
             traits = spec.traits()
             if COMPENSATED in self.evaluation and not traits.sample.quadratic:
@@ -140,8 +152,10 @@ class _Rules(StrictModel):
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
-            if MINRES in self.linear_solver:
-                yield from self._asymmetric(spec.label, traits.sample)
+            # Members of one family have one sample, and there may be a thousand.
+            if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
+                looked_at.append(traits.sample)
+                yield from self._asymmetric(spec, traits.sample)
             if "float32" not in self.precision:
                 continue
             if not traits.sample.single:
@@ -150,21 +164,27 @@ class _Rules(StrictModel):
                 if choose(solver, traits, FORMS[form]) != DENSE:
                     yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
 
-    def _asymmetric(self, label: str, problem: Problem) -> Iterator[PydanticCustomError]:
+    def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
         from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
 
         for form, variant, integrator in product(self.form, self.variants(), self.integrator):
             scaling = variant.scaling(FORMS[form])
             scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
             try:
-                symmetric = is_symmetric(problem, scheme)
+                if is_code(spec):
+                    symmetric = with_problem(spec, is_symmetric, scheme)
+                else:
+                    symmetric = is_symmetric(sample, scheme)
+            except ApartError as error:
+                yield misfit("linear_solver", f"{MINRES}: the matrix of {spec.label}: {error}")
+                return
             except ArithmeticError:
                 yield misfit("h", f"too large or too small, given {self.h[0]:g}")
                 return
             if not symmetric:
                 yield misfit(
                     "linear_solver",
-                    f"{MINRES}: the matrix of {label}, {form}, {variant.name} is not "
+                    f"{MINRES}: the matrix of {spec.label}, {form}, {variant.name} is not "
                     f"symmetric; take {GMRES}",
                 )
 
@@ -187,6 +207,20 @@ class _Rules(StrictModel):
         return math.prod(
             len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
         )
+
+    @property
+    def recorded(self) -> int:
+        """Number of multipliers in the time series; 0 where none is measured."""
+        if HISTORY.name not in self.measure or (self.t_end is None and self.steps is None):
+            return 0
+        lengths = (
+            round(min(self.t_end / h, MOST_STEPS)) if self.steps is None else self.steps
+            for h in self.h
+        )
+        pairs = sum(min(steps, 2 * min(steps, self.samples)) for steps in lengths)
+        multipliers = sum(spec.traits().m for spec in self.problem)
+        others = self.count // (len(self.h) * len(self.problem))
+        return int(pairs * multipliers * others)
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -311,15 +345,20 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             wrong = {mistake.path[0] for mistake in error.mistakes if mistake.path}
             shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
     cases: dict[int, Case] = {}
+    count = 0
     for i, case in enumerate(given):
+        if mistakes.full:  # nobody reads a thousand, and looking takes its time
+            mistakes.stop()
+            break
         with mistakes.gathered():
             cases[i] = _case(document, shared, case, i, around)
-        if sum(case.count for case in cases.values()) > _MOST_CELLS:
+            count += cases[i].count
+        if count > _MOST_CELLS:
             mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
             break
     with mistakes.gathered():
         study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
-    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels):
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_history):
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
@@ -346,24 +385,41 @@ def _case(
 
 def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
     """Grids have a cell in common if they share a value along every axis."""
-    known: list[dict[str, tuple[Any, ...]]] = []
+    known: list[dict[str, Collection[Any]]] = []
     for case in cases.values():
         ours = case.axes()
         for theirs in known:
+            if not all(any(map(theirs[name].__contains__, ours[name])) for name in ours):
+                continue
             shared = {
-                name: [value for value in mine if value in theirs[name]]
-                for name, mine in ours.items()
+                name: next(filter(theirs[name].__contains__, mine)) for name, mine in ours.items()
             }
-            if all(shared.values()):
-                problem, form, scaling, h, measure = (
-                    shared[name][0]
-                    for name in ("problem", "form", "preconditioning", "h", "measure")
-                )
-                raise document.error(
-                    ("cases",),
-                    f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
-                )
-        known.append(ours)
+            problem, form, scaling, h, measure = (
+                shared[name] for name in ("problem", "form", "preconditioning", "h", "measure")
+            )
+            raise document.error(
+                ("cases",),
+                f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
+            )
+        known.append({name: _looked_up(values) for name, values in ours.items()})
+
+
+def _refuse_long_history(document: Document, cases: Mapping[int, Case]) -> None:
+    recorded = sum(case.recorded for case in cases.values())
+    if recorded > _MOST_RECORDED:
+        raise document.error(
+            ("cases",),
+            f"history of {recorded} multipliers in all cases, at most {_MOST_RECORDED}; "
+            "lower samples",
+        )
+
+
+def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:
+    """Values to look others up in, quickly where they can be hashed."""
+    try:
+        return frozenset(values)
+    except TypeError:
+        return values
 
 
 def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> None:

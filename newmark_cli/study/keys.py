@@ -60,15 +60,17 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.spelling import closest, nearest
 from newmark_cli.study import drawing
+from newmark_cli.study.axes import STUDY_NAME
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_ITEMS = 1_000
 _MOST_FIGURES = 100
+# Every row of the CSV has the problem's name, which is file, function and arguments.
+_LONGEST_LABEL = 2_000
 # From the beginning to the end of the text: $ would allow a line end behind it.
 _LINE = r"^[^\x00-\x1f\x7f]{1,200}(?![\s\S])"
 
@@ -134,7 +136,7 @@ class _Known:
 
 
 def _name(text: str) -> str:
-    if not _NAME.fullmatch(text):
+    if not STUDY_NAME.fullmatch(text):
         raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
     if text in _RESERVED:
         raise ValueError("is the name of a file that 'check' writes; take another name")
@@ -145,7 +147,7 @@ Positive = Annotated[Number, Field(gt=0)]
 Name = Annotated[
     str,
     AfterValidator(_name),
-    also(pattern=f"^{_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
+    also(pattern=f"^{STUDY_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
 ]
 # A factor of a scaling, but that nobody counts its parentheses: symbols and positive
 # numbers with whole powers up to 16, joined by * and /.
@@ -415,6 +417,13 @@ def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
     """The problem, once it has shown that it can be used."""
     if spec in around.refused:
         raise documents.reported()
+    if len(spec.label) > _LONGEST_LABEL:
+        raise ValueError(
+            f"too long for a name in the CSV: {len(spec.label)} characters, at most "
+            f"{_LONGEST_LABEL}"
+        )
+    if re.search("[\ud800-\udfff]", spec.label):
+        raise ValueError("half a surrogate pair cannot be written into a CSV")
     try:
         spec.load()
     except InputError as error:

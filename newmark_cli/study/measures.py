@@ -19,7 +19,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import integrator
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
@@ -48,6 +48,10 @@ def symbol(quantity: str) -> str:
 
 def _math(quantity: str) -> str:
     return _MATH.get(quantity, quantity)
+
+
+#: Measure, quantity, role and row block of a row of the CSV.
+RowName = tuple[str, str, str, str]
 
 
 class Observer:
@@ -151,6 +155,9 @@ class Measure:
         solvers: Linear solvers that it is about; any when empty.
         at_end: Whether it is taken at t_end, which must then be a whole number of steps.
         reference: Whether it needs the solution at the end.
+        rows: Measure, quantity, role and row block of every row that a cell of a form has
+            of it, in their order; None where that is not known beforehand.
+        may_lack: Quantities of which there are rows for some problems only.
     """
 
     name: str
@@ -162,6 +169,14 @@ class Measure:
     solvers: tuple[str, ...] = ()
     at_end: bool = False
     reference: bool = False
+    rows: Callable[[Form], Sequence[RowName]] | None = None
+    may_lack: tuple[str, ...] = ()
+
+
+def _primary(*rows: tuple[str, str]) -> Callable[[Form], Sequence[RowName]]:
+    """Rows, by measure and quantity, that are the same in every form."""
+    names = tuple((measure, quantity, "primary", "") for measure, quantity in rows)
+    return lambda form: names
 
 
 def sample_steps(steps: int, samples: int) -> IndexArray:
@@ -225,6 +240,20 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
     return found
 
 
+def _rows_of_corrections(form: Form) -> list[RowName]:
+    """As `corrections` gives them."""
+    scaled = [(unknown, "correction", "primary") for unknown in form.unknowns]
+    physical = [
+        (
+            quantity,
+            "physical_correction",
+            "recovered" if quantity in form.eliminated else "primary",
+        )
+        for quantity in (*FIELDS, "lambda")
+    ]
+    return [(measure, quantity, role, "") for quantity, measure, role in (*scaled, *physical)]
+
+
 @cache
 def _orders(form: str, compensated: bool) -> FormOrders:
     return form_orders(FORMS[form], compensated=compensated)
@@ -277,6 +306,7 @@ CORRECTION = Measure(
     ),
     _Corrections,
     stop=False,
+    rows=_rows_of_corrections,
 )
 
 
@@ -322,6 +352,7 @@ CONDITION = Measure(
     ),
     _Conditions,
     along_steps=False,
+    rows=_primary(("condition", "jacobian")),
 )
 
 
@@ -379,6 +410,9 @@ SENSITIVITY = Measure(
     ),
     _Sensitivities,
     along_steps=False,
+    rows=lambda form: [
+        ("sensitivity", unknown, "primary", row) for row in form.rows for unknown in form.unknowns
+    ],
 )
 
 
@@ -451,6 +485,7 @@ ERROR = Measure(
     _Errors,
     at_end=True,
     reference=True,
+    rows=_primary(*(("error", quantity) for quantity in ("u", "v", "lambda"))),
 )
 
 
@@ -500,6 +535,10 @@ INVARIANT = Measure(
         ),
     ),
     _Invariants,
+    rows=_primary(
+        *(("invariant", name) for name in ("position", "velocity", "multiplier", "energy"))
+    ),
+    may_lack=("energy",),
 )
 
 
@@ -550,6 +589,7 @@ KRYLOV = Measure(
     ),
     _Krylov,
     solvers=(GMRES, MINRES),
+    rows=_primary(("krylov_iterations", "jacobian"), ("krylov_residual", "jacobian")),
 )
 
 
@@ -587,6 +627,7 @@ TOLERANCE = Measure(
     ),
     _Iterations,
     stop=True,
+    rows=_primary(("tolerance", "newton")),
 )
 
 
@@ -625,6 +666,7 @@ HISTORY = Measure(
         ),
     ),
     _History,
+    rows=_primary(("history", "lambda")),
 )
 
 

@@ -26,6 +26,8 @@ DAMPED = GeneralizedAlpha(0.9)
 VISIBLE = 1e-3
 #: Steps of the first try, and how often they are halved when the user leaves them open.
 _STEPS, _HALVINGS = 1000, 6
+#: Most steps, as in a study.
+_MOST_STEPS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,8 @@ def motion(
         InputError: When the march does not get to the end.
     """
     if h is not None:
+        if not t_end / h <= _MOST_STEPS:
+            raise InputError(f"more than {_MOST_STEPS} steps to t = {t_end:g} with h = {h:g}")
         return _judged(
             problem, t_end, frames, max(round(t_end / h), frames - 1), integrator, halvings=0
         )
@@ -115,12 +119,24 @@ def _marched(
     problem: Problem, t_end: float, frames: int, steps: int, integrator: Integrator
 ) -> Motion:
     h = t_end / steps
+    try:
+        with np.errstate(all="ignore"):
+            return _marched_with(problem, h, frames, steps, integrator)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        why = error.args[-1] if error.args else type(error).__name__
+        raise InputError(f"no march to t = {t_end:g} with h = {h:g}: {why}") from None
+
+
+def _marched_with(
+    problem: Problem, h: float, frames: int, steps: int, integrator: Integrator
+) -> Motion:
     march = March(problem, _scheme(integrator, h))
     recorder = Recorder(march, most=frames)
     recorder.keep_here()
     for stretch in march.recorded(steps, _spread(steps, frames)):
         recorder.took(stretch)
-        if march.ending != COMPLETED or np.any(stretch.iterations < 0):
+        failed = march.ending != COMPLETED or not recorder.finite
+        if failed or np.any(stretch.iterations < 0):
             raise InputError(
                 f"the march fails before t = {march.t - problem.t0:g} with h = {h:g}: Newton's "
                 "iteration does not converge; try a smaller --h, or the motion ends there"

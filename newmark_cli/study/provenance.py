@@ -1,10 +1,11 @@
 """What stands beside a CSV: config, code, versions, machine, wall times, checksums."""
 
 import hashlib
+import importlib
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
@@ -56,7 +57,7 @@ def record(
     return {
         "study": study.study,
         "config": config,
-        "config_sha256": checksum(json.dumps(config, sort_keys=True, separators=(",", ":"))),
+        "config_sha256": config_checksum(config),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "newmark-study": newmark_cli.__version__,
@@ -88,6 +89,11 @@ def record(
     }
 
 
+def config_checksum(config: Mapping[str, Any]) -> str:
+    """SHA-256 of a resolved config, whatever the order of its keys."""
+    return checksum(json.dumps(config, sort_keys=True, separators=(",", ":")))
+
+
 def checksum(content: str | bytes) -> str:
     """SHA-256 of a file's content, text in UTF-8, as hexadecimal digits."""
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
@@ -115,15 +121,44 @@ def _installed_commit() -> str | None:
 
 
 def blas() -> dict[str, Any]:
-    """BLAS that numpy and scipy were built with, and the threads that it may take.
+    """BLAS that numpy and scipy were built with, what runs, and the threads that it may take.
 
     A variable that is not set leaves the number to the BLAS: None.
     """
     return {
         "numpy": _blas_of(np.show_config(mode="dicts")),
         "scipy": _blas_of(scipy.show_config(mode="dicts")),
+        "loaded": blas_loaded(),
+        "kernel": blas_kernel(),
         "threads": {name: os.environ.get(name) for name in THREAD_VARIABLES},
     }
+
+
+def blas_loaded() -> str:
+    """Libraries of numpy and scipy that are loaded, with their versions."""
+    return _told(" ".join(filter(None, (one["internal_api"], one["version"]))) for one in _loaded())
+
+
+def blas_kernel() -> str:
+    """Type of processor that these libraries compute for, which decides their last digits.
+
+    They choose it as they are loaded, by the processor or by variables such as
+    ``OPENBLAS_CORETYPE``; "unknown" where they do not tell.
+    """
+    return _told(one.get("architecture") or "unknown" for one in _loaded())
+
+
+def _told(found: Iterable[str]) -> str:
+    return ", ".join(sorted(set(found))) or "unknown"
+
+
+@cache
+def _loaded() -> list[dict[str, Any]]:
+    """What is known of each BLAS in this process."""
+    importlib.import_module("scipy.linalg")  # brings its own
+    from threadpoolctl import threadpool_info
+
+    return [one for one in threadpool_info() if one["user_api"] == "blas"]
 
 
 def _blas_of(build: Any) -> str | None:

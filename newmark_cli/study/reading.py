@@ -12,7 +12,7 @@ from newmark_cli.errors import ResultsError
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, results
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
-from newmark_cli.study.results import COLUMNS, NUMBERS
+from newmark_cli.study.results import COLUMNS, NUMBERS, parse_csv
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,9 +36,14 @@ def study_files(folder: Path) -> list[Path]:
     """CSVs of the studies in a results folder, by name.
 
     Raises:
-        ResultsError: When there is none.
+        ResultsError: When there is none, or a CSV has a name that no study has.
     """
     files = sorted(file for file in folder.glob("*.csv") if file.name not in NOT_STUDIES)
+    for file in files:
+        if not axes.STUDY_NAME.fullmatch(file.stem):
+            raise ResultsError(
+                f"{file}: no study of a name other than letters, digits, '.', '_', '-'"
+            )
     if not files:
         raise ResultsError(f"{folder}: no results; run 'newmark-study reproduce' or 'run' first")
     return files
@@ -80,6 +85,9 @@ def read_csv(
         defaults: Column that it may lack → what it then has there.
         content: Its content, or why it cannot be read, if that is known.
 
+    Returns:
+        Its rows; the index is the line in which each begins, counted from 1.
+
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
@@ -93,10 +101,10 @@ def read_csv(
     except UnicodeDecodeError:
         raise ResultsError(f"{path}, line 1: not a text file in UTF-8") from None
     try:
-        lines = list(csv.reader(text.splitlines()))
+        rows, begins = parse_csv(text)
     except csv.Error as error:
         raise ResultsError(f"{path}: not a CSV: {error}") from None
-    header = tuple(lines[0]) if lines else ()
+    header = tuple(rows[0]) if rows else ()
     missing = [name for name in columns if name not in header and name not in defaults]
     ordered = [name for name in columns if name in header]
     if missing or ordered != [name for name in header if name in columns]:
@@ -104,20 +112,25 @@ def read_csv(
         raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
     if len(set(header)) < len(header):
         raise ResultsError(f"{path}, line 1: a column is named twice")
-    if not text.endswith("\n") or len(lines) < 2:
-        raise ResultsError(f"{path}, line {len(lines)}: truncated; run the study again")
-    for row, line in enumerate(lines[1:], start=2):
-        if len(line) != len(header):
+    if not text.endswith("\n") or len(rows) < 2:
+        raise ResultsError(f"{path}, line {begins[-1]}: truncated; run the study again")
+    for row, line in zip(rows[1:], begins[1:], strict=True):
+        if len(row) != len(header):
             raise ResultsError(
-                f"{path}, line {row}: {len(line)} fields where {len(header)} belong; truncated?"
+                f"{path}, line {line}: {len(row)} fields where {len(header)} belong; truncated?"
             )
     import pandas as pd
 
-    frame = pd.DataFrame(lines[1:], columns=list(header))
+    frame = pd.DataFrame(rows[1:], columns=list(header), index=begins[1:])
     for name, text in defaults.items():
         if name not in header:
             frame[name] = text
     return frame
+
+
+def read_texts(path: Path, content: bytes | OSError | None = None) -> "pd.DataFrame":
+    """Rows of one study's CSV as text; see `read_csv`."""
+    return read_csv(path, COLUMNS, _DEFAULTS, content)
 
 
 def read_study(path: Path) -> "pd.DataFrame":
@@ -133,27 +146,27 @@ def read_study(path: Path) -> "pd.DataFrame":
         ResultsError: When the file is missing, truncated or of another schema.
     """
     contents = results.read(path)
-    frame = read_csv(path, COLUMNS, _DEFAULTS, contents[path])
+    frame = read_texts(path, contents[path])
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in frame[axis.name].unique()}
         frame[axis.name] = frame[axis.name].map(spellings)
     for column in NUMBERS:
-        frame[column] = [
-            number(path, row, column, given) for row, given in enumerate(frame[column], start=2)
-        ]
+        frame[column] = [number(path, line, column, given) for line, given in frame[column].items()]
     for column, allowed in (("status", STATUSES), ("study", (path.stem,))):
-        for row, given in enumerate(frame[column], start=2):
+        for line, given in frame[column].items():
             if given not in allowed:
                 raise ResultsError(
-                    f"{path}, line {row}: {column} is {given!r}; allowed here: {', '.join(allowed)}"
+                    f"{path}, line {line}: {column} is {given!r}; allowed here: "
+                    f"{', '.join(allowed)}"
                 )
-    for row, h in enumerate(frame["h"], start=2):
+    for line, h in frame["h"].items():
         if not (math.isfinite(h) and h > 0):
-            raise ResultsError(f"{path}, line {row}: h must be positive, given {h:g}")
+            raise ResultsError(f"{path}, line {line}: h must be positive, given {h:g}")
     repeated = frame.duplicated([*SERIES, "h", "steps"])
     if repeated.any():
-        raise ResultsError(f"{path}, line {int(repeated.argmax()) + 2}: the row is there twice")
-    _require_recorded_rows(path, len(frame), _parsed(contents[path.with_suffix(".json")]))
+        raise ResultsError(f"{path}, line {repeated.idxmax()}: the row is there twice")
+    record = _parsed(contents[path.with_suffix(".json")])
+    _require_recorded_rows(path, len(frame), int(frame.index[-1]) + 1, record)
     return frame
 
 
@@ -183,12 +196,12 @@ def motions(path: Path) -> dict[str, tuple[tuple[float, ...], bool]]:
     return found
 
 
-def _require_recorded_rows(path: Path, rows: int, record: Mapping[str, Any]) -> None:
+def _require_recorded_rows(path: Path, rows: int, end: int, record: Mapping[str, Any]) -> None:
     """A CSV that was cut at the end of a line tells by what stands beside it."""
     recorded = record.get("rows")
     if isinstance(recorded, int) and recorded != rows:
         raise ResultsError(
-            f"{path}, line {rows + 1}: {rows} rows where {recorded} were written; truncated?"
+            f"{path}, line {end}: {rows} rows where {recorded} were written; truncated?"
         )
 
 
@@ -205,15 +218,17 @@ def _parsed(content: bytes | OSError) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def number(path: Path, row: int, column: str, given: str) -> float:
+def number(path: Path, line: Any, column: str, given: str) -> float:
     """A number of a CSV; NaN where the cell is empty.
 
     Raises:
-        ResultsError: When it is none; names the row, counted from 1.
+        ResultsError: When it is none; names the line, counted from 1.
     """
     if given == "":
         return math.nan
     try:
         return float(given)
     except ValueError:
-        raise ResultsError(f"{path}, line {row}: {column}: not a number, given {given!r}") from None
+        raise ResultsError(
+            f"{path}, line {line}: {column}: not a number, given {given!r}"
+        ) from None

@@ -3,6 +3,7 @@
 import csv
 import io
 import os
+import re
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -72,34 +73,74 @@ def history_path(folder: Path, study: str) -> Path:
 
 def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
-    table = [
-        {"study": study}
-        | axes.labels(cell)
-        | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
-        | {f"lambda_{k + 1}": float(value) for k, value in enumerate(multipliers)}
-        for cell, outcome in zip(cells, outcomes, strict=True)
-        for step, multipliers in outcome.history
+    recording = [
+        (cell, outcome) for cell, outcome in zip(cells, outcomes, strict=True) if outcome.history
     ]
-    multipliers = [len(values) for outcome in outcomes for _, values in outcome.history]
+    if not recording:
+        return ""
+    most = max(len(values) for _, outcome in recording for _, values in outcome.history)
+    names = [f"lambda_{k + 1}" for k in range(most)]
+    labels = [axes.labels(cell) for cell, _ in recording]
     told = [
         axis.name
         for axis in axes.cell_axes()
-        if axis.name in HISTORY_MAY_HAVE and any(row[axis.name] != axis.usual for row in table)
+        if axis.name in HISTORY_MAY_HAVE and any(each[axis.name] != axis.usual for each in labels)
     ]
-    names = (f"lambda_{k + 1}" for k in range(max(multipliers, default=0)))
-    columns = (*HISTORY_COLUMNS, *told, *names)
-    return csv_text(columns, table) if table else ""
+    # Row by row: there may be millions of values.
+    table = (
+        {"study": study}
+        | label
+        | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
+        | dict(zip(names, multipliers.tolist(), strict=False))
+        for label, (cell, outcome) in zip(labels, recording, strict=True)
+        for step, multipliers in outcome.history
+    )
+    return csv_text((*HISTORY_COLUMNS, *told, *names), table)
 
 
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
-    """CSV with floats that read back to the same bits; what is missing or NaN is empty."""
+    """CSV with floats that read back to the same bits; what is missing or NaN is empty.
+
+    Text reads back as it was, whatever characters it has: what would end a line is
+    quoted, and what a spreadsheet would take for a formula has an apostrophe before it.
+    """
     columns = list(columns)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+    lines = _Lines()
+    # The writer quotes what is part of its line end: \r as well as \n.
+    writer = csv.writer(lines, lineterminator="\r\n")
     writer.writerow(columns)
     for row in table:
         writer.writerow([_spell(row.get(column)) for column in columns])
-    return text.getvalue()
+    return "".join(lines.written)
+
+
+class _Lines:
+    """What a `csv.writer` writes, each row ended by a line feed only."""
+
+    def __init__(self) -> None:
+        self.written: list[str] = []
+
+    def write(self, row: str) -> None:
+        self.written.append(row.removesuffix("\r\n") + "\n")
+
+
+def parse_csv(text: str) -> tuple[list[list[str]], list[int]]:
+    """Fields of a CSV as `csv_text` was given them, and the line in which each row begins.
+
+    Args:
+        text: All of the file, its line ends as they are.
+
+    Raises:
+        csv.Error: When it is none.
+    """
+    rows, begins, before = [], [], 0
+    # Lines end at line feeds only: a name may have what other programs end a line with.
+    reader = csv.reader(io.StringIO(text, newline="\n"))
+    for row in reader:
+        rows.append([_unguarded(field) for field in row])
+        begins.append(before + 1)
+        before = reader.line_num
+    return rows, begins
 
 
 def _spell(value: Any) -> str:
@@ -107,7 +148,24 @@ def _spell(value: Any) -> str:
         return ""
     if isinstance(value, float):
         return repr(float(value))
-    return str(value)
+    return _guarded(value) if isinstance(value, str) else str(value)
+
+
+#: Where a spreadsheet that separates by commas, semicolons or tabs begins a cell with what
+#: it takes for a formula; a cell may begin with blanks and quotes.
+_FORMULA = re.compile(r"""((?:^|[,;|\t\r\n])(?=[ "']*[=+\-@\t\r＝＋－＠]))""")
+_GUARDED = re.compile(r"""((?:^|[,;|\t\r\n]))'(?=[ "']*[=+\-@\t\r＝＋－＠])""")
+#: Numbers between blanks, which are no formula whatever their sign is.
+_PLAIN_NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?( ([-+]?[0-9.]+(e[-+]?[0-9]+)?|nan))*")
+
+
+def _guarded(text: str) -> str:
+    """Text that no spreadsheet takes for a formula; `_unguarded` brings it back."""
+    return text if _PLAIN_NUMBERS.fullmatch(text) else _FORMULA.sub(r"\1'", text)
+
+
+def _unguarded(text: str) -> str:
+    return _GUARDED.sub(r"\1", text) if "'" in text else text
 
 
 def study_paths(path: Path) -> tuple[Path, Path, Path]:

@@ -132,11 +132,11 @@ class Tally:
 
 def spots(tree: Any) -> list[tuple[Any, Any]]:
     """Every (parent, key or index) of a tree of JSON."""
-    found, stack = [], [tree]
+    found, stack = [], [tree] if isinstance(tree, dict | list) else []
     while stack:
         node = stack.pop()
         children = node.items() if isinstance(node, dict) else enumerate(node)
-        for key, child in children if isinstance(node, dict | list) else ():
+        for key, child in children:
             found.append((node, key))
             if isinstance(child, dict | list):
                 stack.append(child)
@@ -151,7 +151,7 @@ def change_tree(chance: random.Random, path: Path) -> str:
         return "no tree"
     places = spots(tree)
     # Long lists must not hide the keys of the top.
-    place = chance.choice(places[: chance.choice((8, 30, len(places)))] or [({}, "a")])
+    place = chance.choice(places[: chance.choice((8, 30, len(places)))] or [({"a": 1}, "a")])
     node, key = place
     value = chance.choice(VALUES)
     match chance.randrange(7):

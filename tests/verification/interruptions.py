@@ -1,6 +1,7 @@
 """A study ended by signals at random moments and resumed each time, against one that is not.
 
     python tests/verification/interruptions.py [COUNT] [--signal KILL|TERM|INT|mixed] [--one]
+    python tests/verification/interruptions.py COUNT --early SECONDS
 
 Signals go to all processes of a run, as a terminal or a batch system sends them; with
 ``--one`` only to the one that was started.  Cells run on threads and, in plain Python, in
@@ -8,6 +9,10 @@ processes.  After TERM and INT, which ``mixed`` alternates at random, the exit c
 the line on stderr must be right: how many cells are kept is counted.  Exits with 1 when
 they are not, when anything else is on stderr (such as of semaphores), when the CSVs
 differ, or when a cell ran again that was not in flight when a run was ended.
+
+With ``--early`` a run is ended once each time, at a random moment of its first SECONDS: by
+one line and the right code, unless Python or the script's own first lines had not come to
+the package yet.
 """
 
 import argparse
@@ -71,6 +76,7 @@ SIGNALS = {
 def run(folder):
     """One run, in this process; notes each cell that starts and each that is kept."""
     from newmark_cli.cli import main
+    from newmark_cli.mechanisms.spec import is_code
     from newmark_cli.running import executors, store
 
     log = os.open(folder / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
@@ -86,7 +92,7 @@ def run(folder):
         return compute(cell, *rest)
 
     def keeping(self, cell, done):
-        if executors.wants_process(cell.problem):
+        if is_code(cell.problem):
             noted("start", cell)  # its process has no log
         keep(self, cell, done)
         noted("kept", cell)
@@ -156,14 +162,44 @@ def counted(log):
     return starts, in_flight
 
 
+def ended_early(count, seconds):
+    """Signals while a command starts; exits as `main` does."""
+    script = Path(sys.executable).with_name("newmark-study")
+    answered, before, faults = 0, 0, []
+    with tempfile.TemporaryDirectory() as folder:
+        for i in range(count):
+            command = [script, "run", "pendulum-u", "--results", f"{folder}/{i}", "-q"]
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            time.sleep(random.uniform(0, seconds))
+            ending = random.choice(SIGNALS["mixed"])
+            process.send_signal(ending)
+            told = b"".join(process.communicate()).decode()
+            code, word = ENDINGS[ending]
+            lines = told.splitlines()
+            if (process.returncode, told) == (0, "") or process.returncode == -ending:
+                before += 1  # or behind the end
+            elif "Traceback" in told and "newmark_cli/cli" not in told:
+                before += 1  # in Python's own start
+            elif process.returncode == code and len(lines) == 1 and word in told:
+                answered += 1
+            else:
+                faults.append(f"exit code {process.returncode}: {lines}")
+    print(*faults, sep="\n", end="\n" if faults else "")
+    print(f"{count} signals: {answered} answered, {before} out of reach, {len(faults)} faults")
+    return 1 if faults or not answered else 0
+
+
 def main():
     """End, resume, compare."""
     parser = argparse.ArgumentParser()
     parser.add_argument("count", nargs="?", type=int, default=100)
     parser.add_argument("--signal", choices=SIGNALS, default="KILL")
     parser.add_argument("--one", action="store_true", help="signal one process, not its group")
+    parser.add_argument("--early", type=float, metavar="SECONDS", help="signal while it starts")
     given = parser.parse_args()
     random.seed(20061012)
+    if given.early:
+        return ended_early(given.count, given.early)
     faults, used = [], collections.Counter()
     with tempfile.TemporaryDirectory() as name:
         whole, broken = Path(name) / "whole", Path(name) / "broken"

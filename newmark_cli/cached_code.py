@@ -1,0 +1,138 @@
+"""Numba's compiled code on disk, where damage is noticed.
+
+Numba unpickles what it finds in its cache, and runs the machine code in it: a file that
+was cut off ends a command, and a flipped bit changes results.  Here every file carries a
+digest of what it holds.  What is damaged is compiled again and replaced; where nothing can
+be kept, code is compiled in every process.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+
+_DIGEST = hashlib.sha256().digest_size
+#: Folders that were warned of.
+_warned: set[str] = set()
+
+
+def cached_njit(**options: Any) -> Callable[[Any], Any]:
+    """`numba.njit` with ``cache=True``, but for the above.
+
+    Args:
+        options: Those of `numba.njit`.
+    """
+
+    def decorated(function: Any) -> Any:
+        dispatcher = njit(**options)(function)
+        if hasattr(dispatcher, "enable_caching"):  # NUMBA_DISABLE_JIT leaves Python
+            dispatcher._cache = _cache_of(function)
+        return dispatcher
+
+    return decorated
+
+
+class _Damaged(Exception):
+    """A file does not hold what was written."""
+
+
+class _Files(IndexDataCacheFile):
+    """The files of one function."""
+
+    def load(self, key: Any) -> Any:
+        """What was kept; None where there is nothing, or where it is damaged."""
+        try:
+            return super().load(key)
+        except OSError:
+            return None
+        except Exception:  # a pickle of another class can raise anything
+            self.discard()
+            return None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep, in place of what is damaged."""
+        try:
+            super().save(key, data)
+        except (_Damaged, OSError):
+            self.discard()
+            super().save(key, data)
+
+    def discard(self) -> None:
+        """Forget everything: the next to save begins anew."""
+        with contextlib.suppress(OSError):
+            os.unlink(self._index_path)
+
+    def _load_index(self) -> Any:
+        with contextlib.suppress(FileNotFoundError):
+            version, stamp, overloads = self._checked(self._index_path)
+            if (version, stamp) == (self._version, self._source_stamp):
+                return overloads
+        return {}
+
+    def _save_index(self, overloads: Any) -> None:
+        with self._open_for_write(self._index_path) as file:
+            file.write(self._dump((self._version, self._source_stamp, overloads)))
+
+    def _load_data(self, name: str) -> Any:
+        return self._checked(self._data_path(name))
+
+    def _dump(self, value: Any) -> bytes:
+        data: bytes = super()._dump(value)
+        return hashlib.sha256(data).digest() + data
+
+    def _checked(self, path: str) -> Any:
+        content = Path(path).read_bytes()
+        digest, data = content[:_DIGEST], content[_DIGEST:]
+        if hashlib.sha256(data).digest() != digest:
+            raise _Damaged(path)
+        return pickle.loads(data)
+
+
+class _Cache(FunctionCache):
+    """The cache of one function."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file: Any = _Files(
+            cache_path=self._cache_path,
+            # Numba itself could not read these files.
+            filename_base=f"{self._impl.filename_base}.checked",
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def _load_overload(self, signature: Any, context: Any) -> Any:
+        try:
+            return super()._load_overload(signature, context)
+        except (MemoryError, OSError):
+            raise
+        except Exception:  # from another version of what numba builds on
+            self._cache_file.discard()
+            return None
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Keep compiled code; where it cannot be kept, say so once."""
+        try:
+            super().save_overload(signature, data)
+        except OSError as error:
+            _warn(self._cache_path, f"{self._cache_path}: {error.strerror}")
+
+
+def _cache_of(function: Any) -> Any:
+    try:
+        return _Cache(function)
+    except RuntimeError:  # no locator
+        _warn("", "no folder can be written; set NUMBA_CACHE_DIR to one")
+        return NullCache()
+
+
+def _warn(folder: str, why: str) -> None:
+    if folder not in _warned:
+        _warned.add(folder)
+        warnings.warn(f"compiled code cannot be kept: {why}", stacklevel=2)

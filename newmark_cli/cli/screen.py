@@ -1,0 +1,34 @@
+"""The one place where commands print.
+
+Names, descriptions and records come from files that anybody may have written.  Whatever
+they hold, a terminal is shown text: no escape sequence, no text that runs backwards, and
+no line that only looks like one of the command's.
+"""
+
+import click
+
+from newmark_cli.errors import one_line, visible, visible_lines
+from newmark_cli.painting import coloured
+
+
+def line(text: object = "") -> None:
+    """Print one line; whatever would end it is escaped."""
+    click.echo(visible(str(text)))
+
+
+def lines(text: str) -> None:
+    """Print several lines; the fields in them have gone through `visible`.
+
+    Tables keep the colours that `newmark_cli.report.text.text_table` gave them.
+    """
+    click.echo(coloured(visible_lines(text)))
+
+
+def note(text: str) -> None:
+    """Print one line to stderr; whatever would end it is escaped."""
+    click.echo(visible(text), err=True)
+
+
+def complain(message: str) -> None:
+    """Print one line of error, not longer than anybody reads."""
+    click.echo(f"newmark-study: {one_line(message)}", err=True)

@@ -1,0 +1,165 @@
+"""Files of the size that is allowed take bounded memory and time, whatever they say."""
+
+import os
+import subprocess
+import time
+
+import pytest
+from warm import SCRIPT
+
+#: Most memory beyond that of a small config (bytes).
+MOST = 300e6
+SMALL = """\
+study: small
+problem: pendulum
+form: u-lambda
+preconditioning: none
+h: 0.1
+steps: 1
+"""
+TEXT = "z" * 300_000
+
+
+def validated(folder, text):
+    """Lines on stderr, peak memory (bytes) and processor time (s) of `validate`."""
+    (folder / "given.yaml").write_text(text)
+    with (folder / "errors").open("w+") as errors:
+        process = subprocess.Popen(
+            [SCRIPT, "validate", "given.yaml"], cwd=folder, stdout=subprocess.DEVNULL, stderr=errors
+        )
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        errors.seek(0)
+        lines = errors.read().splitlines()
+    assert process.returncode == (2 if lines else 0)
+    return lines, 1024 * used.ru_maxrss, used.ru_utime + used.ru_stime
+
+
+def flow(items):
+    return "{" + ", ".join(items) + "}"
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            f"title: &t {TEXT}\npoints: {{P: {{fixed: [0, 0]}}}}\nbars: "
+            + flow(f"b{i}: {{from: *t, to: *t, length: 1}}" for i in range(9_000)),
+            "given.yaml, line 1: more than 4000000 characters with what aliases stand for",
+        ),
+        (
+            f"cases:\n  - &c {flow(f'k{i}: &a{i} {TEXT[:30_000]}' for i in range(99))}\n"
+            + "  - *c\n" * 490,
+            "given.yaml, line 2: more than 4000000 characters with what aliases stand for",
+        ),
+        (
+            "points: " + flow(f"P{i}: {'q' * 300}" for i in range(9_000)),
+            "given.yaml, line 1: bars: missing",
+        ),
+    ],
+    ids=["names", "cases", "points"],
+)
+def test_memory_of_mistakes(tmp_path, text, line):
+    """Long texts that are referred to often, in messages and in what pydantic keeps."""
+    _, least, _ = validated(tmp_path, SMALL)
+    lines, most, _ = validated(tmp_path, text)
+    assert f"newmark-study: {line}" in lines or "bars" in line
+    assert most - least < MOST
+    assert len(lines) <= 51
+
+
+def test_mistakes_that_nobody_reads_are_not_looked_for(tmp_path):
+    """99 cases with 990 mistakes each: about as fast as one of them, and the line says so."""
+    names = ", ".join(f"y{i}" for i in range(990))
+    case = "  - {form: q, h: 1, problem: *p}\n"
+    text = f"study: many\npreconditioning: none\nsteps: 1\nproblem: &p [{names}]\ncases:\n"
+    _, _, one = validated(tmp_path, text + case)
+    lines, _, many = validated(tmp_path, text + 99 * case)
+    assert len(lines) == 51
+    assert lines[-1].startswith("newmark-study: given.yaml: … and at least ")
+    assert many < 4 * one
+
+
+def test_grids_are_compared_quickly(tmp_path):
+    """499 cases of 40 step sizes, each pair of which could have a cell in common."""
+    from newmark_cli.study import config
+
+    def text(cases):
+        sizes = (
+            ", ".join(repr(0.1 + (40 * i + j) * 1e-6) for j in range(40)) for i in range(cases)
+        )
+        head = SMALL.replace("h: 0.1\n", "").replace("steps: 1", "steps: 1\ncases:")
+        return head + "".join(f"  - {{h: [{each}]}}\n" for each in sizes)
+
+    (tmp_path / "grid.yaml").write_text(text(499))
+    begin = time.process_time()
+    study = config.load(tmp_path / "grid.yaml")
+    assert time.process_time() - begin < 20
+    assert study.count == 499 * 40
+    (tmp_path / "grid.yaml").write_text(text(3) + "  - {h: [0.5, 0.100041]}\n")
+    with pytest.raises(config.DocumentError, match=r"two cases have pendulum.*h = 0.100041"):
+        config.load(tmp_path / "grid.yaml")
+
+
+HISTORY = """\
+study: long
+problem: {chain: {links: 1000}}
+form: [u-lambda, v-lambda]
+preconditioning: optimal
+h: [1e-5, 2e-5]
+t_end: 0.1
+measure: [history, condition]
+samples: 3000
+"""
+
+
+def test_histories_that_no_memory_holds_are_refused(cli):
+    """By file, line and key, before anything runs: with what it would be and what is allowed."""
+    cli.write("long.yaml", HISTORY)
+    line = cli.refused("run", "long.yaml")
+    # Pairs of 3000 samples of 10000 steps, 5000 steps, 1000 links, two forms.
+    assert line == (
+        "newmark-study: long.yaml, line 8: samples: history of 22000000 multipliers, "
+        "at most 5000000; lower samples, given 3000"
+    )
+    assert not (cli.folder / "results").exists()
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 625"))
+    assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
+    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 626"))
+    assert "history of 5008000 multipliers" in cli.refused("validate", "long.yaml")
+
+
+def test_histories_of_all_cases_count(cli):
+    """Each case is small enough, the study is not."""
+    case = "  - {{form: u-lambda, h: {}}}\n"
+    text = HISTORY.replace("h: [1e-5, 2e-5]\n", "").replace("form: [u-lambda, v-lambda]\n", "")
+    text = text.replace("samples: 3000", "samples: 2000")
+    cli.write("long.yaml", text + "cases:\n" + case.format("1e-5") + case.format("2e-5"))
+    assert cli.refused("validate", "long.yaml") == (
+        "newmark-study: long.yaml, line 7: cases: history of 8000000 multipliers in all cases, "
+        "at most 5000000; lower samples"
+    )
+
+
+def test_halts_of_a_long_march_take_no_memory():
+    """Stretches end at every stop and after every so many steps, one at a time."""
+    import tracemalloc
+
+    from newmark_cli.newmark.march import March
+    from newmark_cli.newmark.march_data import COMPLETED
+
+    march = March.__new__(March)
+    march.solver, march.done, march.ending = "gmres", 0, COMPLETED
+
+    def advance(steps):
+        march.done += steps
+        return steps
+
+    march.advance = advance
+    tracemalloc.start()
+    stretches = march.stretches(20_000_000, [3])
+    assert [next(stretches) for _ in range(5)] == [1, 1, 1, 1, 1]
+    assert tracemalloc.get_traced_memory()[1] < 1e6
+    tracemalloc.stop()
+    march.solver, march.done = "sparse-lu", 7
+    assert [*march.stretches(60, [9, 30, 27, 60, 5])] == [2, 18, 3, 17, 13]

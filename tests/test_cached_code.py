@@ -1,0 +1,136 @@
+"""Compiled code that is kept on disk: damage is noticed, and nothing depends on the folder."""
+
+import importlib.util
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+
+import numba
+import pytest
+from warm import SCRIPT
+
+from newmark_cli import cached_code
+
+TRIPLE = """
+from newmark_cli.cached_code import cached_njit
+
+@cached_njit(nogil=True)
+def triple(x):
+    return 3 * x
+"""
+
+
+class Fails:
+    """Fails in its own way when it is unpickled."""
+
+    def __reduce__(self):
+        return (exec, ("raise EOFError",))
+
+
+def random_bytes(content):
+    return bytes((7 * i) % 256 for i in range(len(content)))
+
+
+def flipped(content):
+    return content[:-100] + bytes([content[-100] ^ 1]) + content[-99:]
+
+
+DAMAGES = {
+    "empty": lambda content: b"",
+    "cut": lambda content: content[: len(content) // 2],
+    "zeros": lambda content: bytes(len(content)),
+    "garbage": random_bytes,
+    "flipped": flipped,
+    "another pickle": lambda content: pickle.dumps((numba.__version__, {1: 2})),
+    "evil pickle": lambda content: pickle.dumps(Fails()),
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where code is kept."""
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
+    (tmp_path / "tripled.py").write_text(TRIPLE)
+    return folder
+
+
+def tripled(tmp_path, value):
+    """Three times a value by a newly imported function, and how often it was found on disk."""
+    spec = importlib.util.spec_from_file_location("tripled", tmp_path / "tripled.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["tripled"] = module
+    spec.loader.exec_module(module)
+    result = module.triple(value)
+    return result, sum(module.triple.stats.cache_hits.values())
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_code_is_compiled_again(folder, tmp_path, ending, damage):
+    """Whatever a file holds: right results, no exception, and good files from then on."""
+    assert tripled(tmp_path, 2) == (6, 0)
+    assert tripled(tmp_path, 2) == (6, 1)
+    (file,) = folder.rglob(f"*.{ending}")
+    file.write_bytes(DAMAGES[damage](file.read_bytes()))
+    assert tripled(tmp_path, 2) == (6, 0)
+    assert tripled(tmp_path, 2) == (6, 1)
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_folders_in_the_place_of_files(folder, tmp_path, ending):
+    """Nothing can be kept: one warning, and right results."""
+    tripled(tmp_path, 2)
+    (file,) = folder.rglob(f"*.{ending}")
+    file.unlink()
+    file.mkdir()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert tripled(tmp_path, 2) == (6, 0)
+        assert tripled(tmp_path, 2.5) == (7.5, 0)
+
+
+def test_folders_that_cannot_be_written(folder, tmp_path, monkeypatch):
+    """A warning that names the folder, once."""
+
+    def refuse(*arguments, **options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(cached_code._Files, "_save_index", refuse)
+    with pytest.warns(UserWarning, match="compiled code cannot be kept: .*kept.*denied"):
+        assert tripled(tmp_path, 2) == (6, 0)
+    assert tripled(tmp_path, 2) == (6, 0)  # another warning would be an error
+
+
+def test_no_folder_at_all(folder, tmp_path, monkeypatch):
+    """As in some containers: a warning that says what to set."""
+    monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
+    monkeypatch.setattr(cached_code, "_warned", set())
+    with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR to one"):
+        assert tripled(tmp_path, 2) == (6, 0)
+
+
+def test_a_study_with_damaged_code(cli, quick):
+    """The same CSV to the byte, and nothing on stderr."""
+    folder = cli.folder / "numba"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+
+    def run(results):
+        done = subprocess.run(
+            [SCRIPT, "run", "quick.yaml", "--results", results], cwd=cli.folder, env=environment,
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
+        return (cli.folder / results / "quick.csv").read_bytes()
+
+    sound = run("sound")
+    files = [*folder.rglob("*.nbi"), *folder.rglob("*.nbc")]
+    assert len(files) >= 4
+    for i, file in enumerate(files):
+        damage = [*DAMAGES.values()][i % len(DAMAGES)]
+        file.write_bytes(damage(file.read_bytes()))
+    assert run("damaged") == sound
+    assert run("mended") == sound

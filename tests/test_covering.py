@@ -1,0 +1,24 @@
+"""Covering arrays cover."""
+
+import itertools
+
+import pytest
+from covering import covering
+
+
+@pytest.mark.parametrize("strength", [1, 2, 3])
+@pytest.mark.parametrize("sizes", [(2, 3, 4), (7, 5, 7, 6), (3, 3, 3, 3, 2)])
+def test_every_tuple_of_values_meets(sizes, strength):
+    """Any values of so many axes are in one of the cases, which are far fewer than all."""
+    axes = [[f"{axis}{i}" for i in range(size)] for axis, size in enumerate(sizes)]
+    cases = covering(*axes, strength=strength)
+    for group in itertools.combinations(range(len(axes)), strength):
+        wanted = set(itertools.product(*(axes[axis] for axis in group)))
+        assert {tuple(case[axis] for axis in group) for case in cases} == wanted
+    assert len(cases) == len(set(cases)) <= len(list(itertools.product(*axes)))
+    assert cases == covering(*axes, strength=strength)
+
+
+def test_few_cases():
+    """Pairs of a product of 1470 need some more than the largest pair of axes has."""
+    assert len(covering(range(6), range(7), range(5), range(7))) < 80

@@ -1,0 +1,159 @@
+"""CSVs: whatever a name has in it, what is written reads back, and is no formula elsewhere."""
+
+import csv
+import io
+import json
+import re
+
+import pytest
+import synthetic
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from newmark_cli import files
+from newmark_cli.report import slopes
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.history import read_histories
+from newmark_cli.study import results
+from newmark_cli.study.reading import read_csv, read_study
+from newmark_cli.study.results import csv_text, parse_csv
+
+#: What programs end a line with, or have ended it with.
+LINE_ENDS = ("\n", "\r", "\r\n", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029")
+#: Names that a spreadsheet would compute, or begin a cell in.
+FORMULAS = (
+    "=1+1", "+1+cmd", "-1+1", "@SUM(1)", "\t=1", "\r=1", "=cmd|' /C calc'!A1.yaml", '="x"',
+    "a;=1+1", "a,=1+1", "a\t=1", "a\n=1", " =1", '"=1"', "'=1", "''=1", "x;'=1", "＝1",
+)  # fmt: skip
+
+#: Any characters, those that mean something to CSVs or spreadsheets more often.
+names = st.text(
+    st.characters(exclude_categories=["Cs"])
+    | st.sampled_from([*"=+-@'\";, \t|", *"".join(LINE_ENDS)]),
+    max_size=30,
+)
+
+
+def written(rows):
+    """The rows as `csv_text` writes them, under columns a, b, …"""
+    columns = [chr(ord("a") + k) for k in range(len(rows[0]))]
+    return csv_text(columns, [dict(zip(columns, row, strict=True)) for row in rows])
+
+
+@given(st.lists(st.tuples(names, names, names), min_size=1, max_size=5))
+@example([(f"a{end}b", end, "") for end in LINE_ENDS])
+@example([(name, "'", "x") for name in FORMULAS])
+def test_any_name_reads_back(rows):
+    """To the character, next to any others; each row begins in the line that is said."""
+    text = written(rows)
+    found, begins = parse_csv(text)
+    assert found == [["a", "b", "c"], *map(list, rows)]
+    lines = text.split("\n")
+    for row, line in zip(found, begins, strict=True):
+        assert parse_csv("\n".join(lines[line - 1 :]))[0][0] == row
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_no_name_is_a_formula(name):
+    """Wherever a spreadsheet begins a cell: at commas, semicolons, tabs and line ends."""
+    text = written([(name, "x")])
+    guarded, _ = list(csv.reader(io.StringIO(text, newline="")))[1]
+    for cell in re.split(r"[,;|\t\r\n]", guarded):
+        assert cell.startswith("'") or not re.match(r"[ \"']*[=+\-@＝＋－＠]", cell)
+    assert not guarded.startswith(("\t", "\r"))
+    assert parse_csv(text)[0][1] == [name, "x"]
+
+
+def test_numbers_stay_numbers():
+    """A minus before a number is no formula; nor are orders, one after the other."""
+    text = csv_text(["x", "orders"], [{"x": -1.5, "orders": "-0.0975 0.0547 nan -1e+20"}])
+    assert text == "x,orders\n-1.5,-0.0975 0.0547 nan -1e+20\n"
+    assert csv_text(["x"], [{"x": "-2"}]) == "x\n-2\n"
+    assert csv_text(["x"], [{"x": "-2-2"}]) == "x\n'-2-2\n"
+
+
+@pytest.mark.parametrize("file", ["pendulum-u", "all-forms", "slopes", "history/history"])
+def test_committed_files_are_written_the_same(committed_folder, file):
+    """Byte for byte, from what is read of them."""
+    text = (committed_folder / f"{file}.csv").read_bytes().decode()
+    (header, *rows), _ = parse_csv(text)
+    assert csv_text(header, [dict(zip(header, row, strict=True)) for row in rows]) == text
+
+
+@settings(max_examples=25)
+@given(names.filter(bool))
+@example("=cmd|' /C calc'!A1.yaml")
+@example("a\rb\u2028c\x85d.yaml")
+def test_studies_and_slopes_read_back(tmp_path_factory, name):
+    """A problem of any name through the files of a study, its slopes and its time series."""
+    folder = tmp_path_factory.mktemp("any")
+    figure = FIGURES["10"]
+    table = [row | {"problem": name} for row in synthetic.rows(figure)]
+    frame = read_study(synthetic.write(folder, figure, table))
+    assert frame["problem"].unique().tolist() == [name]
+    found = slopes.study_slopes(frame, folder / "multipliers.csv")
+    assert {slope.problem for slope in found} == {name}
+    slopes.write(folder, found)
+    assert set(read_csv(folder / "slopes.csv", slopes.COLUMNS)["problem"]) == {name}
+
+    columns = (*results.HISTORY_COLUMNS, "lambda_1")
+    curve = FIGURES["15"].curves[0]
+    row = {column: getattr(curve, column, "") for column in columns}
+    row |= {"problem": name, "h": 0.5, "step": 1, "t": 0.5, "lambda_1": 7.0}
+    path = results.history_path(folder, "history")
+    path.parent.mkdir(exist_ok=True)
+    files.write(path, csv_text(columns, [row]))
+    same = type(curve)(curve.label, **curve.key.named() | {"problem": name})
+    (series,) = read_histories(folder, "history", [same], 0.5)
+    assert series.multipliers.tolist() == [[7.0]]
+
+
+SWING = """\
+from newmark_cli.problems.python_problem import Definition
+import numpy as np
+
+def swing(name):
+    return Definition(
+        mass_matrix=np.eye(2), u0=np.array([1.0, 0.0]), v0=np.zeros(2),
+        force=lambda u, v, t: np.array([0.0, -1.0]),
+        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
+        gradient=lambda u, t: u[:, None],
+    )
+"""
+
+
+def test_a_run_with_any_name_can_be_read(cli):
+    """Every command takes what `run` writes; errors name the line that an editor shows."""
+    name = "=1\u2028\u2029\x85\v\f\x1c\r\n;=2"
+    cli.write("mine.py", SWING)
+    config = {
+        "study": "odd", "problem": {"python": "mine.py:swing", "args": {"name": name}},
+        "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.05, 0.02], "t_end": 1.0,
+        "measure": ["correction", "history"],
+    }  # fmt: skip
+    cli.write("odd.yaml", json.dumps(config))
+    cli("run", "odd.yaml", "--allow-code")
+    label = f"mine.py:swing(name={name})".replace(",", "_")
+    path = cli.folder / "results" / "odd.csv"
+    assert read_study(path)["problem"].unique().tolist() == [label]
+    for command in (("check",), ("show", "odd"), ("verify",), ("info", "--cells"), ("plot", "odd")):
+        cli(*command)
+    cli("compare", "results", "results")
+    # The name has one line feed, so that a row takes two lines.
+    before, *rest = path.read_bytes().split(b",ok,")
+    path.write_bytes(b",ok,".join([before, rest[0]]) + b",fine," + b",ok,".join(rest[1:]))
+    assert "odd.csv, line 4: status is 'fine'" in cli.refused("check")
+
+
+def test_names_that_no_csv_can_have_are_refused(cli):
+    """Longer than a CSV's reader takes, or half a surrogate pair: in one line, before a run."""
+    cli.write("mine.py", SWING)
+    for name, why in (('"' + "x" * 5000 + '"', "too long"), ('"\\ud800"', "Unicode")):
+        problem = f'{{python: "mine.py:swing", args: {{name: {name}}}}}'
+        cli.write(
+            "odd.yaml",
+            f"study: odd\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"
+            "h: 0.1\nsteps: 1\n",
+        )
+        assert why in cli.refused("run", "odd.yaml", "--allow-code")
+        assert not (cli.folder / "results").exists()

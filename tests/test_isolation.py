@@ -1,0 +1,225 @@
+"""Code of the user's touches nothing but its own cell: no other cell, and not the run."""
+
+import csv
+import os
+import signal
+
+import pytest
+from conftest import SWING, wait_until
+
+from newmark_cli import apart
+from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
+
+#: What a problem may do to the process that it runs in, in a line of Python.
+HARM = {
+    "patches": "np.median = lambda values: 42.0",
+    "folder": "os.chdir('/')",
+}
+
+#: Cells of a problem that does harm, of one that does not, and of a shipped one.
+STUDY = """\
+study: mixed
+form: u-lambda
+preconditioning: [none, optimal]
+t_end: 1.0
+cases:
+  - problem: {python: "own/bad.py:swing"}
+    h: 0.05
+  - problem: [{python: "own/good.py:swing"}, pendulum]
+    h: 0.1
+"""
+
+
+def write_study(cli, at_import="", in_calls=""):
+    """The study, with what its first problem does."""
+    cli.write("own/good.py", SWING)
+    head = "    def force(u, v, t):\n"
+    assert head in SWING
+    called = SWING.replace(head, f"{head}        {in_calls or 'pass'}\n")
+    cli.write("own/bad.py", f"{called}\n{at_import}\n")
+    cli.write("mixed.yaml", STUDY)
+
+
+def rows(folder, *problems):
+    """Rows of some problems in the study's CSV."""
+    with (folder / "mixed.csv").open() as file:
+        found = [row for row in csv.reader(file) if row[1] in problems]
+    assert {row[1] for row in found} == {*problems}
+    return found
+
+
+DASK = ("--executor", "dask")
+
+
+@pytest.mark.parametrize("executor", [(), DASK], ids=["local", "dask"])
+@pytest.mark.parametrize("where", ["at_import", "in_calls"])
+def test_patches_stay_in_their_cells(cli, executor, where):
+    """A problem that replaces a function of NumPy changes its own rows, and no others."""
+    if executor:
+        pytest.importorskip("distributed")
+    write_study(cli)
+    # One process after the other where all cells would once have shared one.
+    run = ("run", "mixed.yaml", "--allow-code", "--jobs", 1)
+    cli(*run, "--results", "clean")
+    write_study(cli, **{where: HARM["patches"]})
+    cli(*run, *executor)
+    clean, patched = (cli.folder / name for name in ("clean", "results"))
+    assert rows(patched, "good.py:swing", "pendulum") == rows(clean, "good.py:swing", "pendulum")
+    theirs = rows(patched, "bad.py:swing")
+    assert theirs != rows(clean, "bad.py:swing")
+    assert sum("42.0" in row for row in theirs) >= 8
+
+
+@pytest.mark.parametrize("where", ["at_import", "in_calls"])
+def test_who_changes_the_folder_moves_nothing(cli, where):
+    """Results and files that are named by relative paths are where they were."""
+    write_study(cli)
+    run = ("run", "mixed.yaml", "--allow-code")
+    cli(*run, "--results", "clean")
+    write_study(cli, **{where: HARM["folder"]})
+    cli(*run)
+    names = ("bad.py:swing", "good.py:swing", "pendulum")
+    assert rows(cli.folder / "results", *names) == rows(cli.folder / "clean", *names)
+    found = sorted(path.name for path in cli.folder.iterdir())
+    assert found == ["clean", "mixed.yaml", "own", "results"]
+
+
+#: Exceptions that are hard to tell of, with what is said of them.
+HARD = {
+    "str": (
+        "raise type('Mute', (Exception,), {'__str__': lambda self: 1 / 0})()",
+        "Mute: (its text cannot be shown: ZeroDivisionError)",
+    ),
+    "exit-in-str": (
+        "raise type('Mute', (Exception,), {'__str__': lambda self: exit(3)})()",
+        "Mute: (its text cannot be shown: SystemExit)",
+    ),
+    "surrogate": ("raise ValueError('half \\ud800 of two')", "ValueError: half \\ud800 of two"),
+    "format": (
+        "raise type('Odd', (Exception,), {'__format__': lambda self, how: 1 / 0})('odd')",
+        "Odd: odd",
+    ),
+    "interrupt": ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+    "exit": ("raise SystemExit(0)", "SystemExit: 0"),
+}
+#: Ends of a process, with what is said of them.
+ENDS = {
+    "well": ("os._exit(0)", "its process ended with code 0"),
+    "ill": ("os._exit(130)", "its process ended with code 130"),
+    "killed": ("os.kill(os.getpid(), 9)", "its process ended with code -9"),
+}
+
+
+@pytest.mark.parametrize("kind", [*HARD, *ENDS])
+def test_whatever_a_cell_raises_fails_it_alone(cli, kind):
+    """A CSV with all other cells, one line that says why, and nothing else."""
+    code, text = {**HARD, **ENDS}[kind]
+    write_study(cli)
+    run = ("run", "mixed.yaml", "--allow-code")
+    write_study(cli, in_calls=f"if t > 0.5: {code}")
+    done = cli(*run, code=1)
+    assert done.stdout == "mixed: 2 failed, 4 ok -> results/mixed.csv\n"
+    line = SWING[: SWING.index("def force")].count("\n") + 2
+    where = f"own/bad.py, line {line}: " if kind in HARD else ""
+    assert done.stderr == f"newmark-study: mixed: 2 of 6 cells failed: {where}{text}\n"
+
+
+@pytest.mark.parametrize("kind", [*HARD, *ENDS])
+def test_whatever_an_import_raises_is_one_line(cli, kind):
+    """It names the config's line, and that of the code where it raised something."""
+    code, text = {**HARD, **ENDS}[kind]
+    write_study(cli, at_import=code)
+    said = cli.refused("run", "mixed.yaml", "--allow-code")
+    line = SWING.count("\n") + 3
+    where = f"own/bad.py, line {line}: "
+    if kind in ENDS:
+        where = "own/bad.py:swing: cannot be loaded: "
+    assert said == f"newmark-study: mixed.yaml, line 6: cases[1].problem: {where}{text}"
+    assert not (cli.folder / "results").exists()
+
+
+@pytest.mark.parametrize("kind", ["interrupt", "killed"])
+def test_factories_are_no_different(cli, kind):
+    """What they raise, or end, when the config is read."""
+    code, text = {**HARD, **ENDS}[kind]
+    cli.write("mine.py", f"import os\n\n\ndef swing():\n    {code}\n")
+    cli.write(
+        "one.yaml",
+        'study: one\nproblem: {python: "mine.py:swing"}\nform: u-lambda\n'
+        "preconditioning: none\nh: 0.1\nt_end: 1.0\n",
+    )
+    said = cli.refused("validate", "one.yaml", "--allow-code")
+    where = "mine.py, line 5: swing failed: "
+    if kind in ENDS:
+        where = "mine.py:swing: cannot be loaded: "
+    assert said == f"newmark-study: one.yaml, line 2: problem: {where}{text}"
+
+
+# -- processes ------------------------------------------------------------------------------
+
+
+def patch():
+    """Change this process, and say whether it had been changed before."""
+    before = hasattr(os, "changed")
+    os.changed = True
+    return before, os.getpid()
+
+
+def test_processes_share_nothing():
+    """Each is a process of its own, and none sees what another has done."""
+    found = [apart.call(patch, ()) for _ in range(3)]
+    assert [before for before, _ in found] == [False] * 3
+    assert len({os.getpid(), *(pid for _, pid in found)}) == 4
+    assert not hasattr(os, "changed")
+
+
+def test_owners_keep_their_processes():
+    """As long as they live; another owner gets another."""
+    first, again = (apart.call(patch, (), owner="mine") for _ in range(2))
+    assert (first[0], again) == (False, (True, first[1]))
+    other = apart.call(patch, (), owner="yours")
+    assert other[0] is False
+    assert other[1] != first[1]
+    with pytest.raises(apart.ApartError, match="its process ended with code 7"):
+        apart.call(os._exit, (7,), owner="mine")
+    anew = apart.call(patch, (), owner="mine")
+    assert anew[0] is False
+
+
+def wait_for_ever():
+    """Until somebody ends the process."""
+    signal.pause()
+
+
+def test_calls_end_in_time():
+    """The process is ended, and the next call has another."""
+    with pytest.raises(apart.TookLonger, match=r"^took longer than 0\.2 s$"):
+        apart.call(wait_for_ever, (), timeout=0.2, owner="late")
+    assert apart.call(patch, (), owner="late")[0] is False
+
+
+def test_a_server_that_is_killed_is_started_anew():
+    """Nobody notices."""
+    apart.call(patch, ())
+    server = apart.call(os.getppid, ())
+    os.kill(server, signal.SIGKILL)
+    wait_until(lambda: apart.call(os.getppid, ()) != server)
+    assert apart.call(patch, ())[0] is False
+
+
+def test_no_code_runs_here(tmp_path):
+    """A problem that is loaded is described by another process; a cell runs it there."""
+    file = tmp_path / "mine.py"
+    file.write_text(SWING + "\nos.changed = True\n")
+    spec = PythonFactory(file, "swing", (), "mine.py:swing")
+    problem = spec.load()
+    assert not hasattr(os, "changed")
+    assert (problem.n, problem.m, problem.compiled) == (2, 1, False)
+    assert problem.sources == {"mine.py": file.read_bytes()}
+    for one in (spec, pinned(spec), portable(spec)):
+        problem = one.load()
+        with pytest.raises(RuntimeError, match="only runs in processes of its own"):
+            problem.evaluate(0.0, problem.u0, problem.v0, problem.u0[:1])
+        assert not hasattr(os, "changed")
+    assert with_problem(spec, type(problem).constraint_values, 0.0, 2 * problem.u0) == [1.5]
+    assert owner(spec) is None

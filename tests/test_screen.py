@@ -1,0 +1,254 @@
+"""What reaches a terminal, a figure, a table or a page of names that somebody made to harm."""
+
+import ast
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tampering
+from click.shell_completion import CompletionItem
+from test_show import on_a_terminal
+
+import newmark_cli
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import as_json_text
+from newmark_cli.errors import one_line, visible, visible_lines
+from newmark_cli.painting import coloured, marked
+from newmark_cli.report import check, draw, paper_tables, text
+from newmark_cli.report.panels import Panel, Sheet, Trace, look
+from newmark_cli.report.style import rendered
+
+#: Moves the cursor, sets a title, rings; begins and ends lines; turns writing around.
+BAD = "\x1b[2J\x1b]0;x\x07\x9b31m\r\b\x7f\u2028\u2029\x85\u202e\u200b\nfake.csv: ok"
+SHOWN = (
+    r"\x1b[2J\x1b]0;x\x07\x9b31m\r\x08\x7f\u2028\u2029\x85\u202e\u200b\nfake.csv: ok"
+)  # fmt: skip
+
+#: Functions that print.
+PRINTING = {"print", "echo", "secho", "echo_via_pager", "write", "writelines"}
+#: Where they may be called: the one place for commands; a line that has no name in it; files.
+MAY_PRINT = {
+    "cli/screen.py": {"echo"},
+    "cli/last_resort.py": {"print"},  # where nothing may fail
+    "interrupts.py": {"print"},
+    "report/text.py": {"print"},
+    "cli/terminal.py": {"print"},
+}
+
+
+def test_commands_print_in_one_place():
+    """Nobody else calls `click.echo`, `print` or the streams' `write`."""
+    package = Path(newmark_cli.__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        tree = ast.parse(path.read_text())
+        called = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call):
+                name = node.func
+                last = name.attr if isinstance(name, ast.Attribute) else getattr(name, "id", "")
+                owner = ast.unparse(name.value) if isinstance(name, ast.Attribute) else ""
+                streams = owner in ("", "click", "sys.stdout", "sys.stderr", "console")
+                if last in PRINTING and (streams or owner.endswith("console")):
+                    called.add(last)
+        relative = path.relative_to(package).as_posix()
+        assert called <= MAY_PRINT.get(relative, set()), relative
+
+
+def test_visible():
+    """What is not printed is escaped; letters of any script and wide blanks stay."""
+    assert visible(BAD) == SHOWN
+    assert visible_lines(f"a{BAD}\nb") == "a" + SHOWN.replace(r"\n", "\n") + "\nb"
+    assert visible("Δλ ≈ 1e−3, 机构 ½\u00a0x") == "Δλ ≈ 1e−3, 机构 ½\u00a0x"
+    assert visible("\udc80\U000e0001") == r"\udc80\U000e0001"
+    assert one_line("a \n\u2028 b\x1b" + "x" * 2000)[:12] == r"a b\x1bxxxxx"
+
+
+def test_json_stays_json():
+    """What no terminal prints is escaped so that it reads back."""
+    value = {"a": BAD, "b": ["\U000e0001", "λ", 1.5]}
+    told = as_json_text(value)
+    assert visible_lines(told) == told
+    assert json.loads(told) == value
+    assert "λ" in told
+    assert as_json_text(["a\\b"]) == json.dumps(["a\\b"], indent=2)
+
+
+def test_tables_show_what_is_not_printed(monkeypatch):
+    """As wide as it is shown; several lines only where they are given as such."""
+    monkeypatch.setenv("COLUMNS", "200")
+    printed = text.text_table([("name", "value"), (BAD, "1"), ((BAD, "2"), "3")])
+    lines = coloured(printed).split("\n")
+    assert [line.split("  ")[0].strip() for line in lines] == [
+        "name", "-" * len(SHOWN), SHOWN, SHOWN, "2"
+    ]  # fmt: skip
+    assert all(line.isprintable() for line in lines)
+    assert text.wrapped(BAD).isprintable()
+
+
+def test_no_text_imitates_a_colour():
+    """Marks are drawn by lot; without them nothing becomes an escape character."""
+    assert coloured(marked("\x1b[31mmiss\x1b[0m")) == "\x1b[31mmiss\x1b[0m"
+    assert len(marked("\x1b")) > 32
+    assert coloured("<" + "0" * 32 + ">") == "<" + "0" * 32 + ">"
+
+
+MECHANISM = """\
+title: "t\\e[31m"
+points:
+  O: {fixed: [0, 0]}
+  "P": {at: [1, 0], mass: 1}
+bars:
+  rod: {from: O, to: P, length: 1}
+gravity: [0, -1]
+"""
+
+
+@pytest.fixture
+def hostile(cli):
+    """A study of a mechanism whose file, description and record are full of it."""
+    name = BAD.replace("\x07", "") + ".yaml"
+    cli.write(name, MECHANISM)
+    config = {
+        "study": "bad", "description": "d\x1b[31m\u202e", "problem": name,
+        "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.05, 0.02], "t_end": 1.0,
+        "measure": ["correction", "history"],
+    }  # fmt: skip
+    cli.write("bad.yaml", json.dumps(config))
+    cli("run", "bad.yaml")
+    path = cli.folder / "results/bad.json"
+    record = json.loads(path.read_text())
+    record["versions"]["numpy" + BAD] = BAD
+    record["cells"][0]["reason"] = BAD
+    record["blas"]["numpy"] = BAD
+    path.write_text(json.dumps(record))
+    return name
+
+
+COMMANDS = (
+    ("check", "--all"), ("check", "--json"), ("check", "--markdown", "--all"), ("show",),
+    ("show", "bad"), ("show", "bad", "--json"), ("info", "--cells", "--config"), ("verify",),
+    ("plot", "bad"), ("compare", "results", "results"), ("validate", "bad.yaml"),
+    ("run", "bad.yaml", "-v", "--force"), ("run", "bad.yaml", "--dry-run"),
+    ("show", "bad", "--problem", BAD), ("validate", "bad.yaml", BAD), ("plot", BAD),
+    ("compare", "results", BAD), ("run", BAD + ".yaml"), ("info", "--results", BAD),
+)  # fmt: skip
+
+
+def test_no_command_prints_control_characters(cli, hostile):
+    """Neither on stdout nor on stderr, in a pipe or on a terminal; nor a forged line."""
+    for command in COMMANDS:
+        done = cli.warm.run([*command], cli.folder)
+        for printed in (done.stdout, done.stderr):
+            assert visible_lines(printed) == printed, command
+            assert "fake.csv: ok" not in printed.split("\n"), command
+        assert done.stdout or done.stderr
+    for command in COMMANDS[:8]:
+        printed = on_a_terminal(cli, *command, columns=200)
+        plain = re.sub(r"\x1b\[(31|33|0)m", "", printed)
+        assert visible_lines(plain) == plain, command
+    assert r"\x1b[2J" in cli("show", "bad").stdout
+    assert r"d\x1b[31m\u202e" in cli("info").stdout
+
+
+def test_names_on_the_way_into_a_study(cli, hostile):
+    """A study's name has letters, digits and few signs, or its CSV is not read."""
+    text = (cli.folder / "results/bad.csv").read_text()
+    (cli.folder / "results/a\x1b[31m.csv").write_text(text)
+    assert r"a\x1b[31m.csv: no study of a name other than" in cli.refused("check")
+
+
+def test_quantities_are_those_of_the_measure(cli, committed_folder):
+    """Labels of figures have them in mathematics."""
+    columns, rows = tampering.read(committed_folder / "history.csv")
+    rows = tampering.given(rows, quantity=r"\badmath{")
+    tampering.write(cli.folder / "results/history.csv", columns, rows)
+    for command in ("check", "plot", "show"):
+        assert r"unknown quantity '\\badmath{'; allowed: lambda" in cli.refused(command)
+
+
+def test_completion_offers_what_a_shell_can_be_told(tmp_path, monkeypatch):
+    """A file's name goes into a line: one with a line end in it is left to the shell."""
+    for name in ("good.yaml", "a\nb.yaml", "c\x1b[31m.yaml", "d\u202e.yaml"):
+        (tmp_path / name).write_text("")
+    monkeypatch.chdir(tmp_path)
+    found = complete(files=True)(None, None, "")
+    assert [item.value for item in found] == ["good.yaml"]
+    assert all(isinstance(item, CompletionItem) for item in found)
+
+
+# -- figures, tables, the page ------------------------------------------------------------------
+
+NAMES = (
+    "$x^2$", "$", "$$", r"\frac{", r"$\frac{$", r"\$x$", "a_b^c{}", "<b>&amp;", BAD, "-->", "]]>",
+    r"\input{/etc/passwd}",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("fits", [True, False])
+def test_figures_write_names_as_they_are(name, fits):
+    """In legends, titles and among the points; SVGs stay XML."""
+    h = np.array([1e-3, 1e-2, 1e-1])
+    trace = Trace(name, h, h, look(0), fit="1.00 ± 0.01")
+    panels = tuple(Panel((trace,), "h", "y", name, fits=fits) for _ in range(2))
+    drawing = draw.drawn(Sheet(name, panels, columns=2))
+    texts = [found.get_text() for axes in drawing.axes for found in (axes.title, *axes.texts)]
+    texts += [entry.get_text() for entry in drawing.legends[0].get_texts()]
+    shown = "".join(visible(name).split())
+    assert len(texts) == (5 if fits else 3)
+    for found in texts:
+        begin = "".join(found.replace(r"\$", "$").split())
+        assert begin.startswith(shown[:4])
+        # What matplotlib would read as mathematics has an even number of bare dollar signs.
+        assert found.count("$") == found.count(r"\$")
+    ElementTree.fromstring(rendered(drawing, "svg"))
+
+
+def test_a_mechanism_of_any_name_is_drawn(cli):
+    """The files have a name; titles, joints and bodies are drawn as they are written."""
+    for name in ("$.yaml", "$x$ \\frac.yaml"):
+        cli.write(name, MECHANISM.replace("t\\e[31m", "$\\\\frac$").replace("P", "$p$"))
+        for options in ((), ("--at", "0.2", "--animate", "m.gif", "--frames", "2")):
+            cli("draw", name, *options)
+    assert {path.name for path in (cli.folder / "results/figures").iterdir()} == {
+        "mechanism.png", "mechanism.svg", "x-frac.png", "x-frac.svg",
+    }  # fmt: skip
+    assert not (cli.folder / "results/figures.png").exists()
+
+
+def test_latex_takes_names_as_text():
+    """Nothing of a name is a command, a ligature of signs, or ends a line."""
+    found = paper_tables._latex_text(
+        '\\input{/etc/passwd} $ % & _ # { } ~ ^ \\ < > | " `\n\n' + BAD
+    )
+    without = re.sub(r"\\(textbackslash|textasciitilde|textasciicircum|textless|textgreater"
+                     r"|textbar|textasciigrave|char34)\{\}|\\[&%$#_{}]", "", found)  # fmt: skip
+    assert not set(without) & set('\\{}$%&_#~^<>|"`')
+    assert found.isprintable()
+    assert r"\textbackslash{}input\{/etc/passwd\}" in found
+
+
+def test_markdown_takes_names_as_text():
+    """A cell ends where the table says; no code, no tags, no links, no emphasis."""
+    row = ("a|b", "`x`", "<img src=x>", "[a](b)", "*x* _y_ a_b", "\\|", BAD)
+    line = check.markdown_table([row]).split("\n")[0]
+    assert line == (
+        r"| a\|b | \`x\` | \<img src=x\> | \[a\](b) | \*x\* \_y\_ a_b | \\\| | "
+        + SHOWN.replace("\\", r"\\").replace("[", r"\[").replace("]", r"\]")
+        + " |"
+    )
+
+
+def test_the_page_shows_names_as_text(cli, committed_folder):
+    """Neither markup nor a script, in texts, attributes and figures."""
+    name = '"><script>alert(1)</script>' + "{{7*7}}"
+    columns, rows = tampering.read(committed_folder / "pendulum-u.csv")
+    rows = tampering.given(rows, problem=name, study="mine")
+    tampering.write(cli.folder / "results/mine.csv", columns, rows)
+    cli("report")
+    page = (cli.folder / "results/report.html").read_text()
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;{{7*7}}" in page
