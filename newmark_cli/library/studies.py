@@ -14,7 +14,8 @@ from newmark_cli.library import arguments
 from newmark_cli.processors import usable
 from newmark_cli.report import records
 from newmark_cli.study import config, reading, results
-from newmark_cli.study.config import Study, Surroundings
+from newmark_cli.study.config import Study
+from newmark_cli.study.keys import Surroundings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,8 +121,8 @@ def slopes(frame: "pd.DataFrame") -> "pd.DataFrame":
         ... })
         >>> fits = newmark.slopes(frame)
         >>> condition = fits[fits["measure"] == "condition"].iloc[0]
-        >>> round(condition["slope"], 1), condition["expected"], condition["verdict"]
-        (-4.0, -4.0, 'pass')
+        >>> print(round(condition["slope"], 1), condition["expected"], condition["verdict"])
+        -4.0 -4.0 pass
     """
     import pandas as pd
 
@@ -225,7 +226,8 @@ def _folder(frame: Any) -> Iterator[Path]:
             path = folder / f"{study}.csv"
             if path.parent != folder or path.name != f"{study}.csv":
                 raise ArgumentError(f"frame: {arguments.shown(study)} cannot be a study's name")
-            files.write(path, results.csv_text(results.COLUMNS, rows.to_dict("records")))
+            lines = ({str(k): v for k, v in row.items()} for row in rows.to_dict("records"))
+            files.write(path, results.csv_text(results.COLUMNS, lines))
             if study in described:
                 files.write(path.with_suffix(".json"), described[study])
         try:
