@@ -31,7 +31,7 @@ def test_the_code_of_the_docs_runs(capsys):
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, str(DOCS), "exec"), names)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     assert names["later"].t[-1] == pytest.approx(5.0)
     assert names["factors"].right["lambda"] == pytest.approx(1 / (0.3025 * 1e-6))
     assert names["swing"].m == 1
