@@ -1,15 +1,12 @@
 """Compiled code that is kept on disk: damage is noticed, and nothing depends on the folder."""
 
 import importlib.util
-import os
 import pickle
-import subprocess
 import sys
 import warnings
 
 import numba
 import pytest
-from warm import SCRIPT
 
 from newmark_cli import cached_code
 
@@ -111,26 +108,3 @@ def test_no_folder_at_all(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(cached_code, "_warned", set())
     with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR to one"):
         assert tripled(tmp_path, 2) == (6, 0)
-
-
-def test_a_study_with_damaged_code(cli, quick):
-    """The same CSV to the byte, and nothing on stderr."""
-    folder = cli.folder / "numba"
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
-
-    def run(results):
-        done = subprocess.run(
-            [SCRIPT, "run", "quick.yaml", "--results", results], cwd=cli.folder, env=environment,
-            capture_output=True, text=True,
-        )  # fmt: skip
-        assert (done.returncode, done.stderr) == (0, "")
-        return (cli.folder / results / "quick.csv").read_bytes()
-
-    sound = run("sound")
-    files = [*folder.rglob("*.nbi"), *folder.rglob("*.nbc")]
-    assert len(files) >= 4
-    for i, file in enumerate(files):
-        damage = [*DAMAGES.values()][i % len(DAMAGES)]
-        file.write_bytes(damage(file.read_bytes()))
-    assert run("damaged") == sound
-    assert run("mended") == sound

@@ -329,7 +329,7 @@ def test_both_files_have_the_same_bytes_again(folder, tmp_path):
     contents = []
     for name in ("one", "two"):
         sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
-        files = style.save(draw.drawn(sheet), tmp_path / name)
+        files = style.save(draw.drawn(sheet), tmp_path, name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]
     assert contents[0][0].startswith(b"\x89PNG")
