@@ -807,7 +807,6 @@ except newmark.NewmarkError as error:
 
 def test_mypy_accepts_a_users_script(tmp_path):
     """In strict mode, against the package; and refuses one that takes a step for a number."""
-    pytest.importorskip("mypy")
     (tmp_path / "user.py").write_text(USER)
     (tmp_path / "wrong.py").write_text(USER + 'wrong: int = later.state\nnewmark.march("x")\n')
     (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = True\n")
