@@ -810,16 +810,10 @@ def test_mypy_accepts_a_users_script(tmp_path):
     (tmp_path / "user.py").write_text(USER)
     (tmp_path / "wrong.py").write_text(USER + 'wrong: int = later.state\nnewmark.march("x")\n')
     (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = True\n")
-    found = subprocess.run(
-        [sys.executable, "-m", "mypy", "user.py"], cwd=tmp_path, text=True, capture_output=True
-    )
-    assert found.returncode == 0, found.stdout
-    wrong = subprocess.run(
-        [sys.executable, "-m", "mypy", "wrong.py"], cwd=tmp_path, text=True, capture_output=True
-    )
-    assert wrong.returncode == 1
-    assert "wrong.py:29:" in wrong.stdout
-    assert "wrong.py:30:" in wrong.stdout
+    command = [sys.executable, "-m", "mypy", "user.py", "wrong.py"]
+    done = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True)
+    errors = [line for line in done.stdout.splitlines() if " error: " in line]
+    assert [line.partition(" ")[0] for line in errors] == ["wrong.py:29:", "wrong.py:30:"]
 
 
 MEMORY = """\
