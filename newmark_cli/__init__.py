@@ -5,12 +5,15 @@ The Python library: ``import newmark_cli as newmark``, see docs/python.md.  What
 when they are first used, because NumPy, SciPy and the compiler take their time.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
 __version__ = "0.1.0"
 
+# That of `typing`, which the console script would have to import before it answers signals.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from newmark_cli.documents import DocumentError
     from newmark_cli.errors import ArgumentError, InputError, NewmarkError
     from newmark_cli.library.marching import Steps, march, steps
@@ -75,6 +78,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
     found = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = found
     return found

@@ -19,7 +19,8 @@ from newmark_cli.study.keys import Surroundings
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
+
+    from newmark_cli.report.style import Drawing
 
 #: Attribute of a frame: study → what its record says besides the rows, as JSON.
 _RECORDS = "newmark-study records"
@@ -138,7 +139,7 @@ def plot(
     *,
     size: tuple[float, float] | None = None,
     **choice: str,
-) -> "Figure":
+) -> "Drawing":
     """Draw a figure of a study, as ``newmark-study plot`` does.
 
     Args:
