@@ -326,15 +326,14 @@ def read_together(paths: Sequence[Path], folder: Path, name: str) -> dict[Path, 
 def temporaries(folder: Path) -> Iterator[tuple[Path, str]]:
     """Files below a folder that have a temporary name and no journal; each with its target."""
     kept = {
-        file.parent / temporary
+        temporary
         for file in folder.glob(f"{_JOURNAL}*")
         for temporary in _journal(folder, file.name.removeprefix(_JOURNAL)).values()
     }
-    kept_names = {path.name for path in kept}
     for file in sorted(folder.rglob(".*")):
         match = _TEMPORARY.fullmatch(file.name)
         regular = match and not file.is_symlink() and file.is_file()
-        if match and regular and file.name not in kept_names:
+        if match and regular and file.name not in kept:
             yield file, match[1]
 
 

@@ -187,7 +187,9 @@ def of_studies(folder: Path, names: Iterable[str]) -> list[Contradiction]:
         file = folder / f"{name}.csv"
         contents = results.read(file)  # of one run, though another may be writing
         texts = read_texts(file, contents[file])
-        found += contradictions(file, texts, records.known(file, contents))
+        found += contradictions(
+            file, texts, records.known(file, contents[file.with_suffix(".json")])
+        )
     return found
 
 

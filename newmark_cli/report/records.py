@@ -29,12 +29,11 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         ResultsError: When there is no record, or it cannot be read.
     """
-    return _parsed(path, results.read(path))
+    return _parsed(path, results.read_record(path))
 
 
-def _parsed(path: Path, contents: Mapping[Path, bytes | OSError]) -> dict[str, Any]:
+def _parsed(path: Path, content: bytes | OSError) -> dict[str, Any]:
     file = path.with_suffix(".json")
-    content = contents[file]
     if isinstance(content, FileNotFoundError):
         raise ResultsError(f"{file}: no record of {path.name}")
     if isinstance(content, OSError):
@@ -48,15 +47,15 @@ def _parsed(path: Path, contents: Mapping[Path, bytes | OSError]) -> dict[str, A
     return record
 
 
-def known(path: Path, contents: Mapping[Path, bytes | OSError] | None = None) -> dict[str, Any]:
+def known(path: Path, content: bytes | OSError | None = None) -> dict[str, Any]:
     """Provenance of one CSV; empty where there is none that can be read.
 
     Args:
         path: The CSV.
-        contents: What `results.read` gives; read if omitted.
+        content: Content of the record, or why it cannot be read; read if omitted.
     """
     try:
-        return _parsed(path, results.read(path) if contents is None else contents)
+        return _parsed(path, results.read_record(path) if content is None else content)
     except ResultsError:
         return {}
 
@@ -238,12 +237,12 @@ def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
         written: Whether there is a CSV.
     """
     path = folder / f"{study}.csv"
-    contents = results.read(path)
+    contents = results.read(path, series=True)
     _, file, history = results.study_paths(path)
     recorded: dict[str, str] = {}
     lacking = ""
     try:
-        recorded = checksums(_parsed(path, contents))
+        recorded = checksums(_parsed(path, contents[file]))
     except ResultsError as error:
         lacking = f"no record: {error}"
     for csv in (path, history):

@@ -207,7 +207,7 @@ def _require_recorded_rows(path: Path, rows: int, end: int, record: Mapping[str,
 
 def _record(path: Path) -> dict[str, Any]:
     """Provenance of a CSV; empty where it travels alone."""
-    return _parsed(results.read(path)[path.with_suffix(".json")])
+    return _parsed(results.read_record(path))
 
 
 def _parsed(content: bytes | OSError) -> dict[str, Any]:

@@ -197,16 +197,24 @@ def replace(folder: Path, study: str, texts: Mapping[Path, str], record: Mapping
     files.replace_together(folder, study, contents, folder)
 
 
-def read(path: Path) -> dict[Path, bytes | OSError]:
-    """Contents of a study's CSV, record and time series, as one run has written them.
+def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
+    """Contents of a study's CSV and record, as one run has written them.
 
     Args:
         path: The CSV.
+        series: Whether the time series are read too, which may be large.
 
     Returns:
         File → content, or why it cannot be read.
     """
-    return files.read_together(study_paths(path), path.parent, path.stem)
+    paths = study_paths(path)
+    return files.read_together(paths if series else paths[:2], path.parent, path.stem)
+
+
+def read_record(path: Path) -> bytes | OSError:
+    """Content of a study's record alone, or why it cannot be read; see `read`."""
+    record = path.with_suffix(".json")
+    return files.read_together([record], path.parent, path.stem)[record]
 
 
 def require_writable(folder: Path, names: Iterable[str]) -> None:
