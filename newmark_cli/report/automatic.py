@@ -9,16 +9,16 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report import traces
-from newmark_cli.report.claims import Claim
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import LOOKS, Legend, Panel, Sheet, Trace, from_zero, look, spread
+from newmark_cli.report.parts import OfParts, Part
 from newmark_cli.report.verdicts import PASS, SHOWN
 from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall_times
 from newmark_cli.study import axes
@@ -46,38 +46,8 @@ _ONLY = ("jacobian", "newton")
 
 
 @dataclass(frozen=True)
-class Part:
-    """A panel: its title, and its series in the order of the legend."""
-
-    title: str
-    curves: tuple[Curve, ...]
-
-
-@dataclass(frozen=True)
-class SeriesFigure:
-    """Series of a study against the step size, a panel for each combination of some axes.
-
-    Attributes:
-        name: Of its files.
-        title: What it shows.
-        study: Study whose CSV it reads.
-        parts: Its panels.
-        columns: Panels side by side.
-    """
-
-    name: str
-    title: str
-    study: str
-    parts: tuple[Part, ...]
-    columns: int = 1
-    claims: ClassVar[tuple[Claim, ...]] = ()
-    tolerance: ClassVar[float | None] = None
-    in_paper: ClassVar[bool] = False
-
-    @property
-    def curves(self) -> tuple[Curve, ...]:
-        """Its series, panel by panel."""
-        return tuple(curve for part in self.parts for curve in part.curves)
+class SeriesFigure(OfParts):
+    """Series of a study against the step size, a panel for each combination of some axes."""
 
     def require(self, results: Results) -> None:
         """All series."""

@@ -3,22 +3,20 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
 from newmark_cli.report import records, traces
-from newmark_cli.report.claims import Claim
-from newmark_cli.report.curves import Curve
 from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Panel, Sheet, Trace, look, spread
+from newmark_cli.report.parts import OfParts
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 
 if TYPE_CHECKING:
-    from newmark_cli.report.automatic import Part
     from newmark_cli.report.slopes import Slope
 
 #: What points that stand apart are.
@@ -66,30 +64,8 @@ def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class WorkPrecisionFigure:
-    """Errors of a study against the wall times of its cells, a point for each step size.
-
-    Attributes:
-        name: Of its files.
-        title: What it shows.
-        study: Study whose CSV and record it reads.
-        parts: Its panels.
-        columns: Panels side by side.
-    """
-
-    name: str
-    title: str
-    study: str
-    parts: tuple["Part", ...]
-    columns: int = 1
-    claims: ClassVar[tuple[Claim, ...]] = ()
-    tolerance: ClassVar[float | None] = None
-    in_paper: ClassVar[bool] = False
-
-    @property
-    def curves(self) -> tuple[Curve, ...]:
-        """Its series, panel by panel."""
-        return tuple(curve for part in self.parts for curve in part.curves)
+class WorkPrecisionFigure(OfParts):
+    """Errors of a study against the wall times of its cells, a point for each step size."""
 
     def require(self, results: Results) -> None:
         """All series, and wall times of their cells."""
