@@ -143,6 +143,11 @@ def spots(tree: Any) -> list[tuple[Any, Any]]:
     return found
 
 
+def is_small(path: Path) -> bool:
+    """Whether a path is a regular file that can be read and copied, and not a sparse one."""
+    return path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000
+
+
 def change_tree(chance: random.Random, path: Path) -> str:
     """Another value, key or length somewhere in a JSON file; its seal fits by turns."""
     try:
@@ -277,7 +282,7 @@ def change_name(chance: random.Random, path: Path) -> str:
     journal = {"quick.csv": chance.choice((".quick.csv.abcd1234", "", "../../outside.txt", 7))}
     text = json.dumps(journal) if "replacing" in name else '{"cells": [1, {}]}'
     with contextlib.suppress(OSError):
-        if chance.random() < 0.5 and path.is_file():
+        if chance.random() < 0.5 and is_small(path):
             shutil.copyfile(path, target)
         else:
             target.write_text(text)
@@ -295,7 +300,6 @@ def damage(chance: random.Random, folder: Path) -> str:
         ]  # fmt: skip
         places = [*named, *named, *files, folder / ".lock", folder / "cells", folder / "history"]
         path = chance.choice(places)
-        plain = path.is_file() and not path.is_symlink() and path.stat().st_size < 10_000_000
         suffixes: dict[str, tuple[Callable[[random.Random, Path], str], ...]] = {
             ".json": (change_tree,) * 6,
             ".csv": (change_table,) * 6,
@@ -303,7 +307,7 @@ def damage(chance: random.Random, folder: Path) -> str:
         change = chance.choice(
             (change_bytes, change_kind, change_name, *suffixes.get(path.suffix, ()))
         )
-        if not plain and change is not change_name:
+        if not is_small(path) and change is not change_name:
             change = change_kind
         changes.append(f"{path.relative_to(folder)}: {change(chance, path)}")
     return "; ".join(changes)
