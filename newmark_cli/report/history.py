@@ -47,7 +47,7 @@ def read_histories(
         ResultsError: When the file is missing, truncated or of another schema.
     """
     path = history_path(folder, study)
-    content = read(folder / f"{study}.csv")[path]
+    content = read(folder / f"{study}.csv", series=True)[path]
     frame = read_csv(path, HISTORY_COLUMNS, content=content)
     known = (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)
     names = [name for name in frame.columns if name not in known]
