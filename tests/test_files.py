@@ -257,7 +257,7 @@ def test_pages_go_where_they_are_sent(cli):
 
 def pair(folder: Path, text: str) -> dict[Path, str]:
     """New contents of three files that belong together."""
-    csv, described, history = results.study_paths(folder / "a.csv")
+    csv, described, history, *_ = results.study_paths(folder / "a.csv")
     return {csv: f"csv {text}", history: f"history {text}", described: f"json {text}"}
 
 
@@ -288,7 +288,7 @@ files.replace_together(folder, "a", test_files.pair(folder, "new"), folder)
 """
     code = subprocess.run([sys.executable, "-c", script, tmp_path], check=False).returncode
     assert code in (0, 9)
-    seen = results.read(tmp_path / "a.csv")
+    seen = results.read(tmp_path / "a.csv", series=True)
     texts = {bytes(content).split()[1] for content in seen.values() if isinstance(content, bytes)}
     assert len(seen) == 3
     assert texts == {b"old"} or texts == {b"new"}
@@ -316,7 +316,7 @@ def test_readers_see_one_run(tmp_path):
     try:
         seen = []
         for _ in range(300):
-            found = results.read(tmp_path / "a.csv")
+            found = results.read(tmp_path / "a.csv", series=True)
             texts = {bytes(content).split()[1] for content in found.values()}  # type: ignore[arg-type]
             assert len(texts) == 1
             seen.append(texts.pop())

@@ -130,9 +130,8 @@ def trajectories(given: Any, study: str | None = None) -> "pd.DataFrame":
         ...     "measure": "trajectory", "trajectory": {"at": [0.5, 1.0], "keep": "lambda"},
         ... })
         >>> found = newmark.trajectories(frame)
-        >>> found[["h", "step", "t", "lambda[bars.rod]"]].round(3).values.tolist()
-        [[0.01, 50.0, 0.5, -0.374], [0.01, 100.0, 1.0, -1.426], [0.005, 100.0, 0.5, -0.374], \
-[0.005, 200.0, 1.0, -1.426]]
+        >>> found["step"].tolist(), found["lambda[bars.rod]"].round(2).tolist()
+        ([50, 100, 100, 200], [-0.37, -1.43, -0.37, -1.43])
     """
     import pandas as pd
 

@@ -261,7 +261,7 @@ class _Rules(StrictModel):
         """Numbers in the trajectories, steps and times included; 0 where none is measured."""
         if (kept := axes.kept_of(self)) is None:
             return 0
-        steps = sum(len(kept.at) or last // kept.every + 2 for _, last in self._lengths())
+        steps = sum(len(kept.at) or -(-last // kept.every) + 1 for _, last in self._lengths())
         width = 0
         for spec in self.problem:
             traits = spec.traits()
