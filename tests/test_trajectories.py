@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -181,6 +182,23 @@ def test_a_march_that_fails_is_kept_up_to_its_last_whole_step(cli):
     same_rows(rows, march.to_frame())
     assert (rows[0]["precision"], rows[-1]["step"]) == ("float32", "20")
     assert {r["status"] for r in written(cli.folder / "results/fails.csv")} == {march.status}
+
+
+def test_a_problem_in_python_is_kept_from_its_own_process(cli):
+    """Its names too; a time that its march does not come to is refused."""
+    shutil.copy(Path(__file__).parents[1] / "docs/examples/car_axis.py", cli.folder)
+    config = STUDY.replace("pendulum", '{python: "car_axis.py:car_axis", args: {compiled: false}}')
+    config = config.replace("[1e-2, 5e-3]", "1e-2").replace("t_end: 1.0", "steps: 20")
+    cli.write("swing.yaml", config.replace("every: 30", "at: [0.1, 0.2]"))
+    cli("run", "swing.yaml", "--allow-code")
+    rows = written(cli.folder / "results/trajectory/swing.csv")
+    subject = newmark.problem(f"{cli.folder}/car_axis.py:car_axis", compiled=False)
+    march = newmark.march(subject, h=1e-2, at=[0.1, 0.2])
+    assert march.numbers.tolist() == [10, 20]
+    same_rows(rows[:2], march.to_frame())
+    cli.write("swing.yaml", config.replace("every: 30", "at: 0.3"))
+    line = cli.refused("validate", "swing.yaml", "--allow-code")
+    assert "trajectory: 0.3 s is outside the march with h = 0.01, 0 to 0.2 s" in line
 
 
 # -- the way of the file ----------------------------------------------------------------------

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 #: Symbols of quantities in texts, and in labels of axes as mathtext has them.
 SYMBOLS = {"lambda": "λ", "jacobian": "C"}
-_MATH = {"lambda": r"\lambda"}
+_MATH = {"lambda": r"\lambda", ENERGY: "E"}
 
 
 def symbol(quantity: str) -> str:

@@ -29,7 +29,7 @@ def main() -> int:
         return 1
     with tempfile.TemporaryDirectory() as away:
         client = NotebookClient(
-            notebook, timeout=60, kernel_name="python3", resources={"metadata": {"path": away}}
+            notebook, timeout=240, kernel_name="python3", resources={"metadata": {"path": away}}
         )
         try:
             client.execute()
