@@ -186,9 +186,9 @@ class March:
             What was recorded since the last halt, of bounded size; the march stands at
             its end.
         """
-        numbers = self.state.fields.size + self.state.multipliers.size
         longest = _STRETCH[self.solver]
         if len(looks):
+            numbers = self.state.fields.size + self.state.multipliers.size
             longest = max(1, min(longest, _MOST_RECORDED // numbers))
         regular = range(self.done + longest, steps, longest)
         # A range may be long, and is in order.
