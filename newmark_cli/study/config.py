@@ -67,8 +67,8 @@ _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
-# Multipliers in the time series of a study, and numbers in its trajectories: 100 MB of CSV
-# each, 150 MB of kept cells, 1 GB of memory.
+# Multipliers in the time series of a study, and numbers in its trajectories: up to 200 MB of
+# CSV each, 150 MB of kept cells, 1 GB of memory.
 _MOST_RECORDED = 5_000_000
 
 
