@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
-    from newmark_cli.library.studies import plot, run, slopes
+    from newmark_cli.library.studies import plot, run, slopes, trajectories
     from newmark_cli.newmark.integrator import IntegratorError
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
@@ -48,6 +48,7 @@ _HOMES = {
     "scaling": "library.scalings",
     "slopes": "library.studies",
     "steps": "library.marching",
+    "trajectories": "library.studies",
 }
 
 __all__ = [
@@ -72,6 +73,7 @@ __all__ = [
     "scaling",
     "slopes",
     "steps",
+    "trajectories",
 ]
 
 

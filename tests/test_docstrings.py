@@ -31,10 +31,11 @@ def test_the_code_of_the_docs_runs(capsys):
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, str(DOCS), "exec"), names)
-    assert len(blocks) == 6
+    assert len(blocks) == 7
     assert names["later"].t[-1] == pytest.approx(5.0)
     assert names["factors"].right["lambda"] == pytest.approx(1 / (0.3025 * 1e-6))
     assert names["swing"].m == 1
+    assert names["kept"]["t"].round(9).tolist() == [0.01, 0.02, 0.03] * 4
 
 
 def test_the_docs_name_all_that_is_public():

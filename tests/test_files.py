@@ -257,8 +257,18 @@ def test_pages_go_where_they_are_sent(cli):
 
 def pair(folder: Path, text: str) -> dict[Path, str]:
     """New contents of three files that belong together."""
-    csv, described, history = results.study_paths(folder / "a.csv")
+    csv, described, history, *_ = results.study_paths(folder / "a.csv")
     return {csv: f"csv {text}", history: f"history {text}", described: f"json {text}"}
+
+
+def read_pair(folder: Path) -> dict[Path, bytes | OSError]:
+    """The same three, as readers see them; the study has no trajectories."""
+    found = results.read(folder / "a.csv", series=True)
+    assert all(
+        isinstance(found.pop(path), FileNotFoundError)
+        for path in set(found) - set(pair(folder, ""))
+    )
+    return found
 
 
 @pytest.mark.parametrize("killed_at", [0, 2, 4, 5, 6, 8, 9])
@@ -288,7 +298,7 @@ files.replace_together(folder, "a", test_files.pair(folder, "new"), folder)
 """
     code = subprocess.run([sys.executable, "-c", script, tmp_path], check=False).returncode
     assert code in (0, 9)
-    seen = results.read(tmp_path / "a.csv", series=True)
+    seen = read_pair(tmp_path)
     texts = {bytes(content).split()[1] for content in seen.values() if isinstance(content, bytes)}
     assert len(seen) == 3
     assert texts == {b"old"} or texts == {b"new"}
@@ -316,7 +326,7 @@ def test_readers_see_one_run(tmp_path):
     try:
         seen = []
         for _ in range(300):
-            found = results.read(tmp_path / "a.csv", series=True)
+            found = read_pair(tmp_path)
             texts = {bytes(content).split()[1] for content in found.values()}  # type: ignore[arg-type]
             assert len(texts) == 1
             seen.append(texts.pop())

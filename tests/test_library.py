@@ -773,36 +773,8 @@ def test_the_package_says_that_it_has_types():
     assert Path(newmark.__file__).with_name("py.typed").exists()
 
 
-USER = """\
-import numpy as np
-from numpy.typing import NDArray
-
-import newmark_cli as newmark
-
-
-def watch(step: newmark.Step) -> None:
-    print(step.t, step.norms["u"])
-
-
-found: newmark.Trajectory = newmark.march("pendulum", h=1e-2, t_end=1.0, callback=watch)
-values: NDArray[np.float64] = found.constraint("bars.rod")
-frame = found.to_frame()
-for step in newmark.march("pendulum", h=1e-2, steps=True, every=3):
-    if step.u[1] < -0.5:
-        break
-later = newmark.march("pendulum", h=1e-2, steps=10, state=step)
-factors: newmark.Factors = newmark.scaling("v-lambda", beta=0.3025, gamma=0.6, h=1e-3)
-number: float = factors.right["lambda"]
-definition = newmark.Definition(
-    mass_matrix=np.eye(1), u0=np.zeros(1), v0=np.zeros(1),
-    force=lambda u, v, t: u, constraints=lambda u, t: u, gradient=lambda u, t: np.eye(1),
-)
-subject: newmark.Problem = newmark.problem(definition)
-try:
-    newmark.problem("nothing")
-except newmark.NewmarkError as error:
-    print(error)
-"""
+#: What a user might write, in types; CI checks it against the installed wheel too.
+USER = Path(__file__).with_name("user.py").read_text(encoding="utf-8")
 
 
 def test_mypy_accepts_a_users_script(tmp_path):
@@ -813,7 +785,9 @@ def test_mypy_accepts_a_users_script(tmp_path):
     command = [sys.executable, "-m", "mypy", "user.py", "wrong.py"]
     done = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True)
     errors = [line for line in done.stdout.splitlines() if " error: " in line]
-    assert [line.partition(" ")[0] for line in errors] == ["wrong.py:29:", "wrong.py:30:"]
+    last = len(USER.splitlines())
+    expected = [f"wrong.py:{last + 1}:", f"wrong.py:{last + 2}:"]
+    assert [line.partition(" ")[0] for line in errors] == expected
 
 
 MEMORY = """\

@@ -31,7 +31,7 @@ from warm import SCRIPT
 
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed, store
-from newmark_cli.study import config, results
+from newmark_cli.study import config, results, trajectories
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
 ROD = """\
@@ -521,9 +521,10 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
     st.one_of(st.none(), st.integers(0, 10**9)),
     st.lists(st.lists(numbers, min_size=2, max_size=2), max_size=3),
     st.lists(st.text(st.characters(codec="utf-8")), max_size=2).map(tuple),
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=3),
 )
-def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, series, lacks):
-    """What is read back makes the same CSV and the same time series."""
+def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, series, lacks, kept):
+    """What is read back makes the same CSV, time series and trajectories."""
     outcome = Outcome(
         measurements=[
             Measurement(u, "correction", "primary", Statistics(x, y, x, y, 3)) for u, x, y in found
@@ -534,6 +535,12 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
         met=met,
         history=[(k, np.array(values)) for k, values in enumerate(series)],
         lacks=lacks,
+        trajectory={
+            "step": np.arange(len(kept)),
+            "t": np.arange(len(kept)) / 3,
+            "u[a, =b]": np.array(kept),
+            "energy": np.array(kept) / 7,
+        },
     )
     (cell, *_) = config.load_shipped("pendulum-u").cells()
     kept = store.Store(tmp_path_factory.mktemp("store"))
@@ -544,5 +551,6 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
     for text in (
         lambda one: results.csv_text(results.COLUMNS, results.rows("s", [cell], [one])),
         lambda one: results.history_text("s", [cell], [one]),
+        lambda one: trajectories.table("s", [cell], [one]).csv(),
     ):
         assert text(back.outcome) == text(outcome)

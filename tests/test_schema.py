@@ -69,6 +69,14 @@ BEYOND = [
         ],
     ),
     (
+        "is outside the march|numbers to keep",
+        "how far a march comes, and how many numbers it passes",
+        [
+            (QUICK, "1.0", "1.0\nmeasure: trajectory\ntrajectory: {at: [0.5, 1.5]}"),
+            (QUICK, "1e-2]\nt_end: 1.0", "1e-6]\nt_end: 1.0\nmeasure: trajectory"),
+        ],
+    ),
+    (
         "finite number",
         ".nan and .inf are no numbers of JSON",
         [(QUICK, "1.0", ".inf"), (EXAMPLE, "mass: 2", "mass: .nan")],
@@ -317,6 +325,14 @@ def test_what_no_schema_can_say(folder, words, text, old, new):
         (QUICK, "t_end: 1.0", "t_end: 1\nkrylov: {tolerance: 1}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nlinear_solver: [auto, gmres]"),
         (QUICK, "t_end: 1.0", "t_end: 1\nlinear_solver: [auto, sparse-lu]"),
+        *(
+            (QUICK, "t_end: 1.0", f"t_end: 1\nmeasure: trajectory\ntrajectory: {given}")
+            for given in (
+                "{every: 3, at: 0.5}", "{every: 3, at: ~}", "{every: 0}", "{at: []}", "{at: 0.5}",
+                "{at: [0.5, 0.5]}", "{keep: w}", "{keep: [u, energy]}", "{}", "3",
+            )
+        ),
+        (QUICK, "t_end: 1.0", "t_end: 1\ntrajectory: {every: 3}"),
         (QUICK, "t_end: 1.0", "t_end: 1\naccept: ok"),
         (QUICK, "t_end: 1.0", "t_end: 1\nintegrator: {method: hht}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nintegrator: {method: hht, alpha: 0.5}"),
@@ -368,7 +384,16 @@ def test_more_mistakes(folder, text, old, new):
 
 #: Values that are right on their own, in the combinations that `Case` has rules for.
 VALUES = {
-    "measure": ["correction", "condition", "[sensitivity, condition]", "[tolerance]", "krylov"],
+    "measure": [
+        "correction",
+        "condition",
+        "[sensitivity, condition]",
+        "[tolerance]",
+        "krylov",
+        "trajectory",
+        "[condition, trajectory]",
+    ],
+    "trajectory": ["{every: 3}", "{keep: [u, energy]}", "~"],
     "stop": ["{absolute: 1e-6}", "~"],
     "precision": ["float32", "[float64, float32]", "float64"],
     "linear_solver": ["gmres", "[dense-lu, sparse-lu]", "auto", "[gmres, auto]"],

@@ -45,6 +45,16 @@ allow_code_option = click.option(
 )
 
 
+format_option = click.option(
+    "--format",
+    "kind",
+    type=click.Choice(["csv", "parquet"]),
+    default="csv",
+    show_default=True,
+    help="How trajectories are written.",
+)
+
+
 jobs_option = click.option(
     "--jobs",
     type=click.IntRange(1, 1024),

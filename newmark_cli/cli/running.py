@@ -13,6 +13,7 @@ from newmark_cli.cli.options import (
     How,
     allow_code_option,
     complete_config,
+    format_option,
     results_folder,
     running_options,
 )
@@ -50,6 +51,7 @@ def _shard(
     metavar="I/N",
     help="Run only the I-th of N parts; `merge` puts them together.",
 )
+@format_option
 @allow_code_option
 def run(
     configs: tuple[str, ...],
@@ -57,6 +59,7 @@ def run(
     how: How,
     dry_run: bool,
     shard: tuple[int, int] | None,
+    kind: str,
     allow_code: bool,
 ) -> int:
     """Run studies: YAML files, or names of shipped configs.
@@ -74,7 +77,7 @@ def run(
     studies = [config.find(name, allow_code) for name in configs]
     if dry_run:
         return _dry_run(studies, folder, how.force, shard)
-    return _run(studies, folder, how, shard)
+    return _run(studies, folder, how, shard, kind)
 
 
 @click.command()
@@ -91,9 +94,10 @@ def run(
     help="Results folder of a shard; give it once per shard.",
 )
 @results_folder
+@format_option
 @allow_code_option
 def merge(
-    configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, allow_code: bool
+    configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, kind: str, allow_code: bool
 ) -> int:
     """Merge the cells of shards and write the studies.
 
@@ -107,7 +111,7 @@ def merge(
     from newmark_cli.study import config
 
     studies = [config.find(name, allow_code) for name in configs]
-    merged = runner.merge(studies, folder, sources)
+    merged = runner.merge(studies, folder, sources, kind == "parquet")
     for source, count in zip(sources, merged.taken, strict=True):
         screen.line(f"{source}: {count} cells")
     for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
@@ -158,13 +162,20 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     return code or verdict(found)
 
 
-def _run(studies: "Sequence[Study]", folder: Path, how: How, shard: tuple[int, int] | None) -> int:
+def _run(
+    studies: "Sequence[Study]",
+    folder: Path,
+    how: How,
+    shard: tuple[int, int] | None,
+    kind: str = "csv",
+) -> int:
     from newmark_cli.cli import terminal
     from newmark_cli.running import runner
 
     options = runner.Options(
-        how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard
-    )
+        how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard,
+        kind == "parquet",
+    )  # fmt: skip
     with terminal.watching(how.quiet, how.verbose) as watcher:
         interrupts.note(lambda: _kept(watcher, how.force))
         runs = runner.run_studies(studies, folder, options, watcher)

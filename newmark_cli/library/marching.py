@@ -17,6 +17,7 @@ from newmark_cli.library import arguments
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.library.scalings import integrator_of, preconditioning_of
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.kept import KEPT, first_outside, nearest_steps
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
@@ -28,7 +29,7 @@ from newmark_cli.newmark.scheme import (
     Tolerance,
     steps_until,
 )
-from newmark_cli.newmark.trajectory import KEPT, Recorder, Step, Trajectory
+from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory
 from newmark_cli.problems import starting
 from newmark_cli.problems.problem import Problem, ProblemError
 
@@ -533,10 +534,9 @@ def _marched_at(
     march, times = begun.march, arguments.vector("at", at)
     h, t0 = march.scheme.h, march.problem.t0
     end = t0 + last * h
-    for time in times.tolist():
-        if not march.t - 1e-6 * h <= time <= end + 1e-6 * h:
-            raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
-    nearest = np.unique(np.clip(np.rint((times - t0) / h).astype(np.int64), march.done, last))
+    if (time := first_outside(times.tolist(), march.t, end, h)) is not None:
+        raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
+    nearest = nearest_steps(times, t0, h, march.done, last)
     _require_room(march, len(nearest), keep, "give fewer times")
     recorder = Recorder(march, keep, len(nearest))
     looks = nearest.tolist()

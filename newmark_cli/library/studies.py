@@ -14,6 +14,7 @@ from newmark_cli.library import arguments
 from newmark_cli.processors import usable
 from newmark_cli.report import records
 from newmark_cli.study import config, reading, results
+from newmark_cli.study import trajectories as kept
 from newmark_cli.study.config import Study
 from newmark_cli.study.keys import Surroundings
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Attribute of a frame: study → what its record says besides the rows, as JSON.
 _RECORDS = "newmark-study records"
+#: Attribute of a frame: study → its trajectories, as the text of their CSV.
+_TRAJECTORIES = "newmark-study trajectories"
 #: What of a record goes with a frame: the config says what is accepted and drawn.
 _KEPT = ("study", "config", "motions")
 
@@ -55,7 +58,8 @@ def run(
 
     Returns:
         A row for each cell and quantity, in the order of the CSV, with its columns; numbers
-        are floats, what is empty is NaN.  `slopes` and `plot` take it.
+        are floats, what is empty is NaN.  `slopes` and `plot` take it, and `trajectories`
+        where the study has ``measure: trajectory``.
 
     Raises:
         DocumentError: When the config cannot be used; names file and line, or the key.
@@ -95,7 +99,54 @@ def _read(folder: Path, study: str) -> "pd.DataFrame":
     frame = reading.read_study(path).reset_index(drop=True)
     found = records.known(path)
     frame.attrs[_RECORDS] = {study: json.dumps({key: found[key] for key in _KEPT if key in found})}
+    content = results.read(path, series=True)[results.trajectory_path(folder, study)]
+    if not isinstance(content, OSError):
+        frame.attrs[_TRAJECTORIES] = {study: content.decode()}
     return frame
+
+
+def trajectories(given: Any, study: str | None = None) -> "pd.DataFrame":
+    """What the cells of a study kept of their marches, with ``measure: trajectory``.
+
+    Args:
+        given: Rows as `run` returns them, or a results folder.
+        study: Name of the study; may be left out for rows.
+
+    Returns:
+        A row for each cell and step that was kept: what tells the cell from others
+        (``problem``, ``integrator``, ``form``, ``preconditioning``, ``h`` and so on), ``step``,
+        ``t`` (s), and the columns of ``Trajectory.to_frame``: ``u[A.x]``,
+        ``lambda[bars.link]`` and so on, to the bit.  NaN where a problem lacks one.
+
+    Raises:
+        ArgumentError: When the rows have no trajectories, or no study is named.
+        ResultsError: When the folder has none, or its file cannot be used.
+        InputError: When it is Parquet, and pyarrow is not installed.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> frame = newmark.run({
+        ...     "study": "swing", "problem": "pendulum", "form": "u-lambda",
+        ...     "preconditioning": "optimal", "h": [1e-2, 5e-3], "t_end": 1.0,
+        ...     "measure": "trajectory", "trajectory": {"at": [0.5, 1.0], "keep": "lambda"},
+        ... })
+        >>> found = newmark.trajectories(frame)
+        >>> found["step"].tolist(), found["lambda[bars.rod]"].round(2).tolist()
+        ([50, 100, 100, 200], [-0.37, -1.43, -0.37, -1.43])
+    """
+    import pandas as pd
+
+    if isinstance(given, pd.DataFrame):
+        texts = given.attrs.get(_TRAJECTORIES, {})
+        if not texts:
+            raise ArgumentError("frame has no trajectories; run a study with measure: trajectory")
+        name = next(iter(texts)) if study is None else arguments.one_of("study", study, texts)
+        return kept.parse(Path("frame"), texts[name].encode())
+    if not isinstance(given, str | Path):
+        raise ArgumentError(f"give rows of run or a results folder, given {arguments.shown(given)}")
+    if not isinstance(study, str):
+        raise ArgumentError(f"study must be the name of one, given {arguments.shown(study)}")
+    return kept.read(Path(given), study)
 
 
 def slopes(frame: "pd.DataFrame") -> "pd.DataFrame":

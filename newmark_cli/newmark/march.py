@@ -169,26 +169,35 @@ class March:
         for array, values in zip(self.state, before, strict=True):
             array[:] = values
 
-    def stretches(self, steps: int, stops: Iterable[int] = ()) -> Iterator[Stretch]:
-        """Take steps, halting where somebody looks.
+    def stretches(
+        self, steps: int, stops: Iterable[int] = (), looks: Sequence[int] = ()
+    ) -> Iterator[Stretch]:
+        """Take steps, halting where somebody looks, and recording states on the way.
 
         Where it halts does not change the march by a bit.
 
         Args:
             steps: Step at which the march is over, counted from the start.
             stops: Steps after which it halts, besides halts that keep every stretch short.
+            looks: Steps whose states are recorded, which takes no halt; ascending, and as
+                a range they may be many.
 
         Yields:
-            What was recorded since the last halt; the march stands at its end.
+            What was recorded since the last halt, of bounded size; the march stands at
+            its end.
         """
         longest = _STRETCH[self.solver]
+        if len(looks):
+            numbers = self.state.fields.size + self.state.multipliers.size
+            longest = max(1, min(longest, _MOST_RECORDED // numbers))
         regular = range(self.done + longest, steps, longest)
         # A range may be long, and is in order.
         asked = stops if isinstance(stops, range) else sorted(stops)
         for halt in merge(regular, asked, (steps,)):
             if not self.done < halt <= steps:
                 continue
-            yield self.advance(halt - self.done)
+            here = slice(bisect_right(looks, self.done), bisect_right(looks, halt))
+            yield self.advance(halt - self.done, looks[here])
             if self.ending != COMPLETED:
                 return
 
@@ -203,9 +212,4 @@ class March:
         Yields:
             Stretches of bounded size with what was recorded in them.
         """
-        numbers = self.state.fields.size + self.state.multipliers.size
-        longest = max(1, min(_STRETCH[self.solver], _MOST_RECORDED // numbers))
-        while self.done < steps and self.ending == COMPLETED:
-            until = min(self.done + longest, steps)
-            here = slice(bisect_right(looks, self.done), bisect_right(looks, until))
-            yield self.advance(until - self.done, looks[here])
+        return self.stretches(steps, (), looks)

@@ -1,6 +1,6 @@
 """Trajectories: what a march passed, as arrays, and the states that it can go on from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray, Mask
 from newmark_cli.errors import ArgumentError
 from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.kept import ENERGY, KEPT
 from newmark_cli.newmark.march import March, Stretch
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
 from newmark_cli.problems.problem import Problem
@@ -18,8 +19,6 @@ from newmark_cli.spelling import nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-#: What a trajectory may keep, as `keep` names it.
-KEPT = (*FIELDS, "lambda")
 #: Row of `State.fields`: a trajectory's a is the true acceleration v', not the
 #: integrator's auxiliary one.
 _ROWS = {"u": 0, "v": 1, "a": 3}
@@ -309,13 +308,22 @@ class Trajectory:
         """
         import pandas as pd
 
+        return pd.DataFrame(self.columns((*KEPT, ENERGY)))
+
+    def columns(self, keep: Collection[str]) -> dict[str, Array]:
+        """Column → (k,) values, of what was kept; not public.
+
+        Args:
+            keep: Which of `KEPT` and `ENERGY` have columns.
+        """
         columns: dict[str, Array] = {"t": self.t}
         for key, values in self.arrays.items():
             names = self.constraint_names if key == "lambda" else self.coordinate_names
-            columns.update(zip((f"{key}[{name}]" for name in names), values.T, strict=True))
-        if {"u", "v"} <= self.arrays.keys() and self.energy is not None:
-            columns["energy"] = self.energy
-        return pd.DataFrame(columns)
+            if key in keep:
+                columns.update(zip((f"{key}[{name}]" for name in names), values.T, strict=True))
+        if ENERGY in keep and {"u", "v"} <= self.arrays.keys() and self.energy is not None:
+            columns[ENERGY] = self.energy
+        return columns
 
 
 def _place(name: str, kind: str, names: Sequence[str]) -> int:

@@ -208,7 +208,12 @@ def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
         ResultsError: When the folder has neither a CSV of a study nor a record, or no
             study of a name.
     """
-    series = {file.stem for file in (folder / "history").glob("*.csv")}
+    series = {
+        file.stem
+        for part in results.SERIES_FOLDERS
+        for file in (folder / part).glob("*.*")
+        if file in results.series_paths(folder / f"{file.stem}.csv")
+    }
     described = {f.stem for f in folder.glob("*.json") if known(f.with_suffix(".csv"))}
     described -= {Path(name).stem for name in NOT_STUDIES}
     try:
@@ -238,22 +243,22 @@ def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
     """
     path = folder / f"{study}.csv"
     contents = results.read(path, series=True)
-    _, file, history = results.study_paths(path)
+    file, series = path.with_suffix(".json"), results.series_paths(path)
     recorded: dict[str, str] = {}
     lacking = ""
     try:
         recorded = checksums(_parsed(path, contents[file]))
     except ResultsError as error:
         lacking = f"no record: {error}"
-    for csv in (path, history):
+    for csv in (path, *series):
         content, name = contents[csv], csv.relative_to(folder).as_posix()
         there = written if csv is path else not isinstance(content, FileNotFoundError)
-        if not there and name not in recorded and (csv is history or lacking):
+        if not there and name not in recorded and (csv is not path or lacking):
             continue
         finding = lacking or _finding(content, recorded.get(name), file.name)
         yield Verified(csv, finding, finding == _AS_RECORDED)
     for name in recorded:
-        if folder / name not in (path, history):
+        if folder / name not in (path, *series):
             yield Verified(file, f"names {name!r}, which is not a file of this study", False)
 
 

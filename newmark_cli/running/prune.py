@@ -26,15 +26,16 @@ from newmark_cli.running import store
 from newmark_cli.running.lock import locked
 from newmark_cli.study.config import Study
 from newmark_cli.study.reading import NOT_STUDIES
+from newmark_cli.study.results import SERIES_FOLDERS
 
 _UNFINISHED = ".unfinished-"
 _CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
 #: Names of the files whose temporary ones stay when a writer is killed.
 _WRITTEN = re.compile(
-    r"probe|\.(?:unfinished|replacing)-.+|.+\.(?:csv|gif|html|json|md|mp4|pdf|png|svg|tex)"
+    r"probe|\.(?:unfinished|replacing)-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
 )
 #: Folders whose files are written by whoever holds the lock, and by nobody else.
-_UNDER_LOCK = ("cells", "history", "references")
+_UNDER_LOCK = ("cells", "references", *SERIES_FOLDERS)
 #: Seconds after which nobody writes a file any more that needs no lock.
 _LONG_AGO = 3600.0
 

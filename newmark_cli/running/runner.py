@@ -25,7 +25,7 @@ from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
 from newmark_cli.running.store import NOT_RUN, Store, file_name
-from newmark_cli.study import motion, provenance, results
+from newmark_cli.study import motion, provenance, results, trajectories
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
@@ -43,6 +43,7 @@ class Options:
         executor: ``local`` or ``dask``.
         scheduler: Address of a dask scheduler.
         shard: (i, N): the i-th of N parts alone, counted from 1.
+        parquet: Whether trajectories are written as Parquet, not as CSV.
     """
 
     jobs: int
@@ -52,6 +53,7 @@ class Options:
     executor: str = "local"
     scheduler: str | None = None
     shard: tuple[int, int] | None = None
+    parquet: bool = False
 
 
 @dataclass(frozen=True)
@@ -176,6 +178,8 @@ def run_studies(
     """
     watcher = watcher or Watcher()
     shard = "{}/{}".format(*options.shard) if options.shard else ""
+    if options.parquet:
+        trajectories.require_parquet()
     with _held(studies, folder, "run", shard):
         store = Store(folder)
         references = References(folder, partial(_solution, timeout=options.timeout))
@@ -241,17 +245,22 @@ class Merged:
     runs: tuple[StudyRun, ...]
 
 
-def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Merged:
+def merge(
+    studies: Sequence[Study], folder: Path, sources: Sequence[Path], parquet: bool = False
+) -> Merged:
     """Take the cells of other results folders and write studies that are complete.
 
     Args:
         studies: With distinct names.
         folder: Results folder.
         sources: Folders to take cells from.
+        parquet: Whether trajectories are written as Parquet, not as CSV.
 
     Raises:
         InputError: As for `run_studies`, and when a source holds no cells.
     """
+    if parquet:
+        trajectories.require_parquet()
     with _held(studies, folder, "merge"):
         store = Store(folder)
         taken = tuple(store.take(source) for source in sources)
@@ -271,7 +280,9 @@ def merge(studies: Sequence[Study], folder: Path, sources: Sequence[Path]) -> Me
                 for s in range(len(studies))
             )
             return Merged(taken, missing, why, ())
-        open_runs = _OpenRuns(studies, folder, Options(jobs=1), planned, writes=True)
+        open_runs = _OpenRuns(
+            studies, folder, Options(jobs=1, parquet=parquet), planned, writes=True
+        )
         for i, one in enumerate(planned):
             assert one.done is not None
             open_runs.took(i, one.done)
@@ -285,7 +296,7 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
-    for part in (folder / name for name in ("cells", "history", "references")):
+    for part in (folder / name for name in ("cells", "references", *results.SERIES_FOLDERS)):
         if part.exists():
             results.require_writable(part, ())
     with locked(folder, f"{what} {' '.join(names)}", shard):
@@ -451,7 +462,10 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     seconds = [done.seconds for done in found]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
-    texts = {path: results.csv_text(results.COLUMNS, table)}
+    texts: dict[Path, str | bytes] = {path: results.csv_text(results.COLUMNS, table)}
+    if kept := trajectories.table(study.study, cells, outcomes):
+        file = results.trajectory_path(folder, study.study, parquet=options.parquet)
+        texts[file] = kept.parquet() if options.parquet else kept.csv()
     if history := results.history_text(study.study, cells, outcomes):
         texts[results.history_path(folder, study.study)] = history
     checksums = {

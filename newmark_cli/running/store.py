@@ -21,7 +21,7 @@ import numpy as np
 
 import newmark_cli
 from newmark_cli import files
-from newmark_cli.arrays import Array
+from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed
@@ -259,6 +259,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "met": outcome.met,
         "history": [[step, multipliers.tolist()] for step, multipliers in outcome.history],
         "lacks": list(outcome.lacks),
+        "trajectory": {name: values.tolist() for name, values in outcome.trajectory.items()},
     }
 
 
@@ -276,6 +277,7 @@ def _outcome(record: dict[str, Any]) -> Outcome:
         met=None if met is None else _count(met),
         history=[(_count(step), _vector(values)) for step, values in record["history"]],
         lacks=tuple(_text(reason) for reason in record.get("lacks", ())),
+        trajectory=_columns(record.get("trajectory", {})),
     )
 
 
@@ -302,6 +304,15 @@ def _number(given: object) -> float:
     if not isinstance(given, float | int) or isinstance(given, bool):
         raise TypeError("not a number")
     return float(given)
+
+
+def _columns(given: Mapping[str, object]) -> dict[str, Array | IndexArray]:
+    found: dict[str, Array | IndexArray] = {name: _vector(of) for name, of in given.items()}
+    if len({len(values) for values in found.values()}) > 1:
+        raise ValueError("columns of different lengths")
+    if "step" in found:
+        found["step"] = found["step"].astype(np.int64)
+    return found
 
 
 def _vector(given: object) -> Array:

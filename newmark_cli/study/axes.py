@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Integrator, Newmark
+from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, Krylov, choose
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.newmark.scheme import DIRECT, Tolerance
@@ -230,6 +231,13 @@ class Cell:
         config=lambda: _keys().KrylovConfig,
         default=lambda: _keys().KrylovConfig(),
     )
+    trajectory: Kept | None = setting(
+        "which steps `trajectory` keeps, and what of them; default: all",
+        column=False,
+        initial=None,
+        config=lambda: _keys().TrajectoryConfig | None,
+        default=None,
+    )
     accept: tuple[str, ...] = setting(
         "statuses of cells that are what the study is about, not failures; not_converging: series",
         column=False,
@@ -351,6 +359,13 @@ def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
     """When a Krylov solver stops; None for other solvers, whose cells do not depend on it."""
     options: Krylov = case.krylov.options()
     return options if linear_solver in (GMRES, MINRES) else None
+
+
+def kept_of(case: Any) -> Kept | None:
+    """What a case keeps of its marches; None where it measures no trajectory."""
+    if "trajectory" not in case.measure:
+        return None
+    return Kept() if case.trajectory is None else case.trajectory.kept()
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """What a cell of a study found, and how it ended."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from newmark_cli.arrays import Array
+from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.statistics import Measurement
 
 #: Statuses of a cell, from good to bad.
@@ -23,7 +23,9 @@ class Outcome:
         status: One of `STATUSES`.
         reason: Why, where the status is failed.
         met: Steps that met the tolerance; None where rounding stops Newton.
-        history: Rows of the time series, see `newmark_cli.study.results.history_rows`.
+        history: Rows of the time series, see `newmark_cli.study.results.history_text`.
+        trajectory: Column → (k,) values of the steps that were kept: ``step``, ``t``,
+            ``u[A.x]`` and so on; empty where none were to be.
         lacks: Why rows of the CSV are empty although the march reached its end: the
             reason for each thing that was not to be had, such as a reference.
     """
@@ -36,6 +38,7 @@ class Outcome:
     met: int | None = None
     history: Sequence[tuple[int, Array]] = ()
     lacks: tuple[str, ...] = ()
+    trajectory: Mapping[str, Array | IndexArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

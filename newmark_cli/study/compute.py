@@ -52,7 +52,8 @@ def compute(
             observer.sees(march)
         on_steps(1)
     stops = frozenset[int]().union(*(observer.stops for observer in observers))
-    for stretch in march.stretches(cell.steps, stops) if cell.steps else ():
+    looks = next((observer.looks for observer in observers if len(observer.looks)), ())
+    for stretch in march.stretches(cell.steps, stops, looks) if cell.steps else ():
         on_steps(len(stretch.iterations))
         counts.append(stretch.iterations)
         for observer in observers:
@@ -71,4 +72,5 @@ def compute(
         status=march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok"),
         met=march.done - not_converged if cell.stop else None,
         history=[entry for observer in observers for entry in observer.history],
+        trajectory={name: at for each in observers for name, at in each.trajectory.items()},
     )

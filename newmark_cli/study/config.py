@@ -29,6 +29,7 @@ from newmark_cli.documents import (
 )
 from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.kept import ENERGY
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
@@ -55,7 +56,7 @@ from newmark_cli.study.keys import (
     problem_of,
     scaling_of,
 )
-from newmark_cli.study.measures import HISTORY, MEASURES, Measure
+from newmark_cli.study.measures import HISTORY, MEASURES, TRAJECTORY, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -66,7 +67,8 @@ _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
-# Multipliers in the time series of a study: 100 MB of CSV, 150 MB of kept cells, 1 GB of memory.
+# Multipliers in the time series of a study, and numbers in its trajectories: up to 200 MB of
+# CSV each, 150 MB of kept cells, 1 GB of memory.
 _MOST_RECORDED = 5_000_000
 
 
@@ -111,6 +113,8 @@ class _Rules(StrictModel):
                 except ScalingError as error:
                     yield misfit("preconditioning", f"{variant.name}: {error}")
                     return
+        if self.trajectory is not None and TRAJECTORY.name not in self.measure:
+            yield misfit("trajectory", f"needs 'measure: {TRAJECTORY.name}'")
         yield from self._unfit()
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
@@ -137,6 +141,13 @@ class _Rules(StrictModel):
                 f"history of {self.recorded} multipliers, at most {_MOST_RECORDED}; lower "
                 f"samples, given {self.samples}",
             )
+        if self.kept_numbers > _MOST_RECORDED:
+            yield misfit(
+                "trajectory",
+                f"{self.kept_numbers} numbers to keep, at most {_MOST_RECORDED}; keep fewer "
+                "steps, or less of each",
+            )
+        yield from self._missed()
         if not (
             COMPENSATED in self.evaluation
             or MINRES in self.linear_solver
@@ -163,6 +174,29 @@ class _Rules(StrictModel):
             for form, solver in product(self.form, self.linear_solver):
                 if choose(solver, traits, FORMS[form]) != DENSE:
                     yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
+
+    def _missed(self) -> Iterator[PydanticCustomError]:
+        """Times of a trajectory that a march does not come to."""
+        kept = axes.kept_of(self)
+        if kept is None or not kept.at:
+            return
+        for spec, (h, steps) in product(self.problem, self._lengths()):
+            t0 = spec.traits().sample.t0
+            if (time := kept.outside(t0, h, steps)) is not None:
+                yield misfit(
+                    "trajectory",
+                    f"{time:g} s is outside the march with h = {h:g}, {t0:g} to "
+                    f"{t0 + steps * h:g} s",
+                )
+                return
+
+    def _lengths(self) -> list[tuple[float, int]]:
+        """Step sizes and steps; none where the march has no length, which is told elsewhere."""
+        if self.steps is not None:
+            return [(h, self.steps) for h in self.h]
+        if self.t_end is None:
+            return []
+        return [(h, steps_until(self.t_end, h)) for h in self.h if self.t_end / h <= MOST_STEPS]
 
     def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
         from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
@@ -222,6 +256,19 @@ class _Rules(StrictModel):
         others = self.count // (len(self.h) * len(self.problem))
         return int(pairs * multipliers * others)
 
+    @property
+    def kept_numbers(self) -> int:
+        """Numbers in the trajectories, steps and times included; 0 where none is measured."""
+        if (kept := axes.kept_of(self)) is None:
+            return 0
+        steps = sum(len(kept.at) or -(-last // kept.every) + 1 for _, last in self._lengths())
+        width = 0
+        for spec in self.problem:
+            traits = spec.traits()
+            sizes = {"lambda": traits.m, ENERGY: 1}
+            width += 2 + sum(sizes.get(name, traits.n) for name in kept.keep)
+        return steps * width * (self.count // (len(self.h) * len(self.problem)))
+
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
         for at in axes.grid(axes.values(self)):
@@ -233,6 +280,7 @@ class _Rules(StrictModel):
                 t_end=self.t_end if self.t_end is not None else steps * h,
                 steps=steps,
                 krylov=axes.krylov_options(self, at["linear_solver"]),
+                trajectory=axes.kept_of(self),
                 **{name: getattr(self, name) for name in _AS_GIVEN},
             )
 
@@ -257,7 +305,7 @@ else:
 _AS_GIVEN = [
     axis.name
     for axis in axes.cell_axes()
-    if not axis.cell and axis.name not in ("t_end", "steps", "krylov")
+    if not axis.cell and axis.name not in ("t_end", "steps", "krylov", "trajectory")
 ]
 
 
@@ -358,7 +406,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             break
     with mistakes.gathered():
         study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
-    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_history):
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_series):
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
@@ -404,13 +452,20 @@ def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> Non
         known.append({name: _looked_up(values) for name, values in ours.items()})
 
 
-def _refuse_long_history(document: Document, cases: Mapping[int, Case]) -> None:
+def _refuse_long_series(document: Document, cases: Mapping[int, Case]) -> None:
     recorded = sum(case.recorded for case in cases.values())
     if recorded > _MOST_RECORDED:
         raise document.error(
             ("cases",),
             f"history of {recorded} multipliers in all cases, at most {_MOST_RECORDED}; "
             "lower samples",
+        )
+    kept = sum(case.kept_numbers for case in cases.values())
+    if kept > _MOST_RECORDED:
+        raise document.error(
+            ("cases",),
+            f"trajectories of {kept} numbers in all cases, at most {_MOST_RECORDED}; keep fewer "
+            "steps, or less of each",
         )
 
 

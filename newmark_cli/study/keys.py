@@ -44,6 +44,7 @@ from newmark_cli.newmark.integrator import (
     IntegratorError,
     parameters,
 )
+from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
@@ -487,6 +488,33 @@ def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonS
             ),
         ]
     }
+
+
+class TrajectoryConfig(StrictModel):
+    """What `measure: trajectory` keeps: every k-th step, or those nearest to some times."""
+
+    model_config = ConfigDict(json_schema_extra={"not": {"allOf": [given("every"), given("at")]}})
+
+    every: Annotated[int, Strict(), Field(ge=1, le=MOST_STEPS), WHOLE] | None = Field(
+        None, description="the start, every so many steps, and the last; 1 when omitted"
+    )
+    at: OneOrMore[Number] | None = Field(
+        None, description="the steps nearest to these times (s) instead"
+    )
+    keep: OneOrMore[Annotated[str, _Known("name", (*KEPT, ENERGY))]] = Field(
+        (*KEPT, ENERGY), description="fields to keep; energy: where it is conserved"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "TrajectoryConfig":
+        if self.every is not None and self.at is not None:
+            raise misfit("at", "give either every or at, not both")
+        return self
+
+    def kept(self) -> Kept:
+        """The core's value."""
+        times = tuple(sorted({float(t) for t in self.at or ()}))
+        return Kept(self.every or 1, times, self.keep)
 
 
 Variant = Annotated[Any, BeforeValidator(_preconditioning), Shown(_written_variant)]

@@ -11,7 +11,7 @@ neither.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
@@ -34,11 +35,12 @@ if TYPE_CHECKING:
     from newmark_cli.newmark.invariants import Misfit
     from newmark_cli.newmark.march import March, Stretch
     from newmark_cli.newmark.march_data import State
+    from newmark_cli.newmark.trajectory import Trajectory
     from newmark_cli.problems.reference import Reference
 
 #: Symbols of quantities in texts, and in labels of axes as mathtext has them.
 SYMBOLS = {"lambda": "λ", "jacobian": "C"}
-_MATH = {"lambda": r"\lambda"}
+_MATH = {"lambda": r"\lambda", ENERGY: "E"}
 
 
 def symbol(quantity: str) -> str:
@@ -59,9 +61,12 @@ class Observer:
 
     Attributes:
         stops: Steps after which it wants to see the march.
+        looks: Steps whose states the march is to record for it on the way, ascending.
+            Only one measure may have any: each takes all that a stretch has recorded.
     """
 
     stops: frozenset[int] = frozenset()
+    looks: Sequence[int] = ()
 
     def took(self, stretch: "Stretch") -> None:
         """The march took these steps."""
@@ -77,6 +82,11 @@ class Observer:
     def history(self) -> list[tuple[int, Array]]:
         """Multipliers (m,) at recorded steps, for the file of time series."""
         return []
+
+    @property
+    def trajectory(self) -> Mapping[str, Array | IndexArray]:
+        """Column of the file of trajectories → (k,) values at the steps that were kept."""
+        return {}
 
 
 def _unpredicted(key: SeriesKey) -> float:
@@ -670,13 +680,81 @@ HISTORY = Measure(
 )
 
 
+# -- trajectory -------------------------------------------------------------------------------
+
+
+class _Trajectories(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        from newmark_cli.newmark.trajectory import Recorder
+
+        kept = self._kept = cell.trajectory or Kept()
+        steps = kept.looks(march.problem.t0, cell.h, cell.steps)
+        wanted = {*kept.keep, *(("u", "v") if ENERGY in kept.keep else ())}
+        self._recorder = Recorder(march, [name for name in KEPT if name in wanted], len(steps) + 1)
+        if steps and steps[0] == 0:
+            self._recorder.keep_here()
+            steps = steps[1:]
+        self.looks = steps
+
+    def took(self, stretch: "Stretch") -> None:
+        self._recorder.took(stretch)
+
+    @cached_property
+    def _found(self) -> "Trajectory":
+        if not self._kept.at:
+            self._recorder.keep_here()
+        return self._recorder.trajectory()
+
+    @property
+    def trajectory(self) -> Mapping[str, Array | IndexArray]:
+        found = self._found
+        return {"step": found.numbers} | found.columns(self._kept.keep)
+
+    def measured(self) -> list[Measurement]:
+        found = self._found
+        # The start is no step; where it is all that was kept, it has to do.
+        after = slice(1, None) if len(found.t) > 1 and found.numbers[0] == 0 else slice(None)
+        sizes = {name: found.arrays[name] for name in found.arrays if name in self._kept.keep}
+        if ENERGY in self._kept.keep and found.energy is not None:
+            sizes[ENERGY] = found.energy[:, None]
+        return [
+            Measurement(
+                name,
+                "trajectory",
+                "primary",
+                statistics(np.abs(sizes[name][after]).max(axis=1, initial=0.0)),
+            )
+            for name in (*KEPT, ENERGY)
+            if name in sizes
+        ]
+
+
+TRAJECTORY = Measure(
+    "trajectory",
+    "u, v, a, λ and the energy over time, by name, into `results/trajectory/<study>.csv`; the "
+    "key `trajectory` says at which steps",
+    (
+        Record(
+            "trajectory",
+            lambda key: f"{symbol(key.quantity)} over time",
+            lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
+            "max",
+            quantities=(*KEPT, ENERGY),
+        ),
+    ),
+    _Trajectories,
+    rows=_primary(*(("trajectory", name) for name in (*KEPT, ENERGY))),
+    may_lack=(*KEPT, ENERGY),
+)
+
+
 def _by_name(*measures: Measure) -> Mapping[str, Measure]:
     return MappingProxyType({measure.name: measure for measure in measures})
 
 
 #: Measures by name, in the order of a cell's rows.
 MEASURES = _by_name(
-    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY
+    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY, TRAJECTORY
 )  # fmt: skip
 
 #: Records by name, as the CSV's column ``measure`` has them.

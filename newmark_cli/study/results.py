@@ -71,6 +71,15 @@ def history_path(folder: Path, study: str) -> Path:
     return folder / "history" / f"{study}.csv"
 
 
+def trajectory_path(folder: Path, study: str, parquet: bool = False) -> Path:
+    """File of a study's trajectories: a CSV, or in Parquet."""
+    return folder / "trajectory" / f"{study}.{'parquet' if parquet else 'csv'}"
+
+
+#: Folders of what cells record over time.
+SERIES_FOLDERS = ("history", "trajectory")
+
+
 def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
     recording = [
@@ -81,11 +90,7 @@ def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome])
     most = max(len(values) for _, outcome in recording for _, values in outcome.history)
     names = [f"lambda_{k + 1}" for k in range(most)]
     labels = [axes.labels(cell) for cell, _ in recording]
-    told = [
-        axis.name
-        for axis in axes.cell_axes()
-        if axis.name in HISTORY_MAY_HAVE and any(each[axis.name] != axis.usual for each in labels)
-    ]
+    columns = (*HISTORY_COLUMNS, *told_apart(labels), *names)
     # Row by row: there may be millions of values.
     table = (
         {"study": study}
@@ -95,7 +100,20 @@ def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome])
         for label, (cell, outcome) in zip(labels, recording, strict=True)
         for step, multipliers in outcome.history
     )
-    return csv_text((*HISTORY_COLUMNS, *told, *names), table)
+    return csv_text(columns, table)
+
+
+def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Columns besides `HISTORY_COLUMNS` in which a value does not go without saying.
+
+    Args:
+        labels: Of each cell, as `axes.labels` gives them.
+    """
+    return [
+        axis.name
+        for axis in axes.cell_axes()
+        if axis.name in HISTORY_MAY_HAVE and any(each[axis.name] != axis.usual for each in labels)
+    ]
 
 
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
@@ -168,41 +186,57 @@ def _unguarded(text: str) -> str:
     return _GUARDED.sub(r"\1", text) if "'" in text else text
 
 
-def study_paths(path: Path) -> tuple[Path, Path, Path]:
-    """Files of a study that are replaced together: its CSV, record and time series.
+def study_paths(path: Path) -> tuple[Path, ...]:
+    """Files of a study that are replaced together: CSV, record, and what `series_paths` has.
 
     Args:
         path: The CSV.
     """
-    return path, path.with_suffix(".json"), history_path(path.parent, path.stem)
+    return path, path.with_suffix(".json"), *series_paths(path)
 
 
-def replace(folder: Path, study: str, texts: Mapping[Path, str], record: Mapping[str, Any]) -> None:
+def series_paths(path: Path) -> tuple[Path, ...]:
+    """Files of what a study records over time, of which it may have none.
+
+    Args:
+        path: Its CSV.
+    """
+    return (
+        history_path(path.parent, path.stem),
+        *(trajectory_path(path.parent, path.stem, parquet) for parquet in (False, True)),
+    )
+
+
+def replace(
+    folder: Path, study: str, texts: Mapping[Path, str | bytes], record: Mapping[str, Any]
+) -> None:
     """Write the CSVs of a study and their record; readers see those of one run.
 
     Args:
         folder: Results folder; it exists, and is held.
         study: Name of the study.
-        texts: File → its text.
+        texts: File → what it holds.
         record: What stands in the study's JSON.
 
     Raises:
         ResultsError: They cannot be written; those that were there stay.
     """
-    _, described, history = study_paths(folder / f"{study}.csv")
-    if history in texts:
-        files.make_folder(history.parent, folder)
-    gone = {history: None} if history not in texts and os.path.lexists(history) else {}
-    contents = {**texts, **gone, described: files.json_text(record)}
+    path = folder / f"{study}.csv"
+    series = series_paths(path)
+    for file in series:
+        if file in texts:
+            files.make_folder(file.parent, folder)
+    gone = {file: None for file in series if file not in texts and os.path.lexists(file)}
+    contents = {**texts, **gone, path.with_suffix(".json"): files.json_text(record)}
     files.replace_together(folder, study, contents, folder)
 
 
 def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
-    """Contents of a study's CSV and record, as one run has written them.
+    """Contents of the files of a study, see `study_paths`, as one run has written them.
 
     Args:
         path: The CSV.
-        series: Whether the time series are read too, which may be large.
+        series: Whether those of `series_paths` are read too, which may be large.
 
     Returns:
         File → content, or why it cannot be read.

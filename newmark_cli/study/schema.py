@@ -15,7 +15,7 @@ from newmark_cli.mechanisms.planar import Mechanism
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import AUTO, DENSE
 from newmark_cli.study.config import MOST_CASES, Case, Study
-from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.measures import MEASURES, TRAJECTORY
 
 _WIDTH = 100
 #: Keys of which a case takes neither from the top when it sets one.
@@ -106,6 +106,7 @@ def _rules() -> Iterator[tuple[_Condition, _Condition]]:
             having = [name for name, form in FORMS.items() if block in getattr(form, part)]
             if len(having) < len(FORMS):
                 yield _own_factor(side, block), _only("form", having)
+    yield _Condition("trajectory", not_null), _any_of("measure", [TRAJECTORY.name])
 
 
 _NO_CASES: JsonSchema = {"not": {"required": ["cases"]}}

@@ -1,0 +1,68 @@
+"""Which steps of a march are kept, and what of them; imports nothing that marches."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.integrator import FIELDS
+
+#: What a trajectory may keep, as `keep` names it.
+KEPT = (*FIELDS, "lambda")
+#: What follows from u and v, where the problem has it.
+ENERGY = "energy"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a study keeps of a march.
+
+    Attributes:
+        every: The start, every so many steps, and the last.
+        at: The steps nearest to these times (s) instead, if there are any.
+        keep: Some of `KEPT` and `ENERGY`.
+    """
+
+    every: int = 1
+    at: tuple[float, ...] = ()
+    keep: tuple[str, ...] = (*KEPT, ENERGY)
+
+    def looks(self, t0: float, h: float, last: int) -> Sequence[int]:
+        """Steps that are kept of a march, ascending; as a range where they may be many.
+
+        The last of ``every`` is left out unless it is one of them, since nobody knows
+        whether the march will come so far.
+
+        Args:
+            t0: Time of step 0 (s).
+            h: Step size (s).
+            last: Last step.
+        """
+        if self.at:
+            steps: list[int] = nearest_steps(np.array(self.at), t0, h, 0, last).tolist()
+            return steps
+        return range(0, last + 1, self.every)
+
+    def outside(self, t0: float, h: float, last: int) -> float | None:
+        """The first of the times that the march does not come to; None if it does to all."""
+        return first_outside(self.at, t0, t0 + last * h, h)
+
+
+def nearest_steps(times: Array, t0: float, h: float, first: int, last: int) -> Array:
+    """(k,) distinct steps nearest to times (s), ascending.
+
+    Args:
+        times: The times.
+        t0: Time of step 0 (s).
+        h: Step size (s).
+        first, last: Steps between which they are.
+    """
+    steps = np.rint((times - t0) / h).astype(np.int64)
+    return np.asarray(np.unique(np.clip(steps, first, last)))
+
+
+def first_outside(times: Sequence[float], begin: float, end: float, h: float) -> float | None:
+    """The first time that is not between two others, but for rounding; None if all are."""
+    slack = 1e-6 * h
+    return next((t for t in times if not begin - slack <= t <= end + slack), None)

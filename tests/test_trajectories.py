@@ -1,0 +1,447 @@
+"""`measure: trajectory`: the rows of the library, in one file that goes the way of all results."""
+
+import csv
+import io
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import newmark_cli as newmark
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.newmark.march_data import State
+from newmark_cli.problems.reference import relative_error
+from newmark_cli.study import compute, config, results, trajectories
+
+STUDY = """\
+study: swing
+problem: pendulum
+form: [u-lambda, v-lambda]
+preconditioning: optimal
+h: [1e-2, 5e-3]
+t_end: 1.0
+measure: [condition, trajectory]
+trajectory: {every: 30}
+"""
+WITHOUT = STUDY.replace("[condition, trajectory]\ntrajectory: {every: 30}", "condition")
+
+
+def columns_of(row):
+    """Components and energy, without what a problem lacks."""
+    return {
+        name: float(text)
+        for name, text in row.items()
+        if text and ("[" in name or name == "energy") and name != "preconditioning"
+    }
+
+
+def same_rows(rows, frame):
+    """Rows of a CSV are those of a frame to the last bit."""
+    assert len(rows) == len(frame)
+    for row, expected in zip(rows, frame.to_dict("records"), strict=True):
+        found = {"t": float(row["t"]), **columns_of(row)}
+        assert list(found) == list(expected)
+        assert [v.hex() for v in found.values()] == [v.hex() for v in expected.values()]
+
+
+def written(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+# -- the rows of the library ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkeypatch):
+    """Of every shipped problem, to the bit: what `run` writes, `march` returns, `error` judges."""
+    h = {"andrews": 1e-4, "pendulum": 1e-2}.get(name, 1e-3)
+    path = cli.write(
+        "one.yaml",
+        f"study: one\nproblem: {name}\nform: v-lambda\npreconditioning: left\nh: {h}\nsteps: 40\n"
+        "integrator: {method: generalized-alpha, rho: 0.9}\nmeasure: [trajectory, error]\n"
+        "trajectory: {every: 7}\n",
+    )
+    judged = []
+
+    def errors(reference, state):
+        judged.append(State(*(array.copy() for array in state)))
+        return []
+
+    monkeypatch.setattr("newmark_cli.study.measures.errors", errors)
+    (cell,) = config.load(path).cells()
+    outcome = compute.compute(cell)
+    table = trajectories.table("one", [cell], [outcome])
+    rows = list(csv.DictReader(io.StringIO(table.csv())))
+    how = {"form": "v-lambda", "scaling": "left", "integrator": "generalized-alpha rho=0.9"}
+    whole = newmark.march(name, h=h, steps=40, every=7, **how)
+    assert [int(row["step"]) for row in rows] == [0, 7, 14, 21, 28, 35, 40]
+    same_rows(rows, whole.to_frame())
+    (end,) = judged
+    last = columns_of(rows[-1])
+    fields = [*end.fields[0], *end.fields[1], *end.fields[3], *end.multipliers]
+    assert [value for name, value in last.items() if name != "energy"] == fields
+
+    cli("run", "one.yaml")
+    assert (cli.folder / "results/trajectory/one.csv").read_text() == table.csv()
+
+
+def test_the_error_in_the_csv_is_that_of_the_last_row(cli):
+    """Recomputed from the written end state and the reference that the run has kept."""
+    cli.write(
+        "one.yaml",
+        "study: one\nproblem: four-bar\nform: u-lambda\npreconditioning: optimal\nh: 1e-3\n"
+        "t_end: 0.05\nmeasure: [trajectory, error]\ntrajectory: {at: 0.05, keep: [v, lambda]}\n",
+    )
+    cli("run", "one.yaml")
+    (row,) = written(cli.folder / "results/trajectory/one.csv")
+    (kept,) = (cli.folder / "results/references").glob("*.json")
+    reference = json.loads(kept.read_text())
+    found = {r["quantity"]: r["last"] for r in written(cli.folder / "results/one.csv")
+             if r["measure"] == "error"}  # fmt: skip
+    for kind in ("v", "lambda"):
+        state = np.array([x for name, x in columns_of(row).items() if name.startswith(f"{kind}[")])
+        assert float(found[kind]) == relative_error(state, np.array(reference[kind]))
+
+
+@pytest.mark.parametrize(
+    ("given", "how", "keep"),
+    [
+        ("{every: 30}", {"every": 30}, None),
+        ("{every: 1000, keep: lambda}", {"every": 1000}, ["lambda["]),
+        ("{at: [0.998, 0, 0.504, 0.5], keep: [u, energy]}",
+         {"at": [0, 0.5, 0.504, 0.998]}, ["u[", "energy"]),
+        ("{keep: energy}", {}, ["energy"]),
+    ],
+)  # fmt: skip
+def test_what_is_kept_is_what_the_library_keeps(cli, given, how, keep):
+    """Every so many steps and the last, or the nearest to times; whole columns or few."""
+    cli.write("swing.yaml", STUDY.replace("{every: 30}", given))
+    cli("run", "swing.yaml")
+    rows = written(cli.folder / "results/trajectory/swing.csv")
+    for form in ("u-lambda", "v-lambda"):
+        for h in ("0.01", "0.005"):
+            ours = [row for row in rows if (row["form"], row["h"]) == (form, h)]
+            march = newmark.march("pendulum", h=float(h), t_end=1.0, form=form, **how)
+            assert [int(row["step"]) for row in ours] == march.numbers.tolist()
+            frame = march.to_frame()
+            names = [n for n in frame if n == "t" or keep is None or n.startswith(tuple(keep))]
+            same_rows(ours, frame[names])
+
+
+def test_rows_of_the_study_are_the_largest_along_the_way(cli):
+    """One for each quantity that is kept; `check` finds nothing to object to in them."""
+    cli.write("swing.yaml", STUDY.replace("{every: 30}", "{keep: [v, lambda]}"))
+    cli("run", "swing.yaml")
+    rows = [r for r in written(cli.folder / "results/swing.csv") if r["measure"] == "trajectory"]
+    assert [row["quantity"] for row in rows] == ["v", "lambda"] * 4
+    march = newmark.march("pendulum", h=1e-2, t_end=1.0)
+    for row, field in zip(rows[:2], (march.v, march.multipliers), strict=True):
+        sizes = np.abs(field[1:]).max(axis=1)
+        assert (float(row["max"]), float(row["last"])) == (sizes.max(), sizes[-1])
+        assert int(row["zeros"]) == 0
+    assert "not what the tool writes" not in cli("check", code=1).stdout
+
+
+def test_problems_of_one_study_share_a_file(cli):
+    """Columns are those of all, empty where a problem lacks one."""
+    cli.write("swing.yaml", STUDY.replace("pendulum", "[pendulum, double-pendulum]"))
+    cli("run", "swing.yaml")
+    frame = newmark.trajectories(cli.folder / "results", "swing")
+    double, pendulum = (frame[frame["problem"] == name] for name in ("double-pendulum", "pendulum"))
+    components = [name for name in frame if "[" in name]
+    kinds = [name.partition("[")[0] for name in components]
+    assert kinds == sorted(kinds, key=["u", "v", "a", "lambda"].index)
+    assert pendulum["u[Q.x]"].isna().all()
+    assert not double["u[Q.x]"].isna().any()
+    for name, part in (("pendulum", pendulum), ("double-pendulum", double)):
+        there = part.dropna(axis=1, how="all")
+        march = newmark.march(name, h=1e-2, t_end=1.0, every=30)
+        assert {c for c in there if "[" in c} == {c for c in march.to_frame() if "[" in c}
+        first = there[(there["form"] == "u-lambda") & (there["h"] == 1e-2)]
+        for column in march.to_frame():
+            assert first[column].tolist() == march.to_frame()[column].tolist()
+
+
+def test_a_march_that_fails_is_kept_up_to_its_last_whole_step(cli):
+    """As the library has it, with the status in the CSV."""
+    cli.write(
+        "fails.yaml",
+        "study: fails\nproblem: pendulum\nform: a-lambda\npreconditioning: optimal\nh: 1e-1\n"
+        "t_end: 2.0\nprecision: float32\nlinear_solver: dense-lu\nmeasure: trajectory\n"
+        "trajectory: {every: 50}\niteration_cap: 1\naccept: not_converged\n",
+    )
+    cli("run", "fails.yaml")
+    how = {"form": "a-lambda", "precision": "float32", "iteration_cap": 1, "every": 50}
+    march = newmark.march("pendulum", h=1e-1, t_end=2.0, **how)
+    rows = written(cli.folder / "results/trajectory/fails.csv")
+    same_rows(rows, march.to_frame())
+    assert (rows[0]["precision"], rows[-1]["step"]) == ("float32", "20")
+    assert {r["status"] for r in written(cli.folder / "results/fails.csv")} == {march.status}
+
+
+def test_a_problem_in_python_is_kept_from_its_own_process(cli):
+    """Its names too; a time that its march does not come to is refused."""
+    shutil.copy(Path(__file__).parents[1] / "docs/examples/car_axis.py", cli.folder)
+    config = STUDY.replace("pendulum", '{python: "car_axis.py:car_axis", args: {compiled: false}}')
+    config = config.replace("[1e-2, 5e-3]", "1e-2").replace("t_end: 1.0", "steps: 20")
+    cli.write("swing.yaml", config.replace("every: 30", "at: [0.1, 0.2]"))
+    cli("run", "swing.yaml", "--allow-code")
+    rows = written(cli.folder / "results/trajectory/swing.csv")
+    subject = newmark.problem(f"{cli.folder}/car_axis.py:car_axis", compiled=False)
+    march = newmark.march(subject, h=1e-2, at=[0.1, 0.2])
+    assert march.numbers.tolist() == [10, 20]
+    same_rows(rows[:2], march.to_frame())
+    cli.write("swing.yaml", config.replace("every: 30", "at: 0.3"))
+    line = cli.refused("validate", "swing.yaml", "--allow-code")
+    assert "trajectory: 0.3 s is outside the march with h = 0.01, 0 to 0.2 s" in line
+
+
+# -- the way of the file ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def ran(cli):
+    """The command line, after a run of the study."""
+    cli.write("swing.yaml", STUDY)
+    cli("run", "swing.yaml")
+    return cli
+
+
+def test_kept_cells_shards_and_dask_write_the_same_file(ran):
+    """Resumed, forced, merged: the same bytes; the record has its checksum."""
+    path = ran.folder / "results/trajectory/swing.csv"
+    before = path.read_bytes()
+    path.unlink()
+    assert "4 kept" in ran("run", "swing.yaml").stdout
+    assert path.read_bytes() == before
+    for part in ("1", "2"):
+        ran("run", "swing.yaml", "--shard", f"{part}/2", "--results", f"part{part}")
+    ran("merge", "swing.yaml", "--from", "part1", "--from", "part2", "--results", "merged")
+    assert (ran.folder / "merged/trajectory/swing.csv").read_bytes() == before
+    record = json.loads((ran.folder / "results/swing.json").read_text())
+    assert set(record["sha256"]) == {"swing.csv", "trajectory/swing.csv"}
+    assert record["config"]["cases"][0]["trajectory"] == {
+        "every": 30, "keep": ["u", "v", "a", "lambda", "energy"]
+    }  # fmt: skip
+
+
+def test_other_steps_are_other_cells(ran):
+    """What is kept is part of what is computed; without the measure it is not."""
+    ran.write("swing.yaml", STUDY.replace("every: 30", "every: 31"))
+    assert "kept" not in ran("run", "swing.yaml").stdout
+    plain = config.load(ran.write("plain.yaml", WITHOUT + "samples: 5\n"))
+    assert {cell.trajectory for cell in plain.cells()} == {None}
+
+
+def test_verify_knows_the_file(ran):
+    """As written, changed, and without a record."""
+    path = ran.folder / "results/trajectory/swing.csv"
+    assert "results/trajectory/swing.csv: ok" in ran("verify").stdout
+    path.write_text(path.read_text().replace("0.3", "0.4", 1))
+    told = ran("verify", code=1).stdout
+    assert "results/trajectory/swing.csv: differs from its record" in told
+    path.unlink()
+    assert "results/trajectory/swing.csv: missing" in ran("verify", code=1).stdout
+    (ran.folder / "results/trajectory/other.csv").write_text("x\n")
+    assert "results/trajectory/other.csv: no record" in ran("verify", code=1).stdout
+
+
+def test_a_study_that_keeps_none_any_more_loses_the_file(ran):
+    """And one that writes Parquet its CSV; temporary files of killed runs go with `prune`."""
+    folder = ran.folder / "results/trajectory"
+    litter = folder / ".swing.parquet.abcdefgh"
+    litter.write_text("x")
+    assert "1 temporary file" in ran("prune").stdout
+    assert not litter.exists()
+    ran.write("swing.yaml", WITHOUT)
+    ran("run", "swing.yaml")
+    assert list(folder.iterdir()) == []
+    ran("verify")
+
+
+def test_a_link_in_the_way_is_not_followed(ran):
+    """The folder of the file may not lead out of the results."""
+    folder = ran.folder / "results/trajectory"
+    folder.rename(ran.folder / "elsewhere")
+    folder.symlink_to(ran.folder / "elsewhere")
+    before = (ran.folder / "elsewhere/swing.csv").read_bytes()
+    assert "symbolic link" in ran.refused("run", "swing.yaml", "--force", "-q")
+    assert (ran.folder / "elsewhere/swing.csv").read_bytes() == before
+
+
+# -- parquet ----------------------------------------------------------------------------------
+
+
+def test_parquet_has_the_same_bits(ran):
+    """The rows of the CSV, which it replaces, until a run writes a CSV again."""
+    pytest.importorskip("pyarrow")
+    folder = ran.folder / "results"
+    before = newmark.trajectories(folder, "swing")
+    ran("run", "swing.yaml", "--format", "parquet")
+    assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.parquet"]
+    assert "results/trajectory/swing.parquet: ok" in ran("verify").stdout
+    found = newmark.trajectories(folder, "swing")
+    assert found.columns.tolist() == before.columns.tolist()
+    assert (found["step"].dtype, found["t"].dtype) == (np.int64, np.float64)
+    for column in before:
+        assert found[column].tolist() == before[column].tolist()
+    other = pd.read_parquet(folder / "trajectory/swing.parquet")
+    assert other["lambda[bars.rod]"].tolist() == before["lambda[bars.rod]"].tolist()
+    ran("run", "swing.yaml")
+    assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.csv"]
+    ran("merge", "swing.yaml", "--from", "results", "--results", "m", "--format", "parquet")
+    assert newmark.trajectories(ran.folder / "m", "swing").equals(found)
+
+
+def test_parquet_of_unlike_problems_is_null_where_one_lacks_a_component(cli):
+    """As the CSV is empty there."""
+    pytest.importorskip("pyarrow")
+    cli.write("swing.yaml", STUDY.replace("pendulum", "[pendulum, double-pendulum]"))
+    cli("run", "swing.yaml")
+    before = newmark.trajectories(cli.folder / "results", "swing")
+    cli("run", "swing.yaml", "--format", "parquet")
+    pd.testing.assert_frame_equal(
+        newmark.trajectories(cli.folder / "results", "swing"), before, check_dtype=False,
+        check_exact=True,
+    )  # fmt: skip
+
+
+def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    """In one line that names the extra."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    from newmark_cli.running import runner
+
+    for call in (
+        lambda: runner.run_studies([], tmp_path / "r", runner.Options(1, parquet=True)),
+        lambda: runner.merge([], tmp_path / "r", [], parquet=True),
+    ):
+        with pytest.raises(newmark.InputError) as caught:
+            call()
+        assert str(caught.value) == (
+            "--format parquet needs pyarrow; install it with: pip install 'newmark-study[parquet]'"
+        )
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + bytes(40) + b"PAR1"])
+def test_damaged_parquet(ran, content):
+    """One sentence of a documented class."""
+    pytest.importorskip("pyarrow")
+    ran("run", "swing.yaml", "--format", "parquet")
+    (ran.folder / "results/trajectory/swing.parquet").write_bytes(content)
+    with pytest.raises(newmark.InputError, match=r"swing\.parquet: not Parquet: .+") as caught:
+        newmark.trajectories(ran.folder / "results", "swing")
+    assert "\n" not in str(caught.value)
+
+
+# -- the library ------------------------------------------------------------------------------
+
+
+def test_the_frame_of_a_run_has_its_trajectories(ran):
+    """The same as the file of the command line, whether a folder is kept or not."""
+    expected = newmark.trajectories(ran.folder / "results", "swing")
+    frame = newmark.run(ran.folder / "swing.yaml")
+    part = frame[frame["form"] == "u-lambda"]
+    for found in (newmark.trajectories(frame), newmark.trajectories(part, "swing")):
+        pd.testing.assert_frame_equal(found, expected, check_exact=True)
+    assert newmark.slopes(frame)["measure"].tolist().count("trajectory") == 10
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: newmark.trajectories(pd.DataFrame()), "frame has no trajectories"),
+        (lambda: newmark.trajectories(3), "give rows of run or a results folder, given 3"),
+        (lambda: newmark.trajectories("results"), "study must be the name of one, given None"),
+        (lambda: newmark.trajectories("nowhere", "swing"), "no trajectories of 'swing'"),
+    ],
+)
+def test_mistakes_of_callers(tmp_path, monkeypatch, call, words):
+    """One sentence of a documented class."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(newmark.InputError, match=words):
+        call()
+
+
+def test_a_damaged_csv_is_named_by_line(ran):
+    """And by column."""
+    path = ran.folder / "results/trajectory/swing.csv"
+    lines = path.read_text().split("\n")
+    lines[2] = lines[2].rpartition(",")[0] + ",x"
+    path.write_text("\n".join(lines))
+    with pytest.raises(newmark.InputError, match=r"swing\.csv, line 3: energy: not a number"):
+        newmark.trajectories(ran.folder / "results", "swing")
+
+
+# -- what is refused --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("{every: 0}", "trajectory.every: must be greater than or equal to 1, given 0"),
+        ("{every: -3}", "trajectory.every: must be greater than or equal to 1"),
+        ("{every: 1.5}", "trajectory.every"),
+        ("{every: 2, at: 0.5}", "trajectory.at: give either every or at, not both"),
+        ("{at: []}", "trajectory.at"),
+        ("{at: [0.5, 1.5]}",
+         "trajectory: 1.5 s is outside the march with h = 0.01, 0 to 1 s"),
+        ("{at: -0.1}", "trajectory: -0.1 s is outside the march"),
+        ("{at: [0.5, 0.5]}", "given twice"),
+        ("{keep: [u, w]}", "trajectory.keep[2]: unknown name 'w'; allowed: u, v,"),
+        ("{keep: []}", "trajectory.keep"),
+        ("{evry: 2}", "trajectory.evry: unknown key; did you mean 'every'?"),
+        ("3", "trajectory"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused(cli, given, words):
+    """In one line with file, line and key."""
+    cli.write("swing.yaml", STUDY.replace("{every: 30}", given))
+    line = cli.refused("validate", "swing.yaml")
+    assert line.startswith("newmark-study: swing.yaml, line 8: trajectory")
+    assert words in line
+
+
+def test_the_key_needs_the_measure(cli):
+    """Nobody's wish is ignored; without the key every step is kept."""
+    cli.write("swing.yaml", STUDY.replace("[condition, trajectory]", "condition"))
+    assert cli.refused("validate", "swing.yaml") == (
+        "newmark-study: swing.yaml, line 8: trajectory: needs 'measure: trajectory'"
+    )
+    cli.write("swing.yaml", STUDY.replace("trajectory: {every: 30}\n", ""))
+    cli("run", "swing.yaml")
+    rows = written(cli.folder / "results/trajectory/swing.csv")
+    assert len(rows) == 2 * (101 + 201)
+
+
+def test_trajectories_that_no_memory_holds_are_refused(cli):
+    """With what they would be and what is allowed; of one case, and of all."""
+    text = STUDY.replace("[1e-2, 5e-3]", "1e-6").replace("[u-lambda, v-lambda]", "u-lambda")
+    cli.write("swing.yaml", text.replace("{every: 30}", "{every: 1}"))
+    # Step, time, two components of u, v and a, one of λ, the energy; both ends.
+    count = (1_000_000 + 1) * (2 + 3 * 2 + 1 + 1)
+    assert cli.refused("run", "swing.yaml") == (
+        f"newmark-study: swing.yaml, line 8: trajectory: {count} numbers to keep, at most "
+        "5000000; keep fewer steps, or less of each"
+    )
+    assert not (cli.folder / "results").exists()
+    cli.write("swing.yaml", text.replace("{every: 30}", "{every: 1, keep: lambda}"))
+    cli("validate", "swing.yaml")
+    cases = "".join(f"  - {{h: {h}, trajectory: {{keep: lambda}}}}\n" for h in ("1e-6", "9e-7"))
+    lines = [line for line in text.splitlines(True) if line[:2] not in ("h:", "tr")]
+    cli.write("swing.yaml", "".join(lines) + "cases:\n" + cases)
+    line = cli.refused("validate", "swing.yaml")
+    assert "trajectories of 6333339 numbers in all cases, at most 5000000" in line
+
+
+def test_files_of_a_study_stand_in_one_place():
+    """Every one of them is replaced with the others, and read with them."""
+    path = Path("results/a.csv")
+    names = [file.relative_to("results").as_posix() for file in results.study_paths(path)]
+    assert names == ["a.csv", "a.json", "history/a.csv", "trajectory/a.csv", "trajectory/a.parquet"]
