@@ -62,6 +62,7 @@ bars:
   arm: {from: O, to: A, length: 1}
 """
 SECRET = "a secret of somebody's"
+#: Processor time that no command may take, nor twice as much as on undamaged results.
 SECONDS = 2.0
 _HANG = 30.0
 CODES = (0, 1, 2)
@@ -389,7 +390,7 @@ def tried(home: Path, template: Path, seed: str, tally: Tally) -> None:
         findings.append(f"{type(error).__name__} in {Path(last.filename).name}:{last.name}")
     seconds = time.process_time() - start
     errors = complained.getvalue()
-    if seconds > SECONDS:
+    if seconds > max(SECONDS, 2 * usual_seconds(home, template, words)):
         findings.append(f"more than {SECONDS:g} s in {words[0]}")
     if not findings and code not in CODES:
         findings.append(f"exit code {code}: {errors[:200]}")
@@ -415,6 +416,19 @@ def tried(home: Path, template: Path, seed: str, tally: Tally) -> None:
     for finding in findings:
         tally.findings[finding] += 1
         tally.examples.setdefault(finding, told)
+
+
+def usual_seconds(home: Path, template: Path, words: tuple[str, ...]) -> float:
+    """How long a command takes on undamaged results, imports and all, on this machine."""
+    shutil.rmtree(home / "results")
+    shutil.copytree(template / "results", home / "results")
+    start = time.process_time()
+    with (
+        contextlib.chdir(home), contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):  # fmt: skip
+        called(words)
+    return time.process_time() - start
 
 
 def work(template: Path, seeds: list[str]) -> Tally:
