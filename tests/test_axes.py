@@ -15,7 +15,7 @@ from newmark_cli.study import axes, config, reading, results
 STUDY_COLUMNS = (
     "study,problem,integrator,form,preconditioning,evaluation,precision,linear_solver,h,t_end,"
     "steps,quantity,measure,role,rms,max,median,last,zeros,not_converged,newton_iterations,status,"
-    "row_block,stop,met"
+    "row_block,stop,met,formulation,projection,multipliers,start"
 )
 SLOPE_COLUMNS = (
     "figure,study,form,preconditioning,quantity,measure,slope,stderr,points,expected,tolerance,"
@@ -81,7 +81,7 @@ def test_a_series_at_the_start_is_another():
            "quantity": "jacobian", "measure": "condition"}  # fmt: skip
     start, run = (axes.SeriesKey.of(row | {"steps": steps}) for steps in (0, 30))
     assert start != run
-    assert (start.start, run.start) == ("start", "")
+    assert (start.initial, run.initial) == ("start", "")
     # What goes without saying need not be said.
     assert run == axes.SeriesKey.of(row | {"steps": 30, "evaluation": "direct", "row_block": ""})
 
@@ -130,7 +130,7 @@ REPEAT = (
     repeat: str = axis(
         usual="1",
         initial="1",
-        since=(3, 4),
+        since=(5, 5),
         config=lambda: _keys().OneOrMore[str],
         default=("1",),
         about="names of repetitions",

@@ -43,7 +43,7 @@ def judged(folder, figure, table=None):
 
 def where(curve):
     """Columns of the CSV that pick a curve's rows."""
-    return {name: given for name, given in curve.key.named().items() if name != "start"}
+    return {name: given for name, given in curve.key.named().items() if name != "initial"}
 
 
 def scaled(factor):

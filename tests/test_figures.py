@@ -349,6 +349,8 @@ def multiplier_rows(slope, zero_at=None, status="ok"):
             "steps": 30, "quantity": "lambda", "measure": "correction", "role": "primary",
             "rms": 0.0 if i == zero_at else 1e-17 * h**slope, "status": status,
             "row_block": "", "stop": "saturation", "met": "",
+            "formulation": "index-3", "projection": "none",
+            "multipliers": "newton", "start": "consistent",
         }  # fmt: skip
         table.append(row)
     return table

@@ -31,6 +31,8 @@ USUAL = {
     "quantity": "lambda", "measure": "correction", "role": "primary", "zeros": 0,
     "not_converged": 0, "newton_iterations": 4.0, "status": "ok", "row_block": "",
     "stop": "saturation", "met": "",
+    "formulation": "index-3", "projection": "none",
+    "multipliers": "newton", "start": "consistent",
 }  # fmt: skip
 
 

@@ -29,6 +29,8 @@ def row(h, value, **columns):
         "linear_solver": "dense-lu", "stop": "saturation", "h": h, "t_end": 1.0,
         "steps": round(1 / h), "quantity": "u", "measure": "error", "role": "primary", "zeros": 0,
         "not_converged": 0, "newton_iterations": 3.0, "status": "ok", "met": "",
+        "formulation": "index-3", "projection": "none",
+        "multipliers": "newton", "start": "consistent",
     }  # fmt: skip
     return found | dict.fromkeys(("rms", "max", "median", "last"), value) | columns
 

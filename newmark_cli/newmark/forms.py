@@ -15,7 +15,11 @@ import numpy as np
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
 
-ROWS = ("D", "V", "K", "C")
+#: Rows of constraints: Φ, its rate, its second derivative, and Baumgarte's sum of the three.
+CONSTRAINT_ROWS = ("C", "Cv", "Ca", "B")
+ROWS = ("D", "V", "K", *CONSTRAINT_ROWS)
+#: Unknowns that are no fields: η where a formulation has them.
+MULTIPLIERS = ("lambda", "eta")
 
 
 @dataclass(frozen=True)
@@ -24,9 +28,11 @@ class Form:
 
     Attributes:
         name: Spelling in configs and CSVs.
-        kept: Kept fields among u, v, a, in this order; λ is always kept.
-        rows: Solved rows among D, V, K, C; D and C always are.
+        kept: Kept fields among u, v, a, in this order.
+        rows: Solved rows in the order of `ROWS`; D always is.
         in_paper: Whether Tables 1 and 2 have a column for it.
+        multipliers: λ, and η where the formulation has them.
+        formulation: Label of the formulation that the rows of constraints are of.
 
     Raises:
         ValueError: When rows and unknowns do not match.
@@ -36,19 +42,31 @@ class Form:
     kept: tuple[str, ...]
     rows: tuple[str, ...]
     in_paper: bool = True
+    multipliers: tuple[str, ...] = ("lambda",)
+    formulation: str = "index-3"
 
     def __post_init__(self) -> None:
         if self.kept != tuple(f for f in FIELDS if f in self.kept) or not self.kept:
             raise ValueError(f"form {self.name}: kept fields must be some of u, v, a, in order")
         if self.rows != tuple(r for r in ROWS if r in self.rows):
             raise ValueError(f"form {self.name}: rows must be some of D, V, K, C, in order")
-        if len(self.rows) != len(self.unknowns) or not {"D", "C"} <= set(self.rows):
+        if len(self.rows) != len(self.solved) or "D" not in self.rows:
             raise ValueError(f"form {self.name}: needs D, C and as many rows as unknowns")
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Unknowns the solver sees, λ last."""
-        return (*self.kept, "lambda")
+        """Unknowns of Newton's iteration, the multipliers last."""
+        return (*self.kept, *self.multipliers)
+
+    @property
+    def constraint_rows(self) -> tuple[str, ...]:
+        """Rows of constraints."""
+        return tuple(r for r in self.rows if r in CONSTRAINT_ROWS)
+
+    @property
+    def solved(self) -> tuple[str, ...]:
+        """Unknowns that the linear solver sees: without rows of constraints, no λ."""
+        return self.unknowns if self.constraint_rows else self.kept
 
     @property
     def eliminated(self) -> tuple[str, ...]:
@@ -59,6 +77,11 @@ class Form:
     def extra_rows(self) -> tuple[str, ...]:
         """Update relations that stay in the system."""
         return tuple(r for r in self.rows if r in "VK")
+
+    @property
+    def described(self) -> str:
+        """Its name, and the formulation where that does not go without saying."""
+        return self.name if self.formulation == "index-3" else f"{self.name}, {self.formulation}"
 
 
 FORMS: Mapping[str, Form] = MappingProxyType(
@@ -81,20 +104,25 @@ FORMS: Mapping[str, Form] = MappingProxyType(
 class Elimination:
     """What a form makes of the update relations at one step size.
 
-    (u, v, a) = weights · kept + past · (past vectors).  A kept row of V, K reads
-    rows · kept + rows_past · (past vectors) = 0.
+    (u, v, a) = weights · kept + eta · Pη + past · (past vectors).  A kept row of V, K
+    reads rows · kept + rows_eta · Pη + rows_past · (past vectors) = 0.  η stands in K as
+    −Pη; without a formulation that has it, its columns go unused.
 
     Attributes:
         weights: (3, p) W = ∂(u, v, a)/∂(kept).
         past: (3, P).
         rows: (r, p) kept update relations.
         rows_past: (r, P).
+        eta: (3,) coefficients of Pη.
+        rows_eta: (r,) the same in the kept relations.
     """
 
     weights: Array
     past: Array
     rows: Array
     rows_past: Array
+    eta: Array
+    rows_eta: Array
 
 
 def eliminate(form: Form, relations: Relations) -> Elimination:
@@ -103,11 +131,13 @@ def eliminate(form: Form, relations: Relations) -> Elimination:
     relation = {"V": np.array([0.0, 1.0, -relations.v_from_a])}
     relation["K"] = np.array([1.0, 0.0, -relations.u_from_a])
     history = {"V": relations.v_past, "K": relations.u_past}
+    of_eta = {"V": 0.0, "K": 1.0}
 
     kept = [FIELDS.index(f) for f in form.kept]
     gone = [FIELDS.index(f) for f in form.eliminated]
     weights = np.zeros((3, len(kept)))
     past = np.zeros((3, len(relations.v_past)))
+    eta = np.zeros(3)
     weights[kept, range(len(kept))] = 1.0
     used = [r for r in ("V", "K") if r not in form.rows]
     if used:
@@ -115,6 +145,8 @@ def eliminate(form: Form, relations: Relations) -> Elimination:
         known = np.array([history[r] for r in used])
         weights[gone] = np.linalg.solve(system[:, gone], -system[:, kept])
         past[gone] = np.linalg.solve(system[:, gone], known)
+        eta[gone] = np.linalg.solve(system[:, gone], np.array([of_eta[r] for r in used]))
     rows = np.array([relation[r] for r in form.extra_rows]).reshape(-1, 3)
     rows_history = np.array([history[r] for r in form.extra_rows]).reshape(-1, past.shape[1])
-    return Elimination(weights, past, rows @ weights, rows @ past - rows_history)
+    rows_eta = rows @ eta - np.array([of_eta[r] for r in form.extra_rows])
+    return Elimination(weights, past, rows @ weights, rows @ past - rows_history, eta, rows_eta)

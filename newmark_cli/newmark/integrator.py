@@ -392,6 +392,24 @@ INTEGRATORS: Mapping[str, type[Newmark | GeneralizedAlpha | HHT | BDF1 | BDF2]] 
 )
 
 
+def is_trapezoidal(integrator: Integrator) -> bool:
+    """Whether an integrator is the trapezoidal rule, by whatever name."""
+    rule, found = Newmark().relations(1.0), integrator.relations(1.0)
+    past = found.advance[: len(rule.advance)]
+    same = all(
+        np.array_equal(given[: len(of_rule)], of_rule) and not np.any(given[len(of_rule) :])
+        for given, of_rule in (
+            (found.v_past, rule.v_past),
+            (found.u_past, rule.u_past),
+        )
+    )
+    return bool(
+        same
+        and np.array_equal(past, rule.advance)
+        and (found.v_from_a, found.u_from_a) == (rule.v_from_a, rule.u_from_a)
+    )
+
+
 def parameters(method: str) -> tuple[str, ...]:
     """Names of a method's parameters."""
     return tuple(field.name for field in fields(INTEGRATORS[method]))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from newmark_cli.errors import InputError
-from newmark_cli.newmark.forms import FORMS, ROWS, Form
+from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS, Form
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial, MonomialError
 from newmark_cli.spelling import nearest
@@ -58,6 +58,15 @@ TABLE_2: Mapping[str, Mapping[str, Mapping[str, str]]] = MappingProxyType(
     }
 )
 
+#: Factors of the rows and unknowns that other formulations than index 3 add, by the rule
+#: of `sensitivity`.
+BESIDE_TABLE_2: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "left": {"Cv": "beta*h/gamma", "Ca": "beta*h^2", "B": "beta*h^2"},
+        "right": {"eta": "1"},
+    }
+)
+
 #: Entries of Table 2 as the scan prints them, where they differ from `TABLE_2`.
 PRINTED: Mapping[str, str] = MappingProxyType({"V": "1"})
 
@@ -70,11 +79,13 @@ class Variant:
         sides: Sides that it uses.
         description: One line.
         replaced: Row block → factor that it uses in place of that of `TABLE_2`.
+        factors: Side → its factors, the same for every form, in place of `TABLE_2`.
     """
 
     sides: tuple[str, ...]
     description: str
     replaced: Mapping[str, str] = field(default_factory=dict)
+    factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 #: Named variants, in the order of the paper's legends.
@@ -91,6 +102,11 @@ VARIANTS: Mapping[str, Variant] = MappingProxyType(
             "optimal with factor 1 for row V, as the paper prints it, in place of βh/γ; "
             "differs in u-v-a-lambda and v-a-lambda",
             PRINTED,
+        ),
+        "partial": Variant(
+            ("left", "right"),
+            "scales row D by h and λ by 1/h only: half of the cure",
+            factors={"left": {"D": "h"}, "right": {"lambda": "1/h"}},
         ),
     }
 )
@@ -144,7 +160,7 @@ class Preconditioning:
 
     def __post_init__(self) -> None:
         # Two spellings of one factor, or of their order, are one scaling.
-        for side, blocks in (("left", ROWS), ("right", (*FIELDS, "lambda"))):
+        for side, blocks in (("left", ROWS), ("right", (*FIELDS, *MULTIPLIERS))):
             object.__setattr__(self, side, _canonical_factors(getattr(self, side), blocks))
 
     @property
@@ -229,14 +245,15 @@ def named_scaling(variant: str, form: Form) -> Scaling:
         form: One of the registered forms.
     """
     chosen = VARIANTS[variant]
-    table = {side: dict(factors) for side, factors in TABLE_2[form.name].items()}
-    table["left"].update({r: f for r, f in chosen.replaced.items() if r in form.rows})
-    return own_scaling(
-        variant,
-        form,
-        table["left"] if "left" in chosen.sides else {},
-        table["right"] if "right" in chosen.sides else {},
-    )
+    blocks = {"left": form.rows, "right": form.unknowns}
+    table = {}
+    for side, allowed in blocks.items():
+        given = chosen.factors or {
+            side: {**TABLE_2[form.name][side], **BESIDE_TABLE_2[side], **chosen.replaced}
+        }
+        used = given.get(side, {}) if side in chosen.sides else {}
+        table[side] = {block: factor for block, factor in used.items() if block in allowed}
+    return own_scaling(variant, form, table["left"], table["right"])
 
 
 def own_scaling(
@@ -261,7 +278,7 @@ def own_scaling(
         for block, text in given.items():
             if block not in factors:
                 raise ScalingError(
-                    f"{label}: form {form.name} has no {block!r}; it has {', '.join(factors)}"
+                    f"{label}: form {form.described} has no {block!r}; it has {', '.join(factors)}"
                 )
             try:
                 factors[block] = Monomial.parse(text)
@@ -289,8 +306,11 @@ def sensitivity(form: Form) -> Scaling:
         form: Any form.
     """
     w_v, w_a = DISPLACEMENT_TO_V, DISPLACEMENT_TO_A
-    right = dict(zip((*FIELDS, "lambda"), (ONE, w_v, w_a, w_a), strict=True))
-    left = {"D": w_a**-1, "V": w_v**-1, "K": ONE, "C": ONE}
+    right = dict(zip((*FIELDS, *MULTIPLIERS), (ONE, w_v, w_a, w_a, ONE), strict=True))
+    left = {
+        **{"D": w_a**-1, "V": w_v**-1, "K": ONE, "C": ONE},
+        **{"Cv": w_v**-1, "Ca": w_a**-1, "B": w_a**-1},
+    }
     return Scaling(
         "sensitivity",
         {row: left[row] for row in form.rows},

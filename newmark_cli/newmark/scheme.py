@@ -11,6 +11,14 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import Elimination, Form, eliminate
+from newmark_cli.newmark.formulation import (
+    CONSISTENT,
+    CONSTRAINTS,
+    NEWTON,
+    UNPROJECTED,
+    Formulation,
+    Projection,
+)
 from newmark_cli.newmark.integrator import FIELDS, Integrator, Relations
 from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
@@ -66,6 +74,11 @@ class Scheme:
         precision: One of `PRECISIONS`.
         stop: Tolerance at which Newton's iteration stops; where rounding stops
             it when omitted.
+        formulation: What the form's rows of constraints are of; `form` and `scaling`
+            have its rows and unknowns.
+        projection: What is projected after a step.
+        reported: Which multipliers are reported, one of `formulation.REPORTED`.
+        start: From which velocities, one of `formulation.STARTS`.
     """
 
     integrator: Integrator
@@ -76,6 +89,10 @@ class Scheme:
     evaluation: str = DIRECT
     precision: str = "float64"
     stop: Tolerance | None = None
+    formulation: Formulation = CONSTRAINTS
+    projection: Projection = UNPROJECTED
+    reported: str = NEWTON
+    start: str = CONSISTENT
 
     @property
     def compensated(self) -> bool:
@@ -101,6 +118,20 @@ class Scheme:
         quadratic, what is recorded is rounding.
         """
         return float(np.sqrt(np.finfo(self.dtype).eps))
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """Whose corrections the march records.
+
+        The unknowns; with η also eliminated fields, whose corrections do not follow from
+        norms of the others.
+        """
+        return (*self.form.unknowns, *(self.form.eliminated if self.stabilised else ()))
+
+    @property
+    def stabilised(self) -> bool:
+        """Whether there are η."""
+        return self.formulation.kind.stabilised
 
     @cached_property
     def relations(self) -> Relations:

@@ -36,7 +36,7 @@ _PREFERRED = ("preconditioning", "integrator", "evaluation")
 #: Axes whose values are panels, never the series of one.
 _PANELS = ("row_block",)
 #: What each figure has one of, unless a definition compares it.
-_ONE_EACH = ("problem", "form", "measure", "quantity", "start")
+_ONE_EACH = ("problem", "form", "measure", "quantity", "initial")
 #: What comes first where not all figures are drawn.
 _FIRST = ("correction", "condition", "error", WORK_PRECISION)
 #: What comes last there: corrections once more, in other units.
@@ -368,7 +368,7 @@ def _spelled(axis: str, value: str) -> str:
         return f"row {value} perturbed"
     if axis == "stop":
         return value if value == axes.SATURATION else f"tolerance {value}"
-    if axis == "start":
+    if axis == "initial":
         return "at the start" if value else "along the motion"
     if axis == "measure":
         return _words(value)
@@ -399,7 +399,7 @@ def _title(where: Mapping[str, str], grid: _Grid, kind: str) -> str:
             continue
         if common[axis] and common[axis] != usual[axis]:
             told.append(_spelled(axis, common[axis]))
-    told += [_spelled("start", common["start"])] if common["start"] else []
+    told += [_spelled("initial", common["initial"])] if common["initial"] else []
     return f"{', '.join(told)}: {_subject(where, kind)}"
 
 
@@ -417,7 +417,7 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
 
 def _told(where: Mapping[str, str], kind: str, spelled: "_Slugs") -> list[str]:
     """What a file's name says of a figure, in the order in which people look for it."""
-    order = ("problem", "form", "measure", "quantity", "start")
+    order = ("problem", "form", "measure", "quantity", "initial")
     told = []
     for axis in (*order, *(axis for axis in where if axis not in order)):
         if axis == "measure":

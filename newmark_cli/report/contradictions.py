@@ -23,7 +23,8 @@ import numpy as np
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
 from newmark_cli.newmark import integrator
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.formulation import Formulation, Projection
 from newmark_cli.newmark.integrator import FIELDS, INTEGRATORS
 from newmark_cli.newmark.linear.choice import AUTO, DENSE
 from newmark_cli.newmark.scaling import Preconditioning
@@ -359,10 +360,10 @@ def _of_segments(segments: Sequence[_Segment]) -> Iterator[tuple[int, str]]:
 
 def _incomplete(segment: _Segment) -> Iterator[tuple[int, str]]:
     measure = MEASURES[segment.measure]
-    form = segment.rows[0].texts["form"]
-    if measure.rows is None or form not in FORMS:
+    form = _form(*(segment.rows[0].texts[column] for column in ("form", "formulation")))
+    if measure.rows is None or form is None:
         return
-    expected = [tuple(name) for name in measure.rows(FORMS[form])]
+    expected = [tuple(name) for name in measure.rows(form)]
     given = [row.name for row in segment.rows]
     there = [name for name in expected if name in given or name[1] not in measure.may_lack]
     if given == there:
@@ -373,7 +374,7 @@ def _incomplete(segment: _Segment) -> Iterator[tuple[int, str]]:
         yield segment.line, f"the cell has {measure.name}, but no {rows} {', '.join(missing)}"
     for row in segment.rows:
         if row.name not in there:
-            yield row.line, f"{measure.name} of {form} has no row {_said(row.name)}"
+            yield row.line, f"{measure.name} of {form.described} has no row {_said(row.name)}"
     if sorted(given) == sorted(there):
         row = next(r for r, name in zip(segment.rows, there, strict=True) if r.name != name)
         yield row.line, f"rows of {measure.name} are in another order"
@@ -389,7 +390,8 @@ def _of_corrections(segment: _Segment) -> Iterator[tuple[int, str]]:
         return
     first = segment.rows[0]
     scheme = _scheme(
-        *(first.texts[c] for c in ("integrator", "form", "preconditioning")), first["h"]
+        *(first.texts[c] for c in ("integrator", "form", "formulation", "preconditioning")),
+        first["h"],
     )
     if scheme is None:
         return
@@ -398,6 +400,9 @@ def _of_corrections(segment: _Segment) -> Iterator[tuple[int, str]]:
     for row in segment.rows:
         quantity = row.texts["quantity"]
         if row.texts["measure"] != "physical_correction":
+            continue
+        if quantity not in form.unknowns and "eta" in form.unknowns:
+            # η moves it too, and by how much does not follow from norms.
             continue
         if quantity in form.unknowns:
             source, factor = quantity, 1.0
@@ -421,11 +426,23 @@ def _of_corrections(segment: _Segment) -> Iterator[tuple[int, str]]:
 
 
 @cache
-def _scheme(method: str, form: str, scaling: str, h: float) -> Scheme | None:
-    """Scheme by the words of a CSV; None where they cannot be read."""
+def _form(name: str, formulation: str) -> Form | None:
+    """Form in a formulation by the words of a CSV; None where they cannot be read."""
     try:
-        factors = Preconditioning.parse(scaling).scaling(FORMS[form])
-        scheme = Scheme(integrator.parse(method), FORMS[form], factors, h)
+        return Formulation.parse(formulation).applied(FORMS[name])
+    except (InputError, LookupError, ValueError):
+        return None
+
+
+@cache
+def _scheme(method: str, name: str, formulation: str, scaling: str, h: float) -> Scheme | None:
+    """Scheme by the words of a CSV; None where they cannot be read."""
+    form = _form(name, formulation)
+    if form is None:
+        return None
+    try:
+        factors = Preconditioning.parse(scaling).scaling(form)
+        scheme = Scheme(integrator.parse(method), form, factors, h)
         usable = bool(np.isfinite(scheme.right).all() and np.isfinite(scheme.left).all())
     except (ArithmeticError, InputError, LookupError, TypeError, ValueError):
         return None
@@ -450,7 +467,7 @@ def _of_sensitivities(rows: Iterable[_Row]) -> Iterator[tuple[int, str]]:
         )
         if not (factor and balanced and math.isfinite(given)):
             continue
-        at = (*(row.texts[c] for c in ("problem", "integrator", "h")), block)
+        at = (*(row.texts[c] for c in ("problem", "integrator", "formulation", "h")), block)
         known.setdefault((*at, quantity), []).append((given * factor, balanced, row))
         largest[at] = max(largest.get(at, 0.0), given * factor / balanced)
     for (*where, _), group in known.items():
@@ -464,7 +481,8 @@ def _of_sensitivities(rows: Iterable[_Row]) -> Iterator[tuple[int, str]]:
 
 def _factor(row: _Row, quantity: str, block: str, scaling: str) -> float:
     """What a scaling divides a sensitivity by; 0 where that is not known."""
-    scheme = _scheme(row.texts["integrator"], row.texts["form"], scaling, row["h"])
+    words = (row.texts[column] for column in ("integrator", "form", "formulation"))
+    scheme = _scheme(*words, scaling, row["h"])
     if scheme is None or quantity not in scheme.form.unknowns or block not in scheme.form.rows:
         return 0.0
     left = scheme.left[scheme.form.rows.index(block)]
@@ -552,7 +570,9 @@ def _several(case: Mapping[str, Any], axis: axes.Axis) -> Sequence[Any]:
         return (None,)
     if axis.usual is None:
         raise KeyError(axis.name)
-    return ({"method": "newmark"},) if axis.name == "integrator" else (axis.usual,)
+    if axis.name == "integrator":
+        return ({"method": "newmark"},)
+    return (AUTO if axis.name == "multipliers" else axis.usual,)
 
 
 def _problem_label(given: Any) -> str | None:
@@ -582,6 +602,19 @@ def _scaling_label(given: Any) -> str:
     return Preconditioning(given["name"], left, right, own=True).label
 
 
+def _formulation_label(given: Any) -> str:
+    if not isinstance(given, dict):
+        return Formulation.parse(given).label
+    parameters = [(k, float(v)) for k, v in given.items() if k != "method" and v is not None]
+    return Formulation(given["method"], *parameters[:1]).label
+
+
+def _projection_label(given: Any) -> str:
+    if not isinstance(given, dict):
+        return Projection.parse(given).label
+    return Projection(given["method"], bool(given.get("accelerations"))).label
+
+
 def _stop_label(given: Any) -> str:
     if not given:
         return SATURATION
@@ -593,6 +626,9 @@ _LABELS: Mapping[str, Any] = {
     "integrator": _integrator_label,
     "preconditioning": _scaling_label,
     "linear_solver": lambda given: None if given == AUTO else given,
+    "formulation": _formulation_label,
+    "projection": _projection_label,
+    "multipliers": lambda given: None if given == AUTO else given,
     "stop": _stop_label,
     "h": float,
 }

@@ -236,7 +236,7 @@ class SensitivityFigure:
             for unknown, row in product(form.unknowns, form.rows)
             for curve in variants(
                 self.study, self.problem, unknown, self.measure, self.variants,
-                form=self.form, row_block=row, start="start",
+                form=self.form, row_block=row, initial="start",
             )
         )  # fmt: skip
 

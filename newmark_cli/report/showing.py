@@ -240,7 +240,7 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
             for name, value in zip(names, given, strict=True):
                 name += [value] if value else []
         elif given[0] not in ("", axis.usual, TRAPEZOIDAL):
-            common += [f"at the {given[0]}" if axis is axes.START else given[0]]
+            common += [f"at the {given[0]}" if axis is axes.INITIAL else given[0]]
     return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
 
 

@@ -228,7 +228,7 @@ def _slope(
     statuses = tuple(rows["status"])
     if not set(statuses) <= {"ok"} and set(statuses) <= set(accepted):
         expected = np.nan  # a cell that was expected to end like this measured something else
-    tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.start), figures)
+    tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
     found = _judged(key, record, rows, values, expected, tolerance, points)
     return Slope(
         figures=figures,
@@ -253,7 +253,7 @@ def _slope(
 
 def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
     """The verdict in view of what the motion does; theory is about regular ones."""
-    if slope.start or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
+    if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
         return slope
     if still:
         return replace(slope, verdict=TOO_FEW, reason="nothing moves: there is only rounding")

@@ -15,7 +15,17 @@ from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.formulation import (
+    CONSISTENT,
+    CONSTRAINTS,
+    INDEX_3,
+    NEWTON,
+    RECOVERED,
+    UNPROJECTED,
+    Formulation,
+    Projection,
+)
 from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, Krylov, choose
@@ -174,6 +184,43 @@ class Cell:
         default=(AUTO,),
         about="who solves for the corrections; auto: by size",
     )
+    formulation: Formulation = axis(
+        write=lambda cell: cell.formulation.label,
+        usual=INDEX_3,
+        initial=CONSTRAINTS,
+        since=(4, 4),
+        config=lambda: _keys().Formulations,
+        default=lambda: (_keys().FormulationConfig(),),
+        about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
+        value=lambda given: given.formulation(),
+    )
+    projection: Projection = axis(
+        write=lambda cell: cell.projection.label,
+        usual=UNPROJECTED.label,
+        initial=UNPROJECTED,
+        since=(4, 4),
+        config=lambda: _keys().Projections,
+        default=lambda: (_keys().ProjectionConfig(),),
+        about="what is projected after each step, a name or a mapping, or a list",
+        value=lambda given: given.projection(),
+    )
+    multipliers: str = axis(
+        write=lambda cell: cell.reported,
+        usual=NEWTON,
+        initial=AUTO,
+        since=(4, 4),
+        config=lambda: _keys().Reported,
+        default=(AUTO,),
+        about="which λ is reported; auto: recovered after a projection, else newton",
+    )
+    start: str = axis(
+        usual=CONSISTENT,
+        initial=CONSISTENT,
+        since=(4, 4),
+        config=lambda: _keys().Starts,
+        default=(CONSISTENT,),
+        about="velocities that the march starts from",
+    )
     stop: Tolerance | None = axis(
         write=lambda cell: cell.stop.label if cell.stop else SATURATION,
         usual=SATURATION,
@@ -249,9 +296,21 @@ class Cell:
     )
 
     @property
+    def reported(self) -> str:
+        """Which multipliers are reported."""
+        if self.multipliers != AUTO:
+            return self.multipliers
+        return RECOVERED if self.projection.level else NEWTON
+
+    @property
+    def formulated(self) -> Form:
+        """The form with the rows and multipliers of the formulation."""
+        return self.formulation.applied(FORMS[self.form])
+
+    @property
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
-        return choose(self.linear_solver, self.problem.load(), FORMS[self.form])
+        return choose(self.linear_solver, self.problem.load(), self.formulated)
 
     @property
     def weight(self) -> int:
@@ -274,8 +333,8 @@ class RowAxes:
 #: The study, which every row names first.
 STUDY = Axis("study", "study", lambda study: study, since=(0, 0), cell=False, computed=False)
 #: Whether a series was measured at the initial state, or along a run: the steps say.
-START = Axis(
-    "start", "start", lambda steps: "start" if steps == 0 else "", usual="", column=False,
+INITIAL = Axis(
+    "initial", "start", lambda steps: "start" if steps == 0 else "", usual="", column=False,
     cell=False, computed=False,
 )  # fmt: skip
 
@@ -301,7 +360,7 @@ def _places() -> dict[str, int]:
 @cache
 def series_axes() -> tuple[Axis, ...]:
     """Axes that tell series apart."""
-    every = (STUDY, *cell_axes(), *row_axes(), START)
+    every = (STUDY, *cell_axes(), *row_axes(), INITIAL)
     return tuple(each for each in every if each.series)
 
 
@@ -388,8 +447,8 @@ class SeriesKey:
         """
         found = []
         for each in series_axes():
-            if each is START and "start" not in row:
-                found.append(START.write(row.get("steps", 1)))
+            if each is INITIAL and "initial" not in row:
+                found.append(INITIAL.write(row.get("steps", 1)))
             else:
                 given = row[each.name] if each.usual is None else row.get(each.name, each.usual)
                 found.append(each.same(str(given)))

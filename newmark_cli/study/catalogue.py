@@ -7,6 +7,7 @@ from newmark_cli import documents
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.families import FAMILIES, Family
 from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.study import config
@@ -21,6 +22,10 @@ def sections() -> dict[str, dict[str, str]]:
         "forms": {name: _form(form) for name, form in FORMS.items()},
         "integrators": {name: kind.description for name, kind in INTEGRATORS.items()},
         "preconditioning": {name: variant.description for name, variant in VARIANTS.items()},
+        "formulations": {name: method.description for name, method in METHODS.items()},
+        "projections": dict(PROJECTIONS),
+        "multipliers": dict(REPORTED),
+        "starts": dict(STARTS),
         "measures": {name: measure.about.replace("`", "") for name, measure in MEASURES.items()},
         "configs": {name: _config(name) for name in config.shipped()},
     }

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from newmark_cli.newmark import march_data
-from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.reference import Reference
@@ -16,7 +15,7 @@ from newmark_cli.study.measures import MEASURES
 
 def scheme_of(cell: Cell) -> Scheme:
     """What a cell marches its problem with."""
-    form = FORMS[cell.form]
+    form = cell.formulated
     return Scheme(
         cell.integrator,
         form,
@@ -26,6 +25,10 @@ def scheme_of(cell: Cell) -> Scheme:
         cell.evaluation,
         cell.precision,
         cell.stop,
+        cell.formulation,
+        cell.projection,
+        cell.reported,
+        cell.start,
     )
 
 

@@ -28,7 +28,9 @@ from newmark_cli.documents import (
     misfit,
 )
 from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.formulation import CORRECTED, TOTAL
+from newmark_cli.newmark.integrator import is_trapezoidal
 from newmark_cli.newmark.kept import ENERGY
 from newmark_cli.newmark.linear.choice import (
     AUTO,
@@ -106,13 +108,23 @@ class _Rules(StrictModel):
         if len(set(labels)) < len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
             yield misfit("preconditioning", f"given twice: {twice}")
-        for name in self.form:
-            for variant in self.variants():
-                try:
-                    variant.scaling(FORMS[name])
-                except ScalingError as error:
-                    yield misfit("preconditioning", f"{variant.name}: {error}")
-                    return
+        for form, variant in product(self.formulated(), self.variants()):
+            try:
+                variant.scaling(form)
+            except ScalingError as error:
+                yield misfit("preconditioning", f"{variant.name}: {error}")
+                return
+        if TOTAL in self.multipliers and any(p.method == "none" for p in self.projection):
+            yield misfit("multipliers", f"{TOTAL} needs a projection of velocities at every cell")
+        if CORRECTED in self.start:
+            for given in self.integrator:
+                if not is_trapezoidal(given.integrator()):
+                    yield misfit(
+                        "start",
+                        f"{CORRECTED} is of the trapezoidal rule; {given.integrator().label} "
+                        "needs no such correction, or another",
+                    )
+                    break
         if self.trajectory is not None and TRAJECTORY.name not in self.measure:
             yield misfit("trajectory", f"needs 'measure: {TRAJECTORY.name}'")
         yield from self._unfit()
@@ -171,9 +183,11 @@ class _Rules(StrictModel):
                 continue
             if not traits.sample.single:
                 yield misfit("precision", f"{spec.label} is computed in float64 only")
-            for form, solver in product(self.form, self.linear_solver):
-                if choose(solver, traits, FORMS[form]) != DENSE:
-                    yield misfit("precision", f"float32 needs {DENSE}: {spec.label}, {form}")
+            for form, solver in product(self.formulated(), self.linear_solver):
+                if choose(solver, traits, form) != DENSE:
+                    yield misfit(
+                        "precision", f"float32 needs {DENSE}: {spec.label}, {form.described}"
+                    )
 
     def _missed(self) -> Iterator[PydanticCustomError]:
         """Times of a trajectory that a march does not come to."""
@@ -201,9 +215,18 @@ class _Rules(StrictModel):
     def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
         from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
 
-        for form, variant, integrator in product(self.form, self.variants(), self.integrator):
-            scaling = variant.scaling(FORMS[form])
-            scheme = Scheme(integrator.integrator(), FORMS[form], scaling, self.h[0])
+        for form, formulation, variant, integrator in product(
+            self.form, self.formulation, self.variants(), self.integrator
+        ):
+            chosen = formulation.formulation()
+            formulated = chosen.applied(FORMS[form])
+            scheme = Scheme(
+                integrator.integrator(),
+                formulated,
+                variant.scaling(formulated),
+                self.h[0],
+                formulation=chosen,
+            )
             try:
                 if is_code(spec):
                     symmetric = with_problem(spec, is_symmetric, scheme)
@@ -218,9 +241,17 @@ class _Rules(StrictModel):
             if not symmetric:
                 yield misfit(
                     "linear_solver",
-                    f"{MINRES}: the matrix of {spec.label}, {form}, {variant.name} is not "
+                    f"{MINRES}: the matrix of {spec.label}, {formulated.described}, "
+                    f"{variant.name} is not "
                     f"symmetric; take {GMRES}",
                 )
+
+    def formulated(self) -> list[Form]:
+        """Every form in every formulation."""
+        return [
+            formulation.formulation().applied(FORMS[form])
+            for formulation, form in product(self.formulation, self.form)
+        ]
 
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
@@ -233,7 +264,7 @@ class _Rules(StrictModel):
             (DENSE, SPARSE) if solver == AUTO else (solver,) for solver in given["linear_solver"]
         ]
         given["linear_solver"] = tuple(chain.from_iterable(solvers))
-        return {**given, "measure": self.measure, "start": (self.steps == 0,)}
+        return {**given, "measure": self.measure, "initial": (self.steps == 0,)}
 
     @property
     def count(self) -> int:

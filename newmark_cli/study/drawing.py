@@ -18,7 +18,7 @@ SHOWABLE = tuple(dict.fromkeys((*RECORDS, *MEASURES, WORK_PRECISION)))
 
 #: Axes that a figure can compare: as the series of a panel, or as panels.
 COMPARABLE = tuple(
-    axis.name for axis in axes.series_axes() if axis.name not in ("study", "measure", "start")
+    axis.name for axis in axes.series_axes() if axis.name not in ("study", "measure", "initial")
 )
 
 

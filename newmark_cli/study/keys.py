@@ -1,7 +1,7 @@
 """What each key of a study config may be, as types that pydantic checks."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -36,7 +36,16 @@ from newmark_cli.json_schema import JsonSchema, Shown, also, given
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, PythonFactory, Shipped, Sized
-from newmark_cli.newmark.forms import FORMS, ROWS
+from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS
+from newmark_cli.newmark.formulation import (
+    INDEX_3,
+    METHODS,
+    PROJECTIONS,
+    REPORTED,
+    STARTS,
+    Formulation,
+    Projection,
+)
 from newmark_cli.newmark.integrator import (
     FIELDS,
     INTEGRATORS,
@@ -189,7 +198,7 @@ class OwnScaling(StrictModel):
     left: Annotated[dict[str, Factor], _blocks(*ROWS)] = Field(
         {}, description="row block D, V, K, C → monomial in beta, gamma and h"
     )
-    right: Annotated[dict[str, Factor], _blocks(*FIELDS, "lambda")] = Field(
+    right: Annotated[dict[str, Factor], _blocks(*FIELDS, *MULTIPLIERS)] = Field(
         {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
     )
 
@@ -309,6 +318,116 @@ class IntegratorConfig(StrictModel):
         """The core's value."""
         integrator: Integrator = INTEGRATORS[self.method](**self._parameters())
         return integrator
+
+
+def _method_alone(data: Any) -> Any:
+    """The name of a method in place of a mapping."""
+    return {"method": data} if isinstance(data, str) else data
+
+
+def _or_method(methods: Iterable[str], schema: JsonSchema) -> JsonSchema:
+    return {"anyOf": [{"type": "string", "enum": list(methods)}, schema]}
+
+
+class FormulationConfig(StrictModel):
+    """Which constraint rows are solved; a name, or a mapping with the method's parameter."""
+
+    method: Annotated[str, _Known("formulation", tuple(METHODS))] = INDEX_3
+    rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
+    rate_h: Positive | None = Field(
+        None, description="α h of baumgarte, in place of rate: α grows as h falls"
+    )
+    factor: Positive | None = Field(
+        None,
+        description="penalty of augmented-lagrangian over the inertia that the constraints "
+        "move, 10 when omitted",
+    )
+    penalty: Positive | None = Field(
+        None, description="penalty of augmented-lagrangian itself, in place of factor"
+    )
+
+    _spelled = model_validator(mode="before")(_method_alone)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        rules = []
+        for method, kind in METHODS.items():
+            is_it: JsonSchema = {"properties": {"method": {"const": method}}}
+            if method != INDEX_3:
+                is_it["required"] = ["method"]
+            absent = [n for n in cls.model_fields if n not in ("method", *kind.parameters)]
+            then: JsonSchema = {"properties": {name: {"type": "null"} for name in absent}}
+            if len(kind.parameters) > 1:
+                then = {"allOf": [then, {"not": {"allOf": [*map(given, kind.parameters)]}}]}
+            rules.append({"if": is_it, "then": then})
+        handler.resolve_ref_schema(reference)["allOf"] = rules
+        return _or_method(METHODS, reference)
+
+    @property
+    def _parameters(self) -> dict[str, float]:
+        given = self.model_dump(exclude={"method"}, exclude_none=True)
+        return {name: float(value) for name, value in given.items()}
+
+    @model_validator(mode="after")
+    def _usable(self) -> "FormulationConfig":
+        allowed, found = METHODS[self.method].parameters, self._parameters
+        has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
+        documents.together(
+            misfit(name, f"is not a parameter of {self.method}, which {has}")
+            for name in found
+            if name not in allowed
+        )
+        if len(found) > 1:
+            raise misfit(list(found)[-1], f"give either {' or '.join(found)}, not both")
+        return self
+
+    @property
+    def label(self) -> str:
+        """As CSVs have it."""
+        return self.formulation().label
+
+    def formulation(self) -> Formulation:
+        """The core's value."""
+        return Formulation(self.method, next(iter(self._parameters.items()), None))
+
+
+class ProjectionConfig(StrictModel):
+    """What is projected after each step; a name, or a mapping."""
+
+    method: Annotated[str, _Known("projection", tuple(PROJECTIONS))] = "none"
+    accelerations: bool = Field(
+        False, description="also replace v' by that of the index-1 system, and change a alike"
+    )
+
+    _spelled = model_validator(mode="before")(_method_alone)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        is_none: JsonSchema = {"properties": {"method": {"const": "none"}}}
+        plain: JsonSchema = {"properties": {"accelerations": {"const": False}}}
+        handler.resolve_ref_schema(reference)["allOf"] = [{"if": is_none, "then": plain}]
+        return _or_method(PROJECTIONS, reference)
+
+    @model_validator(mode="after")
+    def _usable(self) -> "ProjectionConfig":
+        if self.accelerations and self.method == "none":
+            raise misfit("accelerations", "needs a projection of velocities, given method none")
+        return self
+
+    @property
+    def label(self) -> str:
+        """As CSVs have it."""
+        return self.projection().label
+
+    def projection(self) -> Projection:
+        """The core's value."""
+        return Projection(self.method, self.accelerations)
 
 
 class StopConfig(StrictModel):
@@ -541,6 +660,10 @@ LinearSolvers = Annotated[
 ]
 Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
 Integrators = OneOrMore[IntegratorConfig]
+Formulations = OneOrMore[FormulationConfig]
+Projections = OneOrMore[ProjectionConfig]
+Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED))]]
+Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS))]]
 
 
 _Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]

@@ -19,7 +19,8 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import integrator
-from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, Form
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
     from newmark_cli.problems.reference import Reference
 
 #: Symbols of quantities in texts, and in labels of axes as mathtext has them.
-SYMBOLS = {"lambda": "λ", "jacobian": "C"}
-_MATH = {"lambda": r"\lambda", ENERGY: "E"}
+SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C"}
+_MATH = {"lambda": r"\lambda", "eta": r"\eta", ENERGY: "E"}
 
 
 def symbol(quantity: str) -> str:
@@ -204,7 +205,7 @@ def _sampled(cell: Cell) -> frozenset[int]:
 class _Corrections(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self._scheme = march.scheme
-        self._norms = [np.zeros((0, len(march.scheme.form.unknowns)))]
+        self._norms = [np.zeros((0, len(march.scheme.recorded)))]
         self._iterations = [np.zeros(0, np.int64)]
 
     def took(self, stretch: "Stretch") -> None:
@@ -224,16 +225,17 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
 
     Args:
         scheme: The scheme that was marched.
-        norms: (steps, p + 1) norms of the scaled blocks.
+        norms: (steps, k) norms of the blocks that `Scheme.recorded` names, of
+            unknowns in their scaling.
         iterations: (steps,) corrections computed; steps with a negative count
             did not converge and are left out.
     """
     counted = norms[iterations > 0]
     form = scheme.form
-    scaled = dict(zip(form.unknowns, counted.T, strict=True))
+    scaled = dict(zip(scheme.recorded, counted.T, strict=True))
     right = dict(zip(form.unknowns, scheme.right, strict=True))
-    physical = {unknown: right[unknown] * scaled[unknown] for unknown in form.unknowns}
-    for eliminated in form.eliminated:
+    physical = {name: right.get(name, 1.0) * norms for name, norms in scaled.items()}
+    for eliminated in set(form.eliminated) - set(physical):
         weights = np.abs(scheme.elimination.weights[FIELDS.index(eliminated)])
         source = int(np.argmax(weights))
         physical[eliminated] = weights[source] * physical[form.kept[source]]
@@ -242,7 +244,7 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
         Measurement(unknown, "correction", "primary", statistics(scaled[unknown]))
         for unknown in form.unknowns
     ]
-    for quantity in (*FIELDS, "lambda"):
+    for quantity in (*FIELDS, *form.multipliers):
         role = "recovered" if quantity in form.eliminated else "primary"
         found.append(
             Measurement(quantity, "physical_correction", role, statistics(physical[quantity]))
@@ -259,22 +261,32 @@ def _rows_of_corrections(form: Form) -> list[RowName]:
             "physical_correction",
             "recovered" if quantity in form.eliminated else "primary",
         )
-        for quantity in (*FIELDS, "lambda")
+        for quantity in (*FIELDS, *form.multipliers)
     ]
     return [(measure, quantity, role, "") for quantity, measure, role in (*scaled, *physical)]
 
 
 @cache
-def _orders(form: str, compensated: bool) -> FormOrders:
-    return form_orders(FORMS[form], compensated=compensated)
+def _form(name: str, formulation: str) -> Form:
+    return Formulation.parse(formulation).applied(FORMS[name])
+
+
+def _form_of(key: SeriesKey) -> Form:
+    """The form of a series, with the rows and multipliers of its formulation."""
+    return _form(key.form, key.formulation)
+
+
+@cache
+def _orders(form: str, formulation: str, compensated: bool) -> FormOrders:
+    return form_orders(_form(form, formulation), compensated=compensated)
 
 
 def _orders_of(key: SeriesKey) -> FormOrders:
-    return _orders(key.form, key.evaluation == COMPENSATED)
+    return _orders(key.form, key.formulation, key.evaluation == COMPENSATED)
 
 
 def _scaling_of(key: SeriesKey) -> Any:
-    return Preconditioning.parse(key.preconditioning).scaling(FORMS[key.form])
+    return Preconditioning.parse(key.preconditioning).scaling(_form_of(key))
 
 
 def _order_of_correction(key: SeriesKey) -> float:
@@ -301,7 +313,7 @@ CORRECTION = Measure(
             _order_of_correction,
             0.15,
             kind="rounding",
-            quantities=(*FIELDS, "lambda"),
+            quantities=(*FIELDS, *MULTIPLIERS),
         ),
         Record(
             "physical_correction",
@@ -311,7 +323,7 @@ CORRECTION = Measure(
             _order_of_physical_correction,
             0.15,
             kind="rounding",
-            quantities=(*FIELDS, "lambda"),
+            quantities=(*FIELDS, *MULTIPLIERS),
         ),
     ),
     _Corrections,
@@ -397,7 +409,7 @@ class _Sensitivities(Observer):
 
 
 def _order_of_sensitivity(key: SeriesKey) -> float:
-    form = FORMS[key.form]
+    form = _form_of(key)
     _, inverse = _orders_of(key).scaled(_scaling_of(key))
     return float(inverse[form.unknowns.index(key.quantity), form.rows.index(key.row_block)])
 
@@ -415,7 +427,7 @@ SENSITIVITY = Measure(
             0.15,
             0.05,
             may_vanish=True,
-            quantities=(*FIELDS, "lambda"),
+            quantities=(*FIELDS, *MULTIPLIERS),
         ),
     ),
     _Sensitivities,

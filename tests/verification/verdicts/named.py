@@ -138,6 +138,8 @@ def rows(named: Named) -> list[str]:
             "median": value, "last": value, "zeros": 0, "not_converged": 0,
             "newton_iterations": 4.0, "status": "ok", "row_block": "", "stop": "saturation",
             "met": "",
+            "formulation": "index-3", "projection": "none",
+            "multipliers": "newton", "start": "consistent",
         }  # fmt: skip
         found.append(",".join(str(values[column]) for column in COLUMNS))
     return found
