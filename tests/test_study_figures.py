@@ -183,8 +183,8 @@ def test_row_blocks_are_panels_and_the_start_is_apart(tmp_path):
     ]  # fmt: skip
     at_start, along = found.values()
     assert [part.title for part in at_start.parts] == ["row D perturbed", "row C perturbed"]
-    assert {curve.start for curve in at_start.curves} == {"start"}
-    assert {curve.start for curve in along.curves} == {""}
+    assert {curve.initial for curve in at_start.curves} == {"start"}
+    assert {curve.initial for curve in along.curves} == {""}
     assert "at the start" in at_start.title
     assert "at the start" not in along.title
 
