@@ -10,7 +10,7 @@ the step, so that Pη is the change of least size in the norm of M.
 """
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -38,13 +38,13 @@ class FormulationTables(NamedTuple):
     rows: Array  #: (k, 3) s₀, s₁, s₂
     eta: Array  #: (3,) coefficients of Pη in u, v, a
     rows_eta: Array  #: (r,) the same in the kept rows V, K
-    inertia: float  #: c = ∂v'/∂a
-    penalty: float  #: p; 0 where λ is an unknown
+    inertia: np.floating[Any]  #: c = ∂v'/∂a
+    penalty: np.floating[Any]  #: p; 0 where λ is an unknown
     stabilised: int  #: whether there are η
     level: int  #: of the projection: 0 none, 1 velocities, 2 positions too
     accelerations: int  #: whether v' is projected too
     total: int  #: whether λ + μ/h is recorded
-    unit: float  #: of M in the projection's matrix
+    unit: np.floating[Any]  #: of M in the projection's matrix
     projector_rows: IndexArray  #: coordinate of each term of P
     projector_columns: IndexArray  #: its constraint
     projector_sources: IndexArray  #: the entry of G that it multiplies
@@ -89,7 +89,7 @@ def projector(problem: Problem) -> Projector:
         return plain._replace(values=1 / diagonal[pattern.g_rows])
     members = np.argsort(labels, kind="stable")
     blocks = np.split(members, np.cumsum(np.bincount(labels, minlength=count))[:-1])
-    of_coordinate: dict[int, tuple[IndexArray, Array]] = {}
+    of_coordinate: dict[int, tuple[Any, Any]] = {}
     for block in blocks:
         part = mass[block][:, block].toarray()
         if np.linalg.cond(part) > 1 / np.finfo(float).eps ** 0.75:
@@ -196,7 +196,8 @@ class Constraining:
     def pushed(self, directions: Array, eta: Array) -> Array:
         """(n,) Pη."""
         terms = self.projector
-        return np.bincount(terms.rows, directions * eta[terms.columns], minlength=self.problem.n)
+        moved = directions * eta[terms.columns]
+        return np.asarray(np.bincount(terms.rows, moved, minlength=self.problem.n), float)
 
     @cached_property
     def pairs(self) -> tuple[IndexArray, IndexArray]:
@@ -230,9 +231,9 @@ class Constraining:
     def along(self, entries: Array, vector: Array) -> Array:
         """(m,) a matrix at the pattern of Gᵀ times (n,)."""
         pattern = self.problem.pattern
-        return np.bincount(
-            pattern.g_columns, entries * vector[pattern.g_rows], minlength=self.problem.m
-        )
+        products = entries * vector[pattern.g_rows]
+        sums = np.bincount(pattern.g_columns, products, minlength=self.problem.m)
+        return np.asarray(sums, float)
 
     def tables(self) -> FormulationTables:
         """All of it as the numbers that the kernel reads, in the scheme's precision."""

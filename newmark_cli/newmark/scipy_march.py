@@ -202,7 +202,8 @@ class _Formulated:
 
     def _constraints(self, t: float, moving: Array, multipliers: Array) -> tuple[Values, Array]:
         """The problem at the iterate, and Φ as it is evaluated."""
-        values = self.problem.values(t, *self.state.fields[:2], multipliers)
+        u, v = self.state.fields[:2]
+        values = self.problem.values(t, u, v, multipliers)
         return values, self.carried.phi(moving, values.g) if self.carried else values.phi
 
     def rate(self, t: float, moving: Array) -> Array:
@@ -242,57 +243,72 @@ class _Formulated:
             )
             for k, factor in enumerate(constraining.rows_eta):
                 rows[1 + k] = rows[1 + k] + factor * push
-        rows += [*constraining.values(phi, self.rate(t, moving), second)]
+        rows.extend(constraining.values(phi, self.rate(t, moving), second))
         tangents = Tangents(constraining.tangents(values.g, found.r, found.q), self.directions)
         return step.system.solve(values, step.right_hand_side(rows), tangents)
 
-    def apply(self, step: _Step, correction: Array, t: float, moving: Array) -> list[float]:
-        """Apply a correction; norms of the blocks that are recorded."""
-        constraining, scheme, state = self.constraining, self.scheme, self.state
+    def advance(
+        self, step: _Step, correction: Array, t: float, moving: Array, norms: Array, settled: int
+    ) -> tuple[Array, bool]:
+        """Apply a correction, unless no block decreases any more.
+
+        With a penalty λ follows from Φ after the correction, which is applied then.
+
+        Args:
+            step, t, moving: The step, its end (s) and the iterate.
+            correction: (N,) in the scaled unknowns.
+            norms: Overwritten where a block still decreases.
+            settled: Corrections in a row that were in the terminal phase.
+
+        Returns:
+            Norms of the recorded blocks, and whether the step is over.
+        """
+        now = self._norms(step.blocks(correction))
+        if self.constraining.penalty:
+            self._apply(step, correction, moving)
+            _, self._phi = self._constraints(t, moving, self.state.multipliers)
+            update = -self.constraining.penalty * self._phi
+            self.state.multipliers[:] += update
+            now.append(float(np.linalg.norm(update / self.scheme.right[len(now)])))
+        found = np.array(now)
+        over = self._take_norms(found, norms, settled)
+        if not (over or self.constraining.penalty):
+            self._apply(step, correction, moving)
+        return found, over
+
+    def _norms(self, blocks: list[Array]) -> list[float]:
+        """Norms of the blocks; with η, of the corrections of eliminated fields too."""
+        constraining, scheme = self.constraining, self.scheme
         p = len(scheme.form.kept)
-        self._before = moving.copy(), state.multipliers.copy(), self.eta.copy()
-        blocks = step.correct(correction, moving, state.multipliers)
         now = [float(np.linalg.norm(block)) for block in blocks]
         if constraining.stabilised:
-            change = scheme.right[p + 1] * blocks[p + 1]
-            self.eta += change
-            pushed = constraining.pushed(self.directions, change)
-            for field, name in enumerate(FIELDS):
-                if name in scheme.form.eliminated:
-                    factors = scheme.elimination.weights[field] * scheme.right[:p]
-                    moved = sum(
-                        factor * block for factor, block in zip(factors, blocks, strict=False)
-                    )
-                    now.append(float(np.linalg.norm(moved + constraining.eta[field] * pushed)))
+            pushed = constraining.pushed(self.directions, scheme.right[p + 1] * blocks[p + 1])
+            for field in map(FIELDS.index, scheme.form.eliminated):
+                factors = scheme.elimination.weights[field] * scheme.right[:p]
+                moved = constraining.eta[field] * pushed + factors @ np.array(blocks[:p])
+                now.append(float(np.linalg.norm(moved)))
+        return now
+
+    def _apply(self, step: _Step, correction: Array, moving: Array) -> None:
+        constraining, scheme = self.constraining, self.scheme
+        blocks = step.correct(correction, moving, self.state.multipliers)
         step.recover(moving)
         if constraining.stabilised:
-            for field, name in enumerate(FIELDS):
-                if name in scheme.form.eliminated:
-                    moving[field] += constraining.eta[field] * self._push()
+            p = len(scheme.form.kept)
+            self.eta += scheme.right[p + 1] * blocks[p + 1]
+            for field in map(FIELDS.index, scheme.form.eliminated):
+                moving[field] += constraining.eta[field] * self._push()
         self._take(moving)
-        if constraining.penalty:
-            _, self._phi = self._constraints(t, moving, state.multipliers)
-            update = -constraining.penalty * self._phi
-            state.multipliers += update
-            now.append(float(np.linalg.norm(update / scheme.right[p])))
-        return now
 
     def _take(self, moving: Array) -> None:
         if self.carried:
             self.carried.take(moving)
 
-    def take_back(self, moving: Array) -> None:
-        """Undo the last correction, unless λ has been updated with it."""
-        if not self.constraining.penalty:
-            moving[:], self.state.multipliers[:], self.eta = self._before
-            self._take(moving)
-
-    def take_norms(self, now: list[float], norms: Array, settled: int) -> bool:
+    def _take_norms(self, found: Array, norms: Array, settled: int) -> bool:
         """Record the blocks that still decrease; True when none does any more.
 
         Far from the solution all are recorded.
         """
-        found = np.array(now)
         if settled >= 2:
             self._done |= found >= self._last
         else:
@@ -310,11 +326,12 @@ class _Formulated:
         level, state = self.scheme.projection.level, self.state
         if level > 1:
             _, phi = self._constraints(t, moving, state.multipliers)
-            change, _ = self._index_1.projection(t, state.fields[0], phi)
+            change, _ = self._index_1.least_change(t, state.fields[0], -phi)
             moving[0] += change
             self._take(moving)
         if level > 0:
-            change, impulse = self._index_1.projection(t, state.fields[0], self.rate(t, moving))
+            wanted = -self.rate(t, moving)
+            change, impulse = self._index_1.least_change(t, state.fields[0], wanted)
             moving[1] += change
             state.impulse[:] = impulse
             self._take(moving)
@@ -393,12 +410,12 @@ def march(
                 return SINGULAR, s
             solves += 1
             if extra:
-                now = extra.apply(step, correction, t, moving)
+                phase = settled if scheme.stop is None else 0
+                now, over = extra.advance(step, correction, t, moving, norms[s], phase)
                 norm = float(np.linalg.norm(now[: len(scheme.form.unknowns)]))
                 if not np.isfinite(norm):
                     return DIVERGED, s
-                if extra.take_norms(now, norms[s], settled if scheme.stop is None else 0):
-                    extra.take_back(moving)
+                if over:
                     break
             else:
                 norm = float(np.linalg.norm(correction))
@@ -408,11 +425,11 @@ def march(
                     break
                 previous = norm
                 blocks = step.correct(correction, moving, multipliers)
-                now = norms[s] = [np.linalg.norm(block) for block in blocks]
+                now = norms[s] = np.array([np.linalg.norm(block) for block in blocks])
                 step.recover(moving)
                 if carried:
                     carried.take(moving)
-            small = step.is_small(norm, np.asarray(now), state)
+            small = step.is_small(norm, now, state)
             settled = settled + 1 if small else 0
             if small and (norm == 0 or scheme.stop is not None):
                 break

@@ -128,6 +128,22 @@ class Index1:
     def _onto_positions(self, values: Values) -> Array:
         return self._least_change(values, -values.phi)[0]
 
+    def least_change(self, t: float, u: Array, wanted: Array) -> tuple[Array, Array]:
+        """Least change of positions or velocities, in the norm of M, with Gᵀδ as wanted.
+
+        Args:
+            t: Time (s).
+            u: (n,) coordinates.
+            wanted: (m,) Gᵀδ.
+
+        Returns:
+            δ (n,), and μ (m,) with M δ = G μ.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        return self._least_change(self.problem.values(t, u, self._zeros, self._none), wanted)
+
     def _least_change(self, values: Values, wanted: Array) -> tuple[Array, Array]:
         """δ (n,) with Gᵀ δ as wanted, and μ (m,) with M δ = G μ."""
         solution = self._solver(values)(np.concatenate([self._zeros, wanted]))

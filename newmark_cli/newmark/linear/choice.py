@@ -49,8 +49,8 @@ def choose(linear_solver: str, problem: Counted, form: Form) -> str:
         return DENSE if unknowns <= DENSE_UP_TO else SPARSE
     if linear_solver == DENSE and unknowns > _DENSE_AT_MOST:
         raise InputError(
-            f"linear_solver {DENSE}: {problem.name}, {form.described} has {unknowns} unknowns, at most "
-            f"{_DENSE_AT_MOST} are allowed; take {SPARSE}"
+            f"linear_solver {DENSE}: {problem.name}, {form.described} has {unknowns} unknowns, "
+            f"at most {_DENSE_AT_MOST} are allowed; take {SPARSE}"
         )
     return linear_solver
 

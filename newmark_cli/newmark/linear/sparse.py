@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors, sizes_of_blocks
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
@@ -176,7 +176,8 @@ class _Products:
         """Where they stand in J; ``behind`` is the first source of theirs."""
         constraining, problem = self._constraining, self._problem
         n, m, pattern = problem.n, problem.m, problem.pattern
-        kept, found = len(scheme.form.kept), []
+        kept = len(scheme.form.kept)
+        found: list[_Term] = []
         to_projector = constraining.projector
         eta = kept * n + m
 
@@ -299,11 +300,12 @@ class SparseSystem:
                     behind += len(self._g)
             self._products = _Products(self.constraining, problem)
             terms += self._products.terms(scheme, behind, scheme.elimination.weights)
-        for i, row in enumerate(scheme.form.rows):
+        ends = np.cumsum(sizes_of_blocks(scheme.form, n, m)).tolist()
+        for row, start in zip(scheme.form.rows, [0, *ends], strict=False):
             for field, (rows, columns, sources) in full[row].items():
                 for k, weight in enumerate(scheme.elimination.weights[FIELDS.index(field)]):
                     if weight != 0:
-                        terms.append((i * n + rows, k * n + columns, sources, weight))
+                        terms.append((start + rows, k * n + columns, sources, weight))
         if constraint_rows:
             # Row D comes first in every form, λ behind the fields.
             terms.append((g_rows, kept * n + g_columns, g_sources, -1.0))
