@@ -30,10 +30,12 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
 
 
 @njit
-def derivatives(t, u, v, ints, reals, rate, curvature):
+def derivatives(t, u, v, w, ints, reals, rate, curvature, r_values, q_values):
     rate[0] = curvature[0] = 0.0
     for i in range(3):
         curvature[0] += (1.0 + i) * v[i] * v[i]
+        r_values[i] = (1.0 + i) * v[i]
+        q_values[i] = (1.0 + i) * w[i]
 
 
 def damped():

@@ -13,7 +13,7 @@ from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems import python_problem
+from newmark_cli.problems import constraint_rows, python_problem
 from newmark_cli.problems.problem import ProblemError
 
 CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
@@ -98,7 +98,8 @@ def test_derivatives_of_constraints_at_any_frequency(frequency, t):
         "gradient": lambda u, t: np.stack([moving(t), 4 * u - 2 * moving(t)], axis=1),
     }
     rate, curvature = np.zeros(2), np.zeros(2)
-    python_problem._derivatives(functions)(t, u, v, None, None, rate, curvature)
+    rows = constraint_rows.by_differences(functions, constraint_rows.as_it_is)
+    constraint_rows.rates(rows)(t, u, v, None, None, rate, curvature)
     expected = np.array([u @ w, -2 * (u - p) @ w])
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
     pull = -(frequency**2) * p
@@ -117,7 +118,8 @@ def test_curvature_of_a_fixed_surface_is_exact_to_rounding():
         "gradient": lambda u, t: u[:, None],
     }
     rate, curvature = np.zeros(1), np.zeros(1)
-    derivatives = python_problem._derivatives(functions)
+    rows = constraint_rows.by_differences(functions, constraint_rows.as_it_is)
+    derivatives = constraint_rows.rates(rows)
     for u, v in (([0.6, 0.8], [-8e-4, 6e-4]), ([0.0, 0.0], [3.0, 4.0])):
         derivatives(0.0, np.array(u), np.array(v), None, None, rate, curvature)
         assert rate[0] == 0

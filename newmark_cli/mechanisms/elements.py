@@ -212,43 +212,68 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def constraint_derivatives(t, u, v, ints, reals, rate, curvature):
-    """What Φ does in time beside Gᵀ v and Gᵀ u'': for consistent starts.
+def constraint_derivatives(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ u'', and the tangents of both to u.
+
+    An element's columns of G are C_kᵀ Δ, or C_kᵀ n with a normal n(t).  Along a motion
+    with u' = v that is C_kᵀ Δ' and C_kᵀ n'; Gᵀ w and Φ'' change with u by C_kᵀ W, with
+    W = Σ C_k w_k, and by C_kᵀ n''.
 
     Args:
         t: Time (s).
-        u, v: (n,) coordinates (m) and velocities (m/s).
+        u, v, w: (n,) coordinates (m), velocities (m/s) and accelerations (m/s²).
         ints, reals: Element tables, see the module.
         rate: (m,) overwritten; Φ' = Gᵀ v + rate.
         curvature: (m,) overwritten; Φ'' = Gᵀ u'' + curvature.
+        rate_values: Overwritten with the entries of ∂(Gᵀ v + rate)/∂u, transposed, at
+            the places of those of G.
+        acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
     """
+    zero, two = u.dtype.type(0), u.dtype.type(2)
     for e in range(ints.shape[0]):
-        kind, row = ints[e, KIND], ints[e, ROW]
+        kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
         if kind == LINE:
             rate[row] = -_law(t, reals, e, 1)
             curvature[row] = -_law(t, reals, e, 2)
+            for k in range(2 * count):
+                rate_values[g + k] = zero
+                acceleration_values[g + k] = zero
         elif kind in (LINK, BAR, ANGLE):
             dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
-            wx, wy = 0 * dx, 0 * dy
-            for k in range(ints[e, COUNT]):
+            wx, wy = zero, zero
+            ax, ay = zero, zero
+            for k in range(count):
                 i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
                 dx += a * u[i] - b * u[i + 1]
                 dy += b * u[i] + a * u[i + 1]
                 wx += a * v[i] - b * v[i + 1]
                 wy += b * v[i] + a * v[i + 1]
+                ax += a * w[i] - b * w[i + 1]
+                ay += b * w[i] + a * w[i + 1]
             if kind == ANGLE:
                 angle, turn = _law(t, reals, e, 0), _law(t, reals, e, 1)
+                faster = _law(t, reals, e, 2)
                 cosine, sine = np.cos(angle), np.sin(angle)
                 along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
                 rate[row] = -turn * along
                 curvature[row] = (
-                    -_law(t, reals, e, 2) * along
-                    - turn * turn * across
-                    - 2 * turn * (cosine * wx + sine * wy)
+                    -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
                 )
+                # n' and n'' of n = (−sin, cos).
+                wx, wy = -turn * cosine, -turn * sine
+                ax, ay = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
             else:
-                rate[row] = 0
+                rate[row] = zero
                 curvature[row] = wx * wx + wy * wy
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                rate_values[g] = a * wx + b * wy
+                rate_values[g + 1] = a * wy - b * wx
+                acceleration_values[g] = a * ax + b * ay
+                acceleration_values[g + 1] = a * ay - b * ax
+                g += 2
 
 
 @cached_njit(nogil=True, error_model="numpy")

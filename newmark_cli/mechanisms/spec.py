@@ -236,6 +236,7 @@ def _description(spec: PythonFactory) -> Problem:
         problem,
         function=elsewhere,
         derivatives=elsewhere,
+        rates=elsewhere if problem.rates else None,
         potential=elsewhere if problem.potential else None,
     )
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel
+from newmark_cli.newmark.constraints import FormulationTables
 from newmark_cli.newmark.march_data import ProblemTables, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
@@ -17,12 +18,14 @@ def march(
     norms: Array,
     iterations: IndexArray,
     record: Record | None = None,
+    extra: FormulationTables | None = None,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps; see `newmark_cli.newmark.scipy_march.march`."""
     dtype = scheme.dtype
     stop = scheme.stop or Tolerance()
     ending, done = kernel.march(  # type: ignore[no-untyped-call]
         problem.function,
+        None if extra is None else problem.derivatives,
         ProblemTables(
             problem.ints,
             problem.reals.astype(dtype),
@@ -30,6 +33,7 @@ def march(
             *problem.pattern,
         ),
         scheme.tables,
+        extra,
         state,
         scheme.compensated,
         problem.t0,

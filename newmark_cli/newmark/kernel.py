@@ -44,6 +44,18 @@ def evaluate_type(dtype):
     )  # fmt: skip
 
 
+def derivatives_type(dtype):
+    """Numba type of a problem's derivatives of constraints in the arithmetic of a dtype."""
+    scalar = from_dtype(dtype)
+    vector, table = scalar[::1], scalar[:, ::1]
+    return types.FunctionType(
+        types.void(
+            scalar, vector, vector, vector, types.int64[:, ::1], table,
+            vector, vector, vector, vector,
+        )
+    )  # fmt: skip
+
+
 class _Iterate(NamedTuple):
     """What Newton iterates on: the fields, or their increments over the step."""
 
@@ -102,14 +114,45 @@ class _System(NamedTuple):
     row: np.ndarray  #: (N,) likewise
 
 
+class _Constraining(NamedTuple):
+    """Room for what a formulation adds; E entries of G, k rows, b recorded blocks."""
+
+    rate: np.ndarray  #: (m,) Φ_t
+    curvature: np.ndarray  #: (m,) κ
+    r: np.ndarray  #: (E,) entries of R
+    r_old: np.ndarray  #: (E,) the same at the beginning of the step
+    q: np.ndarray  #: (E,) entries of Q
+    psi: np.ndarray  #: (m,) Gᵀv + Φ_t
+    rows: np.ndarray  #: (k, m) rows of constraints
+    tangents: np.ndarray  #: (k, 3, E) theirs to u, v, a
+    eta: np.ndarray  #: (m,) η
+    p: np.ndarray  #: (n, m) P
+    push: np.ndarray  #: (n,) Pη
+    shifted: np.ndarray  #: (m,) λ − pΦ
+    now: np.ndarray  #: (b,) norms of the blocks of a correction
+    last: np.ndarray  #: (b,) of the one before
+    done: np.ndarray  #: (b,) whether a block has ceased to decrease
+    matrix: np.ndarray  #: (n + m, n + m) of a projection
+    rhs: np.ndarray  #: (n + m,)
+    columns: np.ndarray  #: (n + m,) the solver's work space
+    row: np.ndarray  #: (n + m,) likewise
+
+
 # -- before the first step ------------------------------------------------------------------
+
+
+@_inline
+def _size(tables, n, m):
+    """N, unknowns of the linear system: as many multipliers as rows of constraints."""
+    constraint_rows = tables.left.shape[0] - 1 - tables.row_weights.shape[0]
+    return tables.kept.shape[0] * n + constraint_rows * m
 
 
 @_inline
 def _allocate(problem, tables, state, compensated, h):
     """Return room for what the march overwrites in every step."""
     n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
-    size = tables.kept.shape[0] * n + m
+    size = _size(tables, n, m)
     values = _Values(
         force=np.empty(n, dtype),
         phi=np.empty(m, dtype),
@@ -144,7 +187,7 @@ def _allocate(problem, tables, state, compensated, h):
 def _lay_out(problem, tables, n, m):
     """Return the part of the Jacobian that is the same at all states."""
     p, dtype = tables.kept.shape[0], tables.left.dtype
-    size = p * n + m
+    size = _size(tables, n, m)
     blocks = _Blocks(
         constant=np.zeros((size, size), dtype),
         x_factors=np.empty(p, dtype),
@@ -186,7 +229,8 @@ def _fill_factors(tables, blocks):
         u_weight, v_weight, right = tables.weights[0, k], tables.weights[1, k], tables.right[k]
         blocks.x_factors[k] = tables.left[0] * u_weight * right
         blocks.y_factors[k] = tables.left[0] * v_weight * right
-        blocks.gt_factors[k] = tables.left[of_constraints] * u_weight * right
+        if of_constraints < tables.left.shape[0]:
+            blocks.gt_factors[k] = tables.left[of_constraints] * u_weight * right
 
 
 @_inline
@@ -271,6 +315,15 @@ def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
 @_inline
 def _assemble_residual(problem, tables, blocks, history, moving, values, rhs):
     """Set ``rhs`` (N,) to −D_L b, row blocks D, the kept ones of V and K, C."""
+    _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs)
+    first, extra = tables.kept.shape[0] * moving.shape[1], tables.row_weights.shape[0]
+    for i in range(values.phi.shape[0]):
+        rhs[first + i] = -tables.left[1 + extra] * values.phi[i]
+
+
+@_inline
+def _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs):
+    """Set rows D and the kept ones of V and K of −D_L b."""
     left, kept = tables.left, tables.kept
     n, p, extra = moving.shape[1], kept.shape[0], tables.row_weights.shape[0]
     for i in range(n):
@@ -291,13 +344,24 @@ def _assemble_residual(problem, tables, blocks, history, moving, values, rhs):
             for k in range(p):
                 residual += tables.row_weights[r, k] * moving[kept[k], i]
             rhs[(1 + r) * n + i] = -left[1 + r] * residual
-    for i in range(values.phi.shape[0]):
-        rhs[(1 + extra) * n + i] = -left[1 + extra] * values.phi[i]
 
 
 @_inline
 def _assemble_jacobian(weights, blocks, values, system):
     """Set the matrix to D_L J D_R; ``weights`` (3, p) are the ∂(u, v, a)/∂(kept)."""
+    entries = system.entries
+    _assemble_jacobian_of_motion(weights, blocks, values, system)
+    for k in range(weights.shape[1]):
+        if weights[0, k] != 0:
+            for e in range(values.g.shape[0]):
+                entries[blocks.gt_places[k, e]] += blocks.gt_factors[k] * values.g[e]
+    for e in range(values.g.shape[0]):
+        entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
+
+
+@_inline
+def _assemble_jacobian_of_motion(weights, blocks, values, system):
+    """Set the matrix to the constant part, X and Y of D_L J D_R."""
     entries = system.entries
     for i in range(system.matrix.shape[0]):
         for j in range(system.matrix.shape[1]):
@@ -306,13 +370,9 @@ def _assemble_jacobian(weights, blocks, values, system):
         if weights[0, k] != 0:
             for e in range(values.x.shape[0]):
                 entries[blocks.x_places[k, e]] += blocks.x_factors[k] * values.x[e]
-            for e in range(values.g.shape[0]):
-                entries[blocks.gt_places[k, e]] += blocks.gt_factors[k] * values.g[e]
         if weights[1, k] != 0:
             for e in range(values.y.shape[0]):
                 entries[blocks.y_places[k, e]] += blocks.y_factors[k] * values.y[e]
-    for e in range(values.g.shape[0]):
-        entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
 
 
 @_compile
@@ -446,6 +506,286 @@ def _scaled_size(fields, multipliers, kept, right):
     return np.sqrt(square)
 
 
+# -- formulations beside index 3 ------------------------------------------------------------
+
+
+@_inline
+def _allocate_constraining(problem, tables, state, extra, recorded):
+    """Return room for what a formulation overwrites in every step."""
+    n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
+    entries, rows = problem.g_rows.shape[0], extra.rows.shape[0]
+    saddle = n + m if extra.level > 0 else 0
+    return _Constraining(
+        rate=np.zeros(m, dtype),
+        curvature=np.zeros(m, dtype),
+        r=np.empty(entries, dtype),
+        r_old=np.empty(entries, dtype),
+        q=np.empty(entries, dtype),
+        psi=np.zeros(m, dtype),
+        rows=np.empty((rows, m), dtype),
+        tangents=np.empty((rows, 3, entries), dtype),
+        eta=np.zeros(m, dtype),
+        p=np.zeros((n, m), dtype),
+        push=np.zeros(n, dtype),
+        shifted=np.empty(m, dtype),
+        now=np.zeros(recorded),
+        last=np.zeros(recorded),
+        done=np.zeros(recorded, np.int64),
+        matrix=np.empty((saddle, saddle), dtype),
+        rhs=np.empty(saddle, dtype),
+        columns=np.empty(saddle, np.uint64),
+        row=np.empty(saddle, dtype),
+    )
+
+
+@_inline
+def _begin_step(extra, g, work):
+    """Set η = 0 and P from the entries of G at the beginning of the step."""
+    for b in range(work.done.shape[0]):
+        work.done[b] = 0
+    if extra.stabilised != 0:
+        work.eta[:] = 0
+        work.push[:] = 0
+        work.p[:] = 0
+        for e in range(extra.projector_rows.shape[0]):
+            row, column = extra.projector_rows[e], extra.projector_columns[e]
+            work.p[row, column] += extra.projector_values[e] * g[extra.projector_sources[e]]
+
+
+@_inline
+def _rate_of_constraints(problem, iterate, state, values, work):
+    """Set Ψ = Gᵀv + Φ_t; compensated: Ψ_n + ½(G_n + G)ᵀν + ½(R_n + R)Δ."""
+    half = values.phi.dtype.type(0.5)
+    for k in range(work.psi.shape[0]):
+        work.psi[k] = state.psi[k] if iterate.compensated else work.rate[k]
+    for e in range(values.g.shape[0]):
+        k, i = problem.g_columns[e], problem.g_rows[e]
+        if iterate.compensated:
+            mean_g = half * (iterate.g_old[e] + values.g[e])
+            mean_r = half * (work.r_old[e] + work.r[e])
+            work.psi[k] += mean_g * iterate.moving[1, i] + mean_r * iterate.shift[i]
+        else:
+            work.psi[k] += values.g[e] * state.fields[1, i]
+
+
+@_inline
+def _assemble_constraints(problem, extra, state, values, work):
+    """Set the rows of constraints and their tangents to u, v and a."""
+    two = values.phi.dtype.type(2)
+    for row in range(extra.rows.shape[0]):
+        s0, s1, s2 = extra.rows[row, 0], extra.rows[row, 1], extra.rows[row, 2]
+        for k in range(values.phi.shape[0]):
+            value = s0 * values.phi[k]
+            if s1 != 0:
+                value += s1 * work.psi[k]
+            if s2 != 0:
+                value += s2 * work.curvature[k]
+            work.rows[row, k] = value
+        for e in range(values.g.shape[0]):
+            g, r, q = values.g[e], work.r[e], work.q[e]
+            if s2 != 0:
+                acceleration = state.fields[3, problem.g_rows[e]]
+                work.rows[row, problem.g_columns[e]] += s2 * (g * acceleration)
+            work.tangents[row, 0, e] = s0 * g + s1 * r + s2 * q
+            work.tangents[row, 1, e] = s1 * g + two * s2 * r
+            work.tangents[row, 2, e] = s2 * extra.inertia * g
+
+
+@_inline
+def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
+    """Set the rows of constraints of −D_L b, and add Pη to rows D, V and K."""
+    p, kept_rows = tables.kept.shape[0], tables.row_weights.shape[0]
+    m = work.rate.shape[0]
+    for row in range(extra.rows.shape[0]):
+        for k in range(m):
+            rhs[p * n + row * m + k] = -tables.left[1 + kept_rows + row] * work.rows[row, k]
+    if extra.stabilised != 0:
+        inertia = extra.inertia * extra.eta[2]
+        for e in range(problem.mass_rows.shape[0]):
+            pushed = problem.mass_values[e] * inertia * work.push[problem.mass_columns[e]]
+            rhs[problem.mass_rows[e]] -= tables.left[0] * pushed
+        for r in range(kept_rows):
+            for i in range(n):
+                rhs[(1 + r) * n + i] -= tables.left[1 + r] * extra.rows_eta[r] * work.push[i]
+
+
+@_inline
+def _add_constraints_to_jacobian(problem, tables, blocks, extra, n, values, work, system):
+    """Add the rows of constraints, −G, the columns of η and the penalty to D_L J D_R."""
+    entries, matrix, weights = system.entries, system.matrix, tables.weights
+    p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
+    rows = extra.rows.shape[0]
+    for row in range(rows):
+        left = tables.left[1 + kept_rows + row]
+        # Places know the first row of constraints.
+        further = row * m * matrix.shape[0]
+        for k in range(p):
+            factor = left * tables.right[k]
+            for e in range(values.g.shape[0]):
+                tangent = weights[0, k] * work.tangents[row, 0, e]
+                tangent += weights[1, k] * work.tangents[row, 1, e]
+                tangent += weights[2, k] * work.tangents[row, 2, e]
+                entries[blocks.gt_places[k, e] + np.uint64(further)] += factor * tangent
+    if rows > 0:
+        for e in range(values.g.shape[0]):
+            entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
+    if extra.penalty > 0:
+        for e in range(extra.first.shape[0]):
+            first, second = extra.first[e], extra.second[e]
+            product = extra.penalty * (values.g[first] * values.g[second])
+            i, j = problem.g_rows[first], problem.g_rows[second]
+            for k in range(p):
+                matrix[i, k * n + j] += blocks.x_factors[k] * product
+    if extra.stabilised != 0:
+        _add_columns_of_eta(problem, tables, extra, n, values, work, matrix)
+
+
+@_inline
+def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
+    """Add what η does through u, v and a, and in the kept row K."""
+    p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
+    column, right = p * n + m, tables.right[p + 1]
+    to_u, to_v, to_a = extra.eta[0], extra.eta[1], extra.eta[2]
+    for k in range(m):
+        for e in range(values.x.shape[0]):
+            product = to_u * values.x[e] * work.p[problem.x_columns[e], k]
+            matrix[problem.x_rows[e], column + k] += tables.left[0] * right * product
+        for e in range(values.y.shape[0]):
+            product = to_v * values.y[e] * work.p[problem.y_columns[e], k]
+            matrix[problem.y_rows[e], column + k] += tables.left[0] * right * product
+        for e in range(problem.mass_rows.shape[0]):
+            inertia = extra.inertia * to_a * problem.mass_values[e]
+            product = inertia * work.p[problem.mass_columns[e], k]
+            matrix[problem.mass_rows[e], column + k] += tables.left[0] * right * product
+        for r in range(kept_rows):
+            factor = tables.left[1 + r] * right * extra.rows_eta[r]
+            for i in range(n):
+                matrix[(1 + r) * n + i, column + k] += factor * work.p[i, k]
+        for row in range(extra.rows.shape[0]):
+            factor = tables.left[1 + kept_rows + row] * right
+            for e in range(values.g.shape[0]):
+                tangent = to_u * work.tangents[row, 0, e] + to_v * work.tangents[row, 1, e]
+                tangent += to_a * work.tangents[row, 2, e]
+                product = factor * tangent * work.p[problem.g_rows[e], k]
+                matrix[p * n + row * m + problem.g_columns[e], column + k] += product
+
+
+@_inline
+def _norms_of_blocks(tables, extra, correction, n, work):
+    """Set the norms of the blocks of a correction but for λ that is no unknown.
+
+    Returns:
+        The square of its displacement part, in physical units.
+    """
+    p, m, rows = tables.kept.shape[0], work.rate.shape[0], extra.rows.shape[0]
+    displacement_square = 0.0
+    for k in range(p):
+        block = 0.0
+        for i in range(n):
+            block += np.float64(correction[k * n + i]) * correction[k * n + i]
+        work.now[k] = np.sqrt(block)
+        to_displacement = np.float64(tables.weights[0, k]) * tables.right[k]
+        displacement_square += to_displacement * to_displacement * block
+    for row in range(rows):
+        block = 0.0
+        for k in range(m):
+            scaled = correction[p * n + row * m + k]
+            block += np.float64(scaled) * scaled
+        work.now[p + row] = np.sqrt(block)
+    if extra.stabilised != 0:
+        place = p + rows
+        for f in range(3):
+            if not _contains(tables.kept, f):
+                block = 0.0
+                for i in range(n):
+                    change = 0.0
+                    for k in range(p):
+                        scaled = np.float64(correction[k * n + i])
+                        change += tables.weights[f, k] * tables.right[k] * scaled
+                    for k in range(m):
+                        scaled = np.float64(correction[p * n + m + k])
+                        change += extra.eta[f] * work.p[i, k] * tables.right[p + 1] * scaled
+                    block += change * change
+                work.now[place] = np.sqrt(block)
+                place += 1
+    return displacement_square
+
+
+@_inline
+def _apply(tables, extra, correction, moving, multipliers, work):
+    """Apply a correction (N,) to the kept fields, λ and η."""
+    n, m, p = moving.shape[1], multipliers.shape[0], tables.kept.shape[0]
+    for k in range(p):
+        for i in range(n):
+            moving[tables.kept[k], i] += tables.right[k] * correction[k * n + i]
+    if extra.rows.shape[0] > 0:
+        for k in range(m):
+            multipliers[k] += tables.right[p] * correction[p * n + k]
+    if extra.stabilised != 0:
+        for k in range(m):
+            work.eta[k] += tables.right[p + 1] * correction[p * n + m + k]
+        for i in range(n):
+            work.push[i] = 0
+            for k in range(m):
+                work.push[i] += work.p[i, k] * work.eta[k]
+
+
+@_inline
+def _recover_pushed(tables, extra, moving, work):
+    """Add Pη to the eliminated fields."""
+    for f in range(3):
+        if extra.eta[f] != 0 and not _contains(tables.kept, f):
+            for i in range(moving.shape[1]):
+                moving[f, i] += extra.eta[f] * work.push[i]
+
+
+@_inline
+def _take_norms(work, norms, s, settled):
+    """Record the blocks that still decrease; True when none does any more.
+
+    Far from the solution all are recorded.
+    """
+    all_done = True
+    for b in range(work.now.shape[0]):
+        if settled >= 2 and (work.done[b] != 0 or work.now[b] >= work.last[b]):
+            work.done[b] = 1
+        else:
+            all_done = False
+            norms[s, b] = work.now[b]
+        work.last[b] = work.now[b]
+    return all_done
+
+
+@_inline
+def _project(problem, extra, misfit, g, work):
+    """Set ``work.rhs`` to δ and μ of [[M, −G], [Gᵀ, 0]] (δ, μ) = (0, −misfit)."""
+    n = work.matrix.shape[0] - misfit.shape[0]
+    for i in range(n):
+        work.rhs[i] = 0
+    for k in range(misfit.shape[0]):
+        work.rhs[n + k] = -misfit[k]
+    return _solve_saddle(problem, extra, g, n, work)
+
+
+@_inline
+def _solve_saddle(problem, extra, g, n, work):
+    """Overwrite ``work.rhs`` with the solution of [[M, −G], [Gᵀ, 0]] x = ``work.rhs``."""
+    work.matrix[:] = 0
+    for e in range(problem.mass_rows.shape[0]):
+        i, j = problem.mass_rows[e], problem.mass_columns[e]
+        work.matrix[i, j] += problem.mass_values[e] / extra.unit
+    for e in range(g.shape[0]):
+        i, k = problem.g_rows[e], n + problem.g_columns[e]
+        work.matrix[i, k] -= g[e]
+        work.matrix[k, i] += g[e]
+    for i in range(n):
+        work.rhs[i] /= extra.unit
+    solved = solve_in_place(work.matrix, work.rhs, work.columns, work.row)
+    for k in range(work.rhs.shape[0] - n):
+        work.rhs[n + k] *= extra.unit
+    return solved
+
+
 # -- at the end of a step -------------------------------------------------------------------
 
 
@@ -511,14 +851,18 @@ def _keep(state, record, place):
 
 
 def _march(
-    evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
-    absolute, relative, norms, iterations, record,
+    evaluate, derive, problem, tables, extra, state, compensated, t_start, h, first, cap,
+    settled_below, absolute, relative, norms, iterations, record,
 ):  # fmt: skip
-    """The march as numba compiles it; see `march`."""
+    """The march as numba compiles it; see `march`.
+
+    Where ``extra`` is None, numba leaves out all that formulations need.
+    """
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number = fields.dtype.type
     to_tolerance = absolute > 0 or relative > 0
-    blocks = _lay_out(problem, tables, fields.shape[1], multipliers.shape[0])
+    n, m = fields.shape[1], multipliers.shape[0]
+    blocks = _lay_out(problem, tables, n, m)
     values, iterate, history, system = _allocate(problem, tables, state, compensated, h)
     new_past = np.empty_like(past)
     # The arguments of the problem's function at the iterate.
@@ -526,6 +870,10 @@ def _march(
     force, phi, x, y, g = values
     moving, shift, g_old, rhs = iterate.moving, iterate.shift, iterate.g_old, system.rhs
     kept, keeping = 0, record.steps
+    if extra is not None:
+        work = _allocate_constraining(problem, tables, state, extra, norms.shape[1])
+        rate, curvature, r, r_old, q = work.rate, work.curvature, work.r, work.r_old, work.q
+        accelerations, shifted, p = fields[3], work.shifted, tables.kept.shape[0]
     if compensated:
         t = number(t_start + first * h)
         evaluate(t, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old)
@@ -533,28 +881,96 @@ def _march(
     for s in range(norms.shape[0]):
         t = number(t_start + (first + s + 1) * h)
         _collect_history(problem, tables, past, history)
+        if extra is not None:
+            before = number(t_start + (first + s) * h)
+            if extra.stabilised != 0 and not compensated:
+                evaluate(
+                    before, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old
+                )
+            if compensated:
+                derive(
+                    before, past[0], past[1], accelerations, ints, reals, rate, curvature, r_old, q
+                )
+            _begin_step(extra, g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
         previous, solves = np.inf, 0
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < cap:
-            evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-            if compensated:
-                _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
-            _assemble_residual(problem, tables, blocks, history, moving, values, rhs)
-            _assemble_jacobian(tables.weights, blocks, values, system)
+            if extra is None:
+                evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+                if compensated:
+                    _increase_phi(
+                        state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
+                    )
+                _assemble_residual(problem, tables, blocks, history, moving, values, rhs)
+                _assemble_jacobian(tables.weights, blocks, values, system)
+            else:
+                if extra.penalty == 0 or solves == 0:
+                    evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+                    if compensated:
+                        _increase_phi(
+                            state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
+                        )
+                if extra.penalty > 0:
+                    # Φ is that at the iterate, from here or from the last update of λ.
+                    for k in range(m):
+                        shifted[k] = multipliers[k] - extra.penalty * phi[k]
+                    evaluate(t, u, v, shifted, ints, reals, force, phi, x, y, g)
+                if extra.rows.shape[0] > 0:
+                    _form_acceleration(tables, state)
+                    derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
+                    _rate_of_constraints(problem, iterate, state, values, work)
+                    _assemble_constraints(problem, extra, state, values, work)
+                _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs)
+                _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
+                _assemble_jacobian_of_motion(tables.weights, blocks, values, system)
+                _add_constraints_to_jacobian(
+                    problem, tables, blocks, extra, n, values, work, system
+                )
             if not solve_in_place(system.matrix, rhs, system.columns, system.row):
                 return SINGULAR, s
             solves += 1
-            norm = np.sqrt(_square(rhs))
-            if not np.isfinite(norm):
-                return DIVERGED, s
-            if settled >= 2 and norm >= previous and not to_tolerance:
-                break
-            previous = norm
-            displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
-            _recover(tables, history, past, moving)
-            _take_increments(iterate, state)
+            norm_square = _square(rhs)
+            if extra is None:
+                norm = np.sqrt(norm_square)
+                if not np.isfinite(norm):
+                    return DIVERGED, s
+                if settled >= 2 and norm >= previous and not to_tolerance:
+                    break
+                previous = norm
+                displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
+                _recover(tables, history, past, moving)
+                _take_increments(iterate, state)
+            else:
+                displacement_square = _norms_of_blocks(tables, extra, rhs, n, work)
+                if extra.penalty > 0:
+                    # λ follows from Φ after the correction.
+                    _apply(tables, extra, rhs, moving, multipliers, work)
+                    _recover(tables, history, past, moving)
+                    _take_increments(iterate, state)
+                    evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+                    if compensated:
+                        _increase_phi(
+                            state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
+                        )
+                    change = 0.0
+                    for k in range(m):
+                        update = -extra.penalty * phi[k]
+                        multipliers[k] += update
+                        change += (np.float64(update) / tables.right[p]) ** 2
+                    work.now[p] = np.sqrt(change)
+                    norm_square += change
+                norm = np.sqrt(norm_square)
+                if not np.isfinite(norm):
+                    return DIVERGED, s
+                if _take_norms(work, norms, s, 0 if to_tolerance else settled):
+                    break
+                if extra.penalty == 0:
+                    _apply(tables, extra, rhs, moving, multipliers, work)
+                    _recover(tables, history, past, moving)
+                    _recover_pushed(tables, extra, moving, work)
+                    _take_increments(iterate, state)
             if to_tolerance:
                 limit = absolute
                 if relative > 0:
@@ -567,28 +983,75 @@ def _march(
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
+        if extra is not None and extra.level > 0:
+            if extra.level > 1:
+                evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+                if compensated:
+                    _increase_phi(
+                        state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
+                    )
+                if not _project(problem, extra, phi, g, work):
+                    return SINGULAR, s
+                for i in range(n):
+                    moving[0, i] += work.rhs[i]
+                _take_increments(iterate, state)
+            evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+            derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
+            _rate_of_constraints(problem, iterate, state, values, work)
+            if not _project(problem, extra, work.psi, g, work):
+                return SINGULAR, s
+            for i in range(n):
+                moving[1, i] += work.rhs[i]
+            for k in range(m):
+                state.impulse[k] = work.rhs[n + k]
+            _take_increments(iterate, state)
         _form_acceleration(tables, state)
+        if extra is not None and extra.accelerations != 0:
+            shifted[:] = 0
+            evaluate(t, u, v, shifted, ints, reals, force, phi, x, y, g)
+            derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
+            for i in range(n):
+                work.rhs[i] = force[i]
+            for k in range(m):
+                work.rhs[n + k] = -curvature[k]
+            if not _solve_saddle(problem, extra, g, n, work):
+                return SINGULAR, s
+            for i in range(n):
+                # Alike in a and v': a belongs to another time, and set to v' would
+                # cost generalized-α an order.
+                difference = work.rhs[i] - accelerations[i]
+                accelerations[i] += difference
+                moving[2, i] += difference
+            _take_increments(iterate, state)
         _advance(tables, state, iterate, new_past)
         if compensated:
             # G and Φ at the end of the step, whatever was applied last.
             evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
             _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
+            if extra is not None:
+                derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
+                _rate_of_constraints(problem, iterate, state, values, work)
+                for k in range(m):
+                    state.psi[k] = work.psi[k]
             _carry_over(state, iterate, values, new_past)
         past[:] = new_past
         if kept < keeping.shape[0] and keeping[kept] == s:
             _keep(state, record, kept)
+            if extra is not None and extra.total != 0:
+                for k in range(m):
+                    record.multipliers[kept, k] += state.impulse[k] / iterate.h
             kept += 1
     return COMPLETED, norms.shape[0]
 
 
 _compiling = threading.Lock()
-#: Type of the march's numbers → compiled march.
+#: Type of the march's numbers, and whether there is a formulation → compiled march.
 _compiled: dict = {}
 
 
 def march(
-    evaluate, problem, tables, state, compensated, t_start, h, first, cap, settled_below,
-    absolute, relative, norms, iterations, record,
+    evaluate, derive, problem, tables, extra, state, compensated, t_start, h, first, cap,
+    settled_below, absolute, relative, norms, iterations, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
 
@@ -597,8 +1060,11 @@ def march(
 
     Args:
         evaluate: Compiled function of the problem, of :func:`evaluate_type`.
+        derive: Compiled derivatives of its constraints, of :func:`derivatives_type`;
+            None without a formulation.
         problem, tables, state: See the classes; ``state`` is overwritten.  The type
             of its numbers is the march's.
+        extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
         compensated: Whether the tables relate increments; needs constraints that
             are quadratic in u and do not depend on time.
         t_start: Time of step 0 (s).
@@ -611,7 +1077,8 @@ def march(
         absolute, relative: When one is positive, Newton stops at a correction of
             at most absolute + relative ‖q̄‖ instead.
         norms: (steps, p + 1) overwritten with the 2-norms of the recorded
-            correction, in the scaled unknowns, blocks as in ``tables.right``.
+            correction, in the scaled unknowns, blocks as in ``tables.right``; with η,
+            those of the eliminated fields behind them.
         iterations: (steps,) overwritten with the corrections computed; negative
             where the step ended above ``settled_below``, or above the tolerance.
         record: Overwritten with the states after the steps that it names.
@@ -619,18 +1086,21 @@ def march(
     Returns:
         How the march ended (COMPLETED, SINGULAR, DIVERGED) and the steps done.
     """
-    dtype = state.fields.dtype
+    dtype, formulated = state.fields.dtype, extra is not None
     arguments = (
-        problem, tables, state, compensated, float(t_start), float(h), first, cap,
+        problem, tables, extra, state, compensated, float(t_start), float(h), first, cap,
         float(settled_below), float(absolute), float(relative), norms, iterations, record,
     )  # fmt: skip
     with _compiling:
-        if dtype not in _compiled:
-            signature = (evaluate_type(dtype), *(typeof(a) for a in arguments))
+        if (dtype, formulated) not in _compiled:
+            functions = (
+                evaluate_type(dtype),
+                derivatives_type(dtype) if formulated else types.none,
+            )
             made = _compile(_march)
-            made.compile(signature)
+            made.compile((*functions, *(typeof(a) for a in arguments)))
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
             made.disable_compile()
-            _compiled[dtype] = made
-    return _compiled[dtype](evaluate, *arguments)
+            _compiled[dtype, formulated] = made
+    return _compiled[dtype, formulated](evaluate, derive, *arguments)

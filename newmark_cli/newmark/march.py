@@ -43,6 +43,8 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
         multipliers.astype(dtype),
         lows=np.zeros((2, problem.n), dtype),
         phi=np.zeros(problem.m, dtype),
+        psi=np.zeros(problem.m, dtype),
+        impulse=np.zeros(problem.m, dtype),
     )
 
 
@@ -51,8 +53,8 @@ class Stretch:
     """What was recorded over successive steps.
 
     Attributes:
-        norms: (steps, p + 1) 2-norms of the recorded correction's blocks, in the
-            unknowns that the solver sees.
+        norms: (steps, k) 2-norms of the recorded correction's blocks, as
+            `Scheme.recorded` names them, in the unknowns that the solver sees.
         iterations: (steps,) corrections computed; negative where a step did not converge.
         looks: (k,) steps whose states were recorded, counted from the start of the march.
         record: Those states.
@@ -101,10 +103,12 @@ class March:
         self.problem, self.scheme = problem, scheme
         self.solver = choice.choose(linear_solver, problem, scheme.form)
         self.system = systems.system(self.solver, problem, scheme, krylov)
-        compiled = self.solver == choice.DENSE and problem.compiled
-        self._engine = (
-            compiled_march.march if compiled else partial(scipy_march.march, system=self.system)
-        )
+        if self.solver == choice.DENSE and problem.compiled:
+            constraining = self.system.constraining
+            extra = constraining.tables() if constraining else None
+            self._engine = partial(compiled_march.march, extra=extra)
+        else:
+            self._engine = partial(scipy_march.march, system=self.system)
         if state is None:
             self.state = initial_state(problem, scheme)
         else:
@@ -158,7 +162,7 @@ class March:
 
     def _marched(self, steps: int, record: Record) -> tuple[int, int, Array, IndexArray]:
         """How it ended, the steps taken, and norms and iterations of all."""
-        norms = np.zeros((steps, len(self.scheme.form.unknowns)))
+        norms = np.zeros((steps, len(self.scheme.recorded)))
         iterations = np.zeros(steps, np.int64)
         ending, taken = self._engine(
             self.problem, self.scheme, self.state, self.done, norms, iterations, record=record

@@ -58,6 +58,8 @@ class State(NamedTuple):
     multipliers: np.ndarray  #: (m,) λ
     lows: np.ndarray  #: (2, n) what u and v have beyond past 0, 1; compensated evaluation
     phi: np.ndarray  #: (m,) Φ as carried along; compensated evaluation
+    psi: np.ndarray  #: (m,) Gᵀv likewise, of formulations that have it
+    impulse: np.ndarray  #: (m,) μ of the last projection of velocities
 
 
 class Record(NamedTuple):

@@ -8,6 +8,7 @@ times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of
 import numpy as np
 
 from newmark_cli.arrays import Array
+from newmark_cli.newmark.jacobian import sizes_of_blocks
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import State
@@ -21,7 +22,7 @@ _SEED = 20061012
 
 def perturbation(row: str, size: int) -> Array:
     """(size,) the seeded unit vector that perturbs a row block; the same at every h."""
-    vector = np.random.default_rng([_SEED, ord(row)]).normal(size=size)
+    vector = np.random.default_rng([_SEED, *map(ord, row)]).normal(size=size)
     return np.asarray(vector / np.linalg.norm(vector))
 
 
@@ -51,13 +52,13 @@ def sensitivities(
     n, m = problem.n, problem.m
     jacobian = (system or DenseSystem(problem, scheme)).balanced(t, state)
     form = scheme.form
-    ends = [n * (k + 1) for k in range(len(form.rows) - 1)]
+    sizes = sizes_of_blocks(form, n, m)
+    ends = np.cumsum(sizes)
     found = {}
-    for i, row in enumerate(form.rows):
+    for row, size, end in zip(form.rows, sizes, ends, strict=True):
         rhs = np.zeros(jacobian.size)
-        size = m if row == "C" else n
-        rhs[i * n : i * n + size] = -EPSILON * perturbation(row, size)
-        change = np.split(jacobian.solve(rhs), ends)
-        for unknown, block in zip(form.unknowns, change, strict=True):
+        rhs[end - size : end] = -EPSILON * perturbation(row, size)
+        change = np.split(jacobian.solve(rhs), ends[:-1])
+        for unknown, block in zip(form.solved, change, strict=True):
             found[row, unknown] = float(np.linalg.norm(block)) / EPSILON
     return found

@@ -15,6 +15,7 @@ from newmark_cli.newmark.formulation import (
     CONSISTENT,
     CONSTRAINTS,
     NEWTON,
+    TOTAL,
     UNPROJECTED,
     Formulation,
     Projection,
@@ -132,6 +133,16 @@ class Scheme:
     def stabilised(self) -> bool:
         """Whether there are η."""
         return self.formulation.kind.stabilised
+
+    @property
+    def total(self) -> bool:
+        """Whether the multiplier of the velocity projection is part of what is reported."""
+        return self.reported == TOTAL
+
+    @property
+    def formulated(self) -> bool:
+        """Whether anything but index 3, as the paper has it, is marched."""
+        return self.formulation != CONSTRAINTS or self.projection.level > 0
 
     @cached_property
     def relations(self) -> Relations:

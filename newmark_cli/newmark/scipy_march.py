@@ -4,10 +4,14 @@ It is the reference that the kernel is tested against, and the march of problems
 whose linear systems are not solved by the kernel.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.jacobian import sizes_of_blocks
 from newmark_cli.newmark.linear.choice import Stagnation
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
@@ -20,7 +24,8 @@ from newmark_cli.newmark.march_data import (
     State,
 )
 from newmark_cli.newmark.scheme import Scheme, Tolerance
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.problem import Problem, Values
 
 
 class _Step:
@@ -39,31 +44,37 @@ class _Step:
         """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
         moving[:] = self.scheme.tables.predictor @ self.past
 
-    def residual(self, moving: Array, force: Array, phi: Array) -> list[Array]:
-        """Row blocks of b: D, the kept ones of V and K, C."""
+    def residual(self, moving: Array, force: Array) -> list[Array]:
+        """Row blocks of b: D and the kept ones of V and K."""
         tables = self.scheme.tables
         kept = moving[tables.kept]
         dynamics = self.system.times_mass(tables.dynamic_weights @ kept)
         return [
             dynamics + self.dynamic_history - force,
             *(tables.row_weights @ kept + self.row_history),
-            phi,
         ]
 
-    def right_hand_side(self, moving: Array, force: Array, phi: Array) -> Array:
-        """(N,) −D_L b."""
-        blocks = zip(self.scheme.left, self.residual(moving, force, phi), strict=True)
+    def right_hand_side(self, rows: Iterable[Array]) -> Array:
+        """(N,) −D_L b from its row blocks."""
+        blocks = zip(self.scheme.left, rows, strict=True)
         return np.asarray(-np.concatenate([factor * row for factor, row in blocks]))
 
     def correct(self, correction: Array, moving: Array, multipliers: Array) -> list[Array]:
         """Apply the correction (N,); return its blocks, one for each unknown."""
         tables, right = self.scheme.tables, self.scheme.right
-        n, p = moving.shape[1], len(tables.kept)
-        blocks = np.split(correction, [n * (k + 1) for k in range(p)])
+        blocks = self.blocks(correction)
+        p = len(tables.kept)
         for source, block, factor in zip(tables.kept, blocks, right, strict=False):
             moving[source] += factor * block
-        multipliers += right[-1] * blocks[-1]
+        if len(blocks) > p:
+            multipliers += right[p] * blocks[p]
         return blocks
+
+    def blocks(self, correction: Array) -> list[Array]:
+        """A correction (N,), block by block."""
+        n, m = self.past.shape[1], self.system.problem.m
+        sizes = sizes_of_blocks(self.scheme.form, n, m)
+        return np.split(correction, np.cumsum(sizes)[:-1])
 
     def recover(self, moving: Array) -> None:
         """Evaluate the eliminated fields afresh from the kept ones."""
@@ -82,20 +93,28 @@ class _Step:
 
         Args:
             norm: Norm of the whole correction.
-            norms: (p + 1,) norms of its blocks.
+            norms: Norms of its blocks, the kept fields first.
             state: With the correction applied.
         """
         scheme = self.scheme
         if scheme.stop is not None:
             return norm <= _limit(scheme, scheme.stop, state)
-        displacement = np.linalg.norm(scheme.tables.weights[0] * scheme.right[:-1] * norms[:-1])
+        p = len(scheme.tables.kept)
+        displacement = np.linalg.norm(scheme.tables.weights[0] * scheme.right[:p] * norms[:p])
         threshold = scheme.settled_below * np.linalg.norm(state.fields[0])
         return norm == 0 or bool(displacement < threshold)
 
-    def advance(self, moving: Array, fields: Array) -> Array:
-        """(P, n) what the past vectors become; sets v', the last of the fields."""
+    def advance(self, moving: Array, fields: Array, accelerations: Array | None = None) -> Array:
+        """(P, n) what the past vectors become; sets v', the last of the fields.
+
+        Args:
+            moving, fields: The iterate and the state.
+            accelerations: (n,) v', where it is not to follow from a.
+        """
         scheme, tables = self.scheme, self.scheme.tables
         fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ self.past
+        if accelerations is not None:
+            fields[3] = accelerations
         if scheme.compensated:
             increments = moving[:2]
         else:
@@ -150,6 +169,186 @@ class _Compensated:
             lows[field] = (high - (new_past[field] - of_added)) + (added - of_added)
 
 
+class _Formulated:
+    """A formulation beside index 3, or a projection, while a step is taken.
+
+    Attributes:
+        eta: (m,) η.
+        directions: Terms of P.
+    """
+
+    def __init__(
+        self, constraining: Constraining, state: State, carried: _Compensated | None
+    ) -> None:
+        self.constraining, self.state, self.carried = constraining, state, carried
+        self.problem, self.scheme = constraining.problem, constraining.scheme
+        self._index_1 = Index1(self.problem)
+        self._done = np.zeros(len(self.scheme.recorded), bool)
+        self._last = np.zeros(len(self.scheme.recorded))
+
+    def begin_step(self, t: float) -> None:
+        """Set η = 0, and P and R to those at the beginning of the step."""
+        u, v = self.state.past[:2]
+        self._done[:] = False
+        self.eta = np.zeros(self.problem.m)
+        g = self.problem.values(t, u, v, self.state.multipliers).g
+        self.directions = self.constraining.directions(g)
+        self._r_old = self.problem.constraint_rows(t, u, v, self.state.fields[3]).r
+        self._phi: Array | None = None
+
+    def _push(self) -> Array:
+        """(n,) Pη."""
+        return self.constraining.pushed(self.directions, self.eta)
+
+    def _constraints(self, t: float, moving: Array, multipliers: Array) -> tuple[Values, Array]:
+        """The problem at the iterate, and Φ as it is evaluated."""
+        u, v = self.state.fields[:2]
+        values = self.problem.values(t, u, v, multipliers)
+        return values, self.carried.phi(moving, values.g) if self.carried else values.phi
+
+    def rate(self, t: float, moving: Array) -> Array:
+        """(m,) Gᵀv + Φ_t; compensated: Ψ_n + ½(G_n + G)ᵀν + ½(R_n + R)Δ."""
+        u, v, _, acceleration = self.state.fields
+        g = self.problem.values(t, u, v, self.state.multipliers).g
+        found = self.problem.constraint_rows(t, u, v, acceleration)
+        along = self.constraining.along
+        if not self.carried:
+            return found.rate + along(g, v)
+        change = along(0.5 * (self.carried.g + g), moving[1])
+        change += along(0.5 * (self._r_old + found.r), self.carried.shift(moving))
+        return np.asarray(self.state.psi + change)
+
+    def correction(self, step: _Step, t: float, moving: Array) -> Array:
+        """(N,) Newton's correction in the scaled unknowns."""
+        constraining, fields, multipliers = (
+            self.constraining,
+            self.state.fields,
+            self.state.multipliers,
+        )
+        if constraining.penalty:
+            if self._phi is None:
+                _, self._phi = self._constraints(t, moving, multipliers)
+            multipliers = multipliers - constraining.penalty * self._phi
+        values, phi = self._constraints(t, moving, multipliers)
+        tables = self.scheme.tables
+        fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ step.past
+        u, v, _, acceleration = fields
+        found = self.problem.constraint_rows(t, u, v, acceleration)
+        second = constraining.along(values.g, acceleration) + found.curvature
+        rows = step.residual(moving, values.force)
+        if constraining.stabilised:
+            push = self._push()
+            rows[0] = rows[0] + step.system.times_mass(
+                constraining.inertia * constraining.eta[2] * push
+            )
+            for k, factor in enumerate(constraining.rows_eta):
+                rows[1 + k] = rows[1 + k] + factor * push
+        rows.extend(constraining.values(phi, self.rate(t, moving), second))
+        tangents = Tangents(constraining.tangents(values.g, found.r, found.q), self.directions)
+        return step.system.solve(values, step.right_hand_side(rows), tangents)
+
+    def advance(
+        self, step: _Step, correction: Array, t: float, moving: Array, norms: Array, settled: int
+    ) -> tuple[Array, bool]:
+        """Apply a correction, unless no block decreases any more.
+
+        With a penalty λ follows from Φ after the correction, which is applied then.
+
+        Args:
+            step, t, moving: The step, its end (s) and the iterate.
+            correction: (N,) in the scaled unknowns.
+            norms: Overwritten where a block still decreases.
+            settled: Corrections in a row that were in the terminal phase.
+
+        Returns:
+            Norms of the recorded blocks, and whether the step is over.
+        """
+        now = self._norms(step.blocks(correction))
+        if self.constraining.penalty:
+            self._apply(step, correction, moving)
+            _, self._phi = self._constraints(t, moving, self.state.multipliers)
+            update = -self.constraining.penalty * self._phi
+            self.state.multipliers[:] += update
+            now.append(float(np.linalg.norm(update / self.scheme.right[len(now)])))
+        found = np.array(now)
+        over = self._take_norms(found, norms, settled)
+        if not (over or self.constraining.penalty):
+            self._apply(step, correction, moving)
+        return found, over
+
+    def _norms(self, blocks: list[Array]) -> list[float]:
+        """Norms of the blocks; with η, of the corrections of eliminated fields too."""
+        constraining, scheme = self.constraining, self.scheme
+        p = len(scheme.form.kept)
+        now = [float(np.linalg.norm(block)) for block in blocks]
+        if constraining.stabilised:
+            pushed = constraining.pushed(self.directions, scheme.right[p + 1] * blocks[p + 1])
+            for field in map(FIELDS.index, scheme.form.eliminated):
+                factors = scheme.elimination.weights[field] * scheme.right[:p]
+                moved = constraining.eta[field] * pushed + factors @ np.array(blocks[:p])
+                now.append(float(np.linalg.norm(moved)))
+        return now
+
+    def _apply(self, step: _Step, correction: Array, moving: Array) -> None:
+        constraining, scheme = self.constraining, self.scheme
+        blocks = step.correct(correction, moving, self.state.multipliers)
+        step.recover(moving)
+        if constraining.stabilised:
+            p = len(scheme.form.kept)
+            self.eta += scheme.right[p + 1] * blocks[p + 1]
+            for field in map(FIELDS.index, scheme.form.eliminated):
+                moving[field] += constraining.eta[field] * self._push()
+        self._take(moving)
+
+    def _take(self, moving: Array) -> None:
+        if self.carried:
+            self.carried.take(moving)
+
+    def _take_norms(self, found: Array, norms: Array, settled: int) -> bool:
+        """Record the blocks that still decrease; True when none does any more.
+
+        Far from the solution all are recorded.
+        """
+        if settled >= 2:
+            self._done |= found >= self._last
+        else:
+            self._done[:] = False
+        norms[~self._done] = found[~self._done]
+        self._last = found
+        return bool(self._done.all())
+
+    def project(self, t: float, moving: Array) -> None:
+        """Project positions and velocities, as far as the scheme asks for it.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix of the projection is singular.
+        """
+        level, state = self.scheme.projection.level, self.state
+        if level > 1:
+            _, phi = self._constraints(t, moving, state.multipliers)
+            change, _ = self._index_1.least_change(t, state.fields[0], -phi)
+            moving[0] += change
+            self._take(moving)
+        if level > 0:
+            wanted = -self.rate(t, moving)
+            change, impulse = self._index_1.least_change(t, state.fields[0], wanted)
+            moving[1] += change
+            state.impulse[:] = impulse
+            self._take(moving)
+
+    def project_accelerations(self, t: float, moving: Array) -> None:
+        """Set v' to that of the index-1 system, and change a alike.
+
+        a belongs to another time than v' in generalized-α: set to v' it would cost an order.
+        """
+        fields = self.state.fields
+        implied, _ = self._index_1.accelerations(t, fields[0], fields[1])
+        difference = implied - fields[3]
+        fields[3] += difference
+        moving[2] += difference
+        self._take(moving)
+
+
 def march(
     problem: Problem,
     scheme: Scheme,
@@ -166,8 +365,8 @@ def march(
         problem, scheme: What to march.
         state: Overwritten.
         first: Steps taken since the initial time.
-        norms: (steps, p + 1) overwritten with the norms of the recorded
-            correction's blocks, in the scaled unknowns.
+        norms: (steps, k) overwritten with the norms of the recorded
+            correction's blocks, those of `Scheme.recorded`.
         iterations: (steps,) overwritten with the corrections computed, negative
             where the step did not converge, or missed the tolerance.
         system: Linear system of the scheme on the problem; dense when omitted.
@@ -183,48 +382,76 @@ def march(
         if scheme.compensated
         else None
     )
+    extra = _Formulated(system.constraining, state, carried) if system.constraining else None
     # What Newton iterates on: the fields, or their increments over the step.
     moving = np.empty((3, problem.n)) if carried else fields[:3]
     places = {} if record is None else {int(s): k for k, s in enumerate(record.steps)}
     for s in range(len(norms)):
         t = problem.t0 + (first + s + 1) * scheme.h
         step = _Step(scheme, system, state.past.copy())
+        if extra:
+            extra.begin_step(t - scheme.h)
         step.predict(moving)
         if carried:
             carried.take(moving)
         previous, settled, solves = np.inf, 0, 0
         while solves < scheme.iteration_cap:
-            values = problem.values(t, fields[0], fields[1], multipliers)
-            phi = carried.phi(moving, values.g) if carried else values.phi
             try:
-                correction = system.solve(values, step.right_hand_side(moving, values.force, phi))
+                if extra:
+                    correction = extra.correction(step, t, moving)
+                else:
+                    values = problem.values(t, fields[0], fields[1], multipliers)
+                    phi = carried.phi(moving, values.g) if carried else values.phi
+                    rows = [*step.residual(moving, values.force), phi]
+                    correction = system.solve(values, step.right_hand_side(rows))
             except Stagnation:
                 return STAGNATED, s
             except np.linalg.LinAlgError:
                 return SINGULAR, s
             solves += 1
-            norm = float(np.linalg.norm(correction))
-            if not np.isfinite(norm):
-                return DIVERGED, s
-            if settled >= 2 and norm >= previous and scheme.stop is None:
-                break
-            previous = norm
-            blocks = step.correct(correction, moving, multipliers)
-            norms[s] = [np.linalg.norm(block) for block in blocks]
-            step.recover(moving)
-            if carried:
-                carried.take(moving)
-            small = step.is_small(norm, norms[s], state)
+            if extra:
+                phase = settled if scheme.stop is None else 0
+                now, over = extra.advance(step, correction, t, moving, norms[s], phase)
+                norm = float(np.linalg.norm(now[: len(scheme.form.unknowns)]))
+                if not np.isfinite(norm):
+                    return DIVERGED, s
+                if over:
+                    break
+            else:
+                norm = float(np.linalg.norm(correction))
+                if not np.isfinite(norm):
+                    return DIVERGED, s
+                if settled >= 2 and norm >= previous and scheme.stop is None:
+                    break
+                previous = norm
+                blocks = step.correct(correction, moving, multipliers)
+                now = norms[s] = np.array([np.linalg.norm(block) for block in blocks])
+                step.recover(moving)
+                if carried:
+                    carried.take(moving)
+            small = step.is_small(norm, now, state)
             settled = settled + 1 if small else 0
             if small and (norm == 0 or scheme.stop is not None):
                 break
         iterations[s] = solves if settled else -solves
-        new_past = step.advance(moving, fields)
+        try:
+            if extra:
+                extra.project(t, moving)
+            new_past = step.advance(moving, fields)
+            if extra and scheme.projection.accelerations:
+                extra.project_accelerations(t, moving)
+                new_past = step.advance(moving, fields, fields[3].copy())
+        except np.linalg.LinAlgError:
+            return SINGULAR, s
         if carried:
+            if extra:
+                state.psi[:] = extra.rate(t, moving)
             carried.end_step(t, moving, new_past)
         state.past[:] = new_past
         if record is not None and s in places:
             record.fields[places[s]], record.multipliers[places[s]] = fields, multipliers
+            if scheme.total:
+                record.multipliers[places[s]] += state.impulse / scheme.h
     return COMPLETED, len(norms)
 
 

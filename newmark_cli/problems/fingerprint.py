@@ -11,6 +11,8 @@ import numpy as np
 #: What comes from here is what its name says; the versions are part of every record.
 _LIBRARIES = frozenset(("builtins", "math", "cmath", "numpy", "scipy", "numba"))
 _FUNCTIONS = ("force", "constraints", "gradient", "stiffness", "damping", "energy")
+#: Counted only where they are given: digests of definitions without them are as they were.
+_OPTIONAL = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
 
 
 def of_definition(given: Any) -> str:
@@ -24,7 +26,8 @@ def of_definition(given: Any) -> str:
     # With the objects, lest another gets the identity of one that is gone.
     seen: dict[int, tuple[int, Any]] = {}
     try:
-        for key in _FUNCTIONS:
+        given_too = [key for key in _OPTIONAL if getattr(given, key, None) is not None]
+        for key in (*_FUNCTIONS, *given_too):
             digest.update(f"|{key}".encode())
             _take(getattr(given, key, None), digest, seen)
     except _Unknown:

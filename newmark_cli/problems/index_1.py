@@ -74,17 +74,86 @@ class Index1:
         Raises:
             numpy.linalg.LinAlgError: When the matrix is singular.
         """
-        n = self.problem.n
-        values = self.problem.values(t, u, v, self._none)
-        u = u + self._solver(values)(np.concatenate([self._zeros, -values.phi]))[:n]
+        u = u + self._onto_positions(self.problem.values(t, u, v, self._none))
+        return u, v + self.velocity_projection(t, u, v)[0]
+
+    def position_projection(self, t: float, u: Array) -> Array:
+        """Least change of the positions, in the norm of M, with Gᵀ δu = −Φ.
+
+        Args:
+            t: Time (s).
+            u: (n,) coordinates, close to the constraints.
+
+        Returns:
+            δu (n,): one step of Newton's method towards Φ(u + δu, t) = 0.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        return self._onto_positions(self.problem.values(t, u, self._zeros, self._none))
+
+    def velocity_projection(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
+        """Least change of the velocities, in the norm of M, that meets Φ' = 0.
+
+        Args:
+            t: Time (s).
+            u, v: (n,) coordinates and velocities.
+
+        Returns:
+            δv (n,) with Gᵀ (v + δv) + Φ_t = 0, and the impulse μ (m,) with M δv = G μ.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
         values = self.problem.values(t, u, v, self._none)
         rate, _ = self.problem.constraint_derivatives(t, u, v)
+        return self._least_change(values, -(self._along(values, v) + rate))
+
+    def velocity_change(self, t: float, u: Array, v: Array, wanted: Array) -> Array:
+        """Least change of the velocities, in the norm of M, with Gᵀ δv as wanted.
+
+        Args:
+            t: Time (s).
+            u, v: (n,) coordinates and velocities.
+            wanted: (m,) Gᵀ δv.
+
+        Returns:
+            δv (n,).
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        return self._least_change(self.problem.values(t, u, v, self._none), wanted)[0]
+
+    def _onto_positions(self, values: Values) -> Array:
+        return self._least_change(values, -values.phi)[0]
+
+    def least_change(self, t: float, u: Array, wanted: Array) -> tuple[Array, Array]:
+        """Least change of positions or velocities, in the norm of M, with Gᵀδ as wanted.
+
+        Args:
+            t: Time (s).
+            u: (n,) coordinates.
+            wanted: (m,) Gᵀδ.
+
+        Returns:
+            δ (n,), and μ (m,) with M δ = G μ.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        return self._least_change(self.problem.values(t, u, self._zeros, self._none), wanted)
+
+    def _least_change(self, values: Values, wanted: Array) -> tuple[Array, Array]:
+        """δ (n,) with Gᵀ δ as wanted, and μ (m,) with M δ = G μ."""
+        solution = self._solver(values)(np.concatenate([self._zeros, wanted]))
+        return solution[: self.problem.n], solution[self.problem.n :] * self._unit
+
+    def _along(self, values: Values, v: Array) -> Array:
+        """(m,) Gᵀ v."""
         pattern = self.problem.pattern
-        normal = np.bincount(
-            pattern.g_columns, values.g * v[pattern.g_rows], minlength=len(values.phi)
-        )
-        misfit = np.concatenate([self._zeros, -(normal + rate)])
-        return u, v + self._solver(values)(misfit)[:n]
+        products: Array = values.g * v[pattern.g_rows]
+        return np.asarray(np.bincount(pattern.g_columns, products, minlength=self.problem.m))
 
     def nearest(self, t: float, u: Array, most: int = 100) -> Array:
         """The position on the constraints that is nearest in the norm of M.

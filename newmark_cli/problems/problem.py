@@ -50,6 +50,18 @@ class Values(NamedTuple):
     g: Array
 
 
+class ConstraintRows(NamedTuple):
+    """Φ' = Gᵀ v + rate and Φ'' = Gᵀ w + curvature at one state, and their tangents.
+
+    With ∂(Φ')/∂v = Gᵀ, ∂(Φ'')/∂v = 2R and ∂(Φ'')/∂w = Gᵀ they are complete.
+    """
+
+    rate: Array  #: (m,) Φ_t
+    curvature: Array  #: (m,) vᵀ Φ_uu v + 2 Φ_tu v + Φ_tt
+    r: Array  #: R = ∂(Gᵀ v + rate)/∂u, its transpose as values at the places of G
+    q: Array  #: Q = ∂(Gᵀ w + curvature)/∂u, likewise
+
+
 class Terms(NamedTuple):
     """A problem at one state.
 
@@ -79,8 +91,9 @@ class Problem:
         constraints: m.
         function: ``(t, u, v, λ, ints, reals, force, Φ, X, Y, G)`` that
             overwrites the last five, the matrices as values at ``pattern``.
-        derivatives: ``(t, u, v, ints, reals, rate, curvature)``, what Φ does
-            in time besides Gᵀ v and Gᵀ u''.
+        derivatives: ``(t, u, v, w, ints, reals, rate, curvature, R, Q)`` that
+            overwrites the last four, see `ConstraintRows`; w is the acceleration.  It is
+            compiled where ``function`` is.
         ints, reals: Two-dimensional tables handed to the functions.
         pattern: Places of the values.
         mass_values: Values of M.
@@ -99,6 +112,11 @@ class Problem:
             numbers, where it is empty.
         constraints_given: (m,) parts of the name of each constraint, such as
             ``("bars", "link")``; numbers where it is empty.
+        rows_given: ``"exact"``, or ``"differences"`` where ``derivatives`` finds any of
+            its results by numerical differentiation.
+        rates: ``(t, u, v, ints, reals, rate, curvature)`` in plain Python, in place of
+            the same results of ``derivatives``, for all that a march does not ask for in
+            every iteration; None where these serve.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -130,6 +148,8 @@ class Problem:
     sources: Mapping[str, bytes] = field(default_factory=dict)
     coordinates_given: Sequence[str] = ()
     constraints_given: Sequence[Sequence[str | int]] = ()
+    rows_given: str = "exact"
+    rates: Callable[..., None] | None = None
 
     @property
     def n(self) -> int:
@@ -246,10 +266,29 @@ class Problem:
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
+    def constraint_rows(self, t: float, u: Array, v: Array, w: Array) -> ConstraintRows:
+        """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ w, and the tangents of both to u.
+
+        Args:
+            t: Time (s).
+            u, v, w: (n,) coordinates, velocities and accelerations.
+        """
+        entries = len(self.pattern.g_rows)
+        rows = ConstraintRows(
+            rate=np.zeros(self.m),
+            curvature=np.zeros(self.m),
+            r=np.zeros(entries),
+            q=np.zeros(entries),
+        )
+        self.derivatives(t, u, v, w, self.ints, self.reals, *rows)
+        return rows
+
     def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """(m,) rate and curvature: Φ' = Gᵀ v + rate, Φ'' = Gᵀ u'' + curvature."""
+        if self.rates is None:
+            return self.constraint_rows(t, u, v, np.zeros(self.n))[:2]
         rate, curvature = np.zeros(self.m), np.zeros(self.m)
-        self.derivatives(t, u, v, self.ints, self.reals, rate, curvature)
+        self.rates(t, u, v, self.ints, self.reals, rate, curvature)
         return rate, curvature
 
 

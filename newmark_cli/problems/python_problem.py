@@ -22,8 +22,7 @@ from numba.core.dispatcher import Dispatcher
 
 from newmark_cli import errors, files
 from newmark_cli.arrays import Array
-from newmark_cli.cached_code import cached_njit
-from newmark_cli.problems import user_code
+from newmark_cli.problems import constraint_rows, user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
 #: Largest relative difference of a given tangent from its finite differences.
@@ -31,10 +30,9 @@ _TANGENT_TOLERANCE = 1e-5
 _CONSISTENCY = 1e-9
 #: Largest Python file that is read (bytes).
 _MOST_BYTES = 10_000_000
-#: Steps (s) of differences in time.  The longest is short enough for motions of some
-#: hundred radians a second, the shortest for some thousand.  No power of two stands
-#: between them, lest all be periods of one motion.
-_LONGEST_STEP, _STEP_RATIO, _STEPS = 1e-2, 1.9, 7
+#: Longest steps (s) of differences that a given term of Φ' or Φ'' may agree with; the
+#: second is for laws of time that are faster than the first can follow.
+_LONGEST_STEPS = constraint_rows.LONGEST_STEP, 1e-4
 
 
 @dataclass(frozen=True)
@@ -53,6 +51,15 @@ class Definition:
         gradient: (u, t) → (n, m) G = Φ_uᵀ.
         stiffness: (u, v, λ, t) → (n, n) X = −∂(f + Gλ)/∂u; by differences if None.
         damping: (u, v, t) → (n, n) Y = −∂f/∂v; by differences if None.
+        constraint_rate: (u, t) → (m,) Φ_t, so that Φ' = Gᵀ v + Φ_t.
+        curvature: (u, v, t) → (m,) κ = vᵀ Φ_uu v + 2 Φ_tu v + Φ_tt, so that
+            Φ'' = Gᵀ u'' + κ.
+        rate_gradient: (u, v, t) → (n, m) gradient of Φ' with respect to u:
+            d/ds G(u + s v, t + s) at s = 0.
+        acceleration_gradient: (u, v, w, t) → (n, m) gradient of Φ'' with respect to u at
+            the acceleration w: d/ds G(u + s w, t) + d²/ds² G(u + s v, t + s) at s = 0.
+            Each of these four is checked against differences if it is given; if None, it
+            follows from G where ``quadratic`` is set, and from differences elsewhere.
         t0: Initial time (s).
         quadratic: Whether Φ is at most quadratic in u and does not depend on t, as
             compensated evaluation needs it; checked.
@@ -94,10 +101,15 @@ class Definition:
     energy: Callable[..., float] | None = None
     coordinate_names: Sequence[str] | None = None
     constraint_names: Sequence[str] | None = None
+    constraint_rate: Callable[..., Array] | None = None
+    curvature: Callable[..., Array] | None = None
+    rate_gradient: Callable[..., Array] | None = None
+    acceleration_gradient: Callable[..., Array] | None = None
 
 
 _FUNCTIONS = ("force", "constraints", "gradient")
 _TANGENTS = ("stiffness", "damping")
+_ROWS = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
 
 
 def load(
@@ -217,7 +229,7 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         raise source.error("mass_matrix", "must be symmetric and positive definite")
     t0 = float(_attribute(getattr(given, "t0", 0.0), "t0", source, ()))
     chosen = {key: getattr(given, key) for key in _FUNCTIONS}
-    chosen |= {key: getattr(given, key, None) for key in (*_TANGENTS, "energy")}
+    chosen |= {key: getattr(given, key, None) for key in (*_TANGENTS, *_ROWS, "energy")}
     for key, function in chosen.items():
         if not (callable(function) or (function is None and key not in _FUNCTIONS)):
             raise source.error(key, f"must be a function, given {_described(function)}")
@@ -243,9 +255,13 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     for key in _TANGENTS:
         if chosen[key] is not None:
             found[key], tangents[key] = _called(chosen[key], calls[key], key, source, (n, n))
-    used = [f for f in (*functions.values(), *tangents.values()) if f is not None]
+    rows: dict[str, Any] = {}
+    for key, (arguments, shape) in _row_calls(u0, v0, t0, m).items():
+        if chosen[key] is not None:
+            _, rows[key] = _called(chosen[key], arguments, key, source, shape)
+    used = [*functions.values(), *filter(None, tangents.values()), *rows.values()]
     compiled = all(isinstance(f, Dispatcher) for f in used)
-    compile_ = njit if compiled else _as_it_is
+    compile_ = njit if compiled else constraint_rows.as_it_is
     by_differences = {
         "stiffness": _stiffness_by_differences(functions, compile_),
         "damping": _damping_by_differences(functions, compile_),
@@ -267,7 +283,12 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
                 chosen[key],
             )
 
-    rows, columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
+    _require_rows(rows, functions, (u0, v0, t0), gradient, source, chosen)
+    quadratic = bool(getattr(given, "quadratic", False))
+    computed = constraint_rows.of_quadratic if quadratic else constraint_rows.by_differences
+    plain = constraint_rows.by_differences(functions, constraint_rows.as_it_is)
+
+    x_rows, x_columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
     g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
     problem = Problem(
         name=name,
@@ -280,16 +301,24 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
             {key: tangents[key] or by_differences[key] for key in _TANGENTS},
             compile_,
         ),
-        derivatives=_derivatives(functions),
+        derivatives=constraint_rows.derivatives(
+            _with_given(computed(functions, compile_), rows, compile_), compile_
+        ),
         ints=np.zeros((1, 1), np.int64),
         reals=np.zeros((1, 1)),
-        pattern=Pattern(rows, columns, rows, columns, rows, columns, g_rows, g_columns),
+        pattern=Pattern(x_rows, x_columns, x_rows, x_columns, x_rows, x_columns, g_rows, g_columns),
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
-        quadratic=bool(getattr(given, "quadratic", False)),
+        quadratic=quadratic,
         potential=None if energy is None else _potential(energy, mass_matrix),
         coordinates_given=_names(given, "coordinate_names", n, source),
         constraints_given=tuple((name,) for name in _names(given, "constraint_names", m, source)),
+        rows_given="exact" if quadratic or len(rows) == len(_ROWS) else "differences",
+        rates=(
+            None
+            if {"constraint_rate", "curvature"} <= rows.keys()
+            else constraint_rows.rates(_with_given(plain, rows, constraint_rows.as_it_is))
+        ),
     )
     if problem.quadratic:
         _require_quadratic(problem, functions, source, chosen["constraints"])
@@ -315,8 +344,30 @@ def _names(given: Any, key: str, count: int, source: _Source) -> tuple[str, ...]
     return names
 
 
-def _as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
-    return function
+def _row_calls(
+    u: Array, v: Array, t: float, m: int
+) -> dict[str, tuple[tuple[Any, ...], tuple[int, ...]]]:
+    """Arguments of each function of a term of Φ' or Φ'' at a state, and its shape."""
+    n = len(u)
+    # An acceleration that changes u by its own size within a second.
+    w = np.full(n, float(np.abs(u).max()) or 1.0)
+    return {
+        "constraint_rate": ((u, t), (m,)),
+        "curvature": ((u, v, t), (m,)),
+        "rate_gradient": ((u, v, t), (n, m)),
+        "acceleration_gradient": ((u, v, w, t), (n, m)),
+    }
+
+
+def _with_given(
+    computed: constraint_rows.Rows, given: Mapping[str, Any], compile_: Any
+) -> constraint_rows.Rows:
+    """What is computed, with the user's functions in place of some."""
+    own = {field: given[key] for key, field in zip(_ROWS, computed._fields, strict=True)
+           if key in given}  # fmt: skip
+    if "rate" in own:
+        own["rate"] = constraint_rows.of_user(own["rate"], compile_)
+    return computed._replace(**own)
 
 
 def _evaluate(
@@ -400,74 +451,9 @@ def _damping_by_differences(functions: Mapping[str, Any], compile_: Any) -> Call
     return compile_(damping)  # type: ignore[no-any-return]
 
 
-def _derivatives(functions: Mapping[str, Any]) -> Callable[..., None]:
-    """∂Φ/∂t and the curvature by differences that find their own step."""
-    phi_of, gradient_of = functions["constraints"], functions["gradient"]
-
-    def derivatives(  # type: ignore[no-untyped-def]
-        t, u, v, ints, reals, rate, curvature
-    ):
-        # Steps that move no coordinate by more than 3 % of its size.
-        speed = np.max(np.abs(v))
-        longest = 3e-2 * (np.max(np.abs(u)) or 1.0) / speed if speed > 0 else 1.0
-        steps = min(_LONGEST_STEP, longest) * _STEP_RATIO ** -np.arange(_STEPS)
-
-        phi, drift, turn = np.empty((3, 2, _STEPS, len(rate)))
-        for k, h in enumerate(steps.tolist()):
-            for i, shift in enumerate((h, -h)):
-                then = t + shift
-                phi[i, k] = phi_of(u, then)
-                drift[i, k] = v @ gradient_of(u, then)
-                turn[i, k] = v @ gradient_of(u + shift * v, then)
-        size = steps[:, None]
-        rate[:] = _extrapolated((phi[0] - phi[1]) / (2 * size), _STEP_RATIO)
-        # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
-        # less than second ones of Φ; those remain for a Φ that depends on time.
-        here = phi_of(u, t)
-        second = (phi[0] - here + (phi[1] - here)) / size**2
-        second += (drift[0] - drift[1] + (turn[0] - turn[1])) / (2 * size)
-        curvature[:] = _extrapolated(second, _STEP_RATIO)
-
-    return derivatives
-
-
-@cached_njit()
-def _extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
-    """Limit of central differences for steps that shrink by a ratio, each column its own.
-
-    Romberg's tableau; of its entries the one that differs least from its neighbours
-    (Ridders, Advances in Engineering Software 4, 1982), so that neither truncation
-    nor rounding need be known.
-
-    Args:
-        differences: (steps, m) central differences, longest step first.
-        ratio: Of a step to the next.
-
-    Returns:
-        (m,) limits.
-    """
-    steps, columns = differences.shape
-    limits = differences[0].copy()
-    for column in range(columns):
-        above = np.empty(steps)
-        least = np.inf
-        for i in range(steps):
-            entry = differences[i, column]
-            factor = 1.0
-            for j in range(i):
-                factor *= ratio * ratio
-                better = entry + (entry - above[j]) / (factor - 1)
-                error = max(abs(better - entry), abs(better - above[j]))
-                if error < least:
-                    least, limits[column] = error, better
-                above[j], entry = entry, better
-            above[i] = entry
-    return limits
-
-
 def warm() -> None:
     """Have Numba load what it needs for its first call, which takes long."""
-    _extrapolated(np.zeros((2, 1)), _STEP_RATIO)
+    constraint_rows.extrapolated(np.zeros((2, 1)), constraint_rows.STEP_RATIO)
 
 
 def _require_gradient(
@@ -489,6 +475,62 @@ def _require_gradient(
                 f"given {gradient[i, k]:.9g}, differences say {expected[k]:.9g}",
                 given,
             )
+
+
+def _require_rows(
+    given: Mapping[str, Any],
+    functions: Mapping[str, Any],
+    start: tuple[Array, Array, float],
+    gradient: Array,
+    source: _Source,
+    chosen: Mapping[str, Any],
+) -> None:
+    """Given terms of Φ' and Φ'' agree with differences, at the start and next to it."""
+    if not given:
+        return
+    u0, v0, t0 = start
+    size = float(np.abs(u0).max()) or 1.0
+    speed = float(np.abs(v0).max()) or size
+    # Rounding of Φ and G over the square of the step.
+    noise = 1e-9 * float(np.abs(gradient).max()) * (1 + (speed / size) ** 2)
+    random = np.random.default_rng(0)
+    # Most terms vanish at rest; not after a whole number of seconds, see below.
+    moving = [
+        (
+            u0 + 1e-2 * size * random.normal(size=len(u0)),
+            v0 + speed * random.normal(size=len(u0)),
+            t0 + random.uniform(0.1, 1.0),
+        )
+        for _ in range(2)
+    ]
+    plain = [
+        constraint_rows.by_differences(functions, constraint_rows.as_it_is, longest)
+        for longest in _LONGEST_STEPS
+    ]
+    for place, (u, v, t) in enumerate([start, *moving]):
+        for key, (arguments, shape) in _row_calls(u, v, t, gradient.shape[1]).items():
+            if key not in given:
+                continue
+            values = np.asarray(given[key](*arguments), float)
+            for rows in plain:
+                function = rows[_ROWS.index(key)]
+                expected = function(u, v, t) if key == "constraint_rate" else function(*arguments)
+                allowed = noise * (size if len(shape) == 1 else 1.0)
+                allowed += _TANGENT_TOLERANCE * float(np.abs(expected).max())
+                wrong = np.abs(values - expected)
+                if np.all(wrong <= allowed) or not np.all(np.isfinite(expected)):
+                    break
+            else:
+                worst = np.unravel_index(int(np.argmax(wrong)), shape)
+                numbers = [int(index) + 1 for index in worst]
+                where = "row {}, column {}" if len(shape) == 2 else "component {}"
+                raise source.error(
+                    key,
+                    f"disagrees with differences in {where.format(*numbers)} "
+                    f"{'next to' if place else 'at'} the start: given {values[worst]:.9g}, "
+                    f"differences say {expected[worst]:.9g}",
+                    chosen[key],
+                )
 
 
 def _require_quadratic(

@@ -1,4 +1,7 @@
-"""A start of the user's own: taken if it meets the constraints, or brought onto them."""
+"""A start of the user's own, taken if it meets the constraints, or brought onto them.
+
+Also the velocities from which the trapezoidal rule's multipliers do not alternate.
+"""
 
 from dataclasses import replace
 
@@ -7,6 +10,7 @@ import scipy.sparse
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ArgumentError
+from newmark_cli.problems.constraint_rows import LONGEST_STEP, STEP_RATIO, extrapolated, steps_along
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError
 
@@ -34,6 +38,61 @@ def started(problem: Problem, u0: Array, v0: Array, project: bool = False) -> Pr
     else:
         _require(problem, u0, v0)
     return replace(problem, u0=u0, v0=v0)
+
+
+def corrected_velocity(problem: Problem, h: float) -> Array:
+    """Initial velocities from which the trapezoidal rule's multipliers do not alternate.
+
+    The rule meets Φ = 0 at every step.  The error e = Gᵀ (v − v_exact) then follows
+    e_{n+1} = −e_n − (h²/6) Gᵀ u‴, which rests at −(h²/12) Gᵀ u‴: from exact velocities an
+    alternating part remains, and with it one of λ that does not vanish with h.  The
+    velocities returned have this e and are otherwise the nearest to ``v0`` in the norm of
+    M.  The initial accelerations are to stay those of ``v0``.
+
+    It is right for the trapezoidal rule only: Newmark with β = 1/4, γ = 1/2, generalized-α
+    with ρ∞ = 1, HHT with α = 0.
+
+    Args:
+        problem: The problem; its start is consistent.
+        h: Step size (s).
+
+    Returns:
+        (n,) v0 + δv with Gᵀ δv = −(h²/12) Gᵀ u‴.
+
+    Raises:
+        numpy.linalg.LinAlgError: When the index-1 matrix is singular.
+    """
+    wanted = -(h**2) / 12 * constraint_jerk(problem)
+    change = Index1(problem).velocity_change(problem.t0, problem.u0, problem.v0, wanted)
+    return np.asarray(problem.v0 + change)
+
+
+def constraint_jerk(problem: Problem) -> Array:
+    """(m,) Gᵀ u‴ at the start.
+
+    Φ'' = Gᵀ u'' + κ = 0 along the motion, differentiated once more, with R = dGᵀ/dt and
+    ∂κ/∂v = 2R:
+
+        Gᵀ u‴ = −3 R u'' − d/ds κ(u + s v, v, t + s) at s = 0.
+
+    The last term vanishes where Φ is at most quadratic and free of t; elsewhere it is found
+    by central differences.
+    """
+    t, u, v, pattern = problem.t0, problem.u0, problem.v0, problem.pattern
+    a, _ = Index1(problem).accelerations(t, u, v)
+    r = problem.constraint_rows(t, u, v, a).r
+    turned = np.bincount(pattern.g_columns, r * a[pattern.g_rows], minlength=problem.m)
+    if problem.quadratic:
+        return np.asarray(-3 * turned)
+    steps = steps_along(u, v, LONGEST_STEP)
+    differences = np.empty((len(steps), problem.m))
+    for k, step in enumerate(steps.tolist()):
+        ahead, behind = (
+            problem.constraint_rows(t + shift, u + shift * v, v, a).curvature
+            for shift in (step, -step)
+        )
+        differences[k] = (ahead - behind) / (2 * step)
+    return np.asarray(-3 * turned - extrapolated(differences, STEP_RATIO))
 
 
 def _projected(problem: Problem, u0: Array, v0: Array) -> tuple[Array, Array]:

@@ -44,13 +44,13 @@ def choose(linear_solver: str, problem: Counted, form: Form) -> str:
     Raises:
         InputError: When a dense matrix is asked for that no memory holds.
     """
-    unknowns = len(form.kept) * problem.n + problem.m
+    unknowns = len(form.kept) * problem.n + len(form.constraint_rows) * problem.m
     if linear_solver == AUTO:
         return DENSE if unknowns <= DENSE_UP_TO else SPARSE
     if linear_solver == DENSE and unknowns > _DENSE_AT_MOST:
         raise InputError(
-            f"linear_solver {DENSE}: {problem.name}, {form.name} has {unknowns} unknowns, at most "
-            f"{_DENSE_AT_MOST} are allowed; take {SPARSE}"
+            f"linear_solver {DENSE}: {problem.name}, {form.described} has {unknowns} unknowns, "
+            f"at most {_DENSE_AT_MOST} are allowed; take {SPARSE}"
         )
     return linear_solver
 

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.linalg
 
 from newmark_cli.arrays import Array
+from newmark_cli.newmark.constraints import Tangents, constraining_of
 from newmark_cli.newmark.jacobian import (
     balancing_factors,
     form_blocks,
@@ -29,7 +30,10 @@ class BalancedJacobian:
     def __init__(self, problem: Problem, scheme: Scheme, t: float, state: State) -> None:
         terms = problem.evaluate(t, state.fields[0], state.fields[1], state.multipliers)
         n, m = problem.n, problem.m
-        jacobian = np.block(form_blocks(scheme, terms, problem.M))
+        constraining = constraining_of(problem, scheme)
+        u, v, _, acceleration = state.fields
+        tangents = constraining.tangents_at(t, u, v, acceleration) if constraining else None
+        jacobian = np.block(form_blocks(scheme, terms, problem.M, constraining, tangents))
         left, right = scaling_factors(scheme, n, m)
         row_balance, column_balance = balancing_factors(scheme, n, m)
         self.size = len(jacobian)
@@ -81,14 +85,17 @@ class DenseSystem:
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
         self.problem, self.scheme = problem, scheme
         self.mass = problem.M
+        self.constraining = constraining_of(problem, scheme)
 
     def times_mass(self, vector: Array) -> Array:
         """M times (n,)."""
         return np.asarray(self.mass @ vector)
 
-    def solve(self, values: Values, rhs: Array) -> Array:
+    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        return dense_lu(scaled_jacobian(self.scheme, self.problem.dense(values), self.mass), rhs)
+        terms = self.problem.dense(values)
+        matrix = scaled_jacobian(self.scheme, terms, self.mass, self.constraining, tangents)
+        return dense_lu(matrix, rhs)
 
     def balanced(self, t: float, state: State) -> BalancedJacobian:
         """J̄ at a state, to be solved accurately."""

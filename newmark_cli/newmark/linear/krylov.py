@@ -19,11 +19,13 @@ import scipy.sparse.linalg
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.constraints import Tangents
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors, sizes_of_blocks
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, Values
 
 #: Asymmetry of a pair of blocks, relative to the larger of them, that is rounding.
@@ -59,9 +61,10 @@ class KrylovSystem:
             InputError: When J̄ should be symmetric and is not.
         """
         self._sparse = SparseSystem(problem, scheme)
+        self.problem, self.constraining = problem, self._sparse.constraining
         if symmetric and not _is_symmetric(self._sparse):
             raise InputError(
-                f"linear_solver minres: the Jacobian of {problem.name}, {scheme.form.name}, "
+                f"linear_solver minres: the Jacobian of {problem.name}, {scheme.form.described}, "
                 f"preconditioning {scheme.scaling.name} is not symmetric; take gmres"
             )
         self._options = options
@@ -77,13 +80,13 @@ class KrylovSystem:
         """M times (n,)."""
         return self._sparse.times_mass(vector)
 
-    def solve(self, values: Values, rhs: Array) -> Array:
+    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; NaN, and not counted, where one of them is not finite.
 
         Raises:
             Stagnation: When the residual stays above the tolerance.
         """
-        matrix = _matrix(self._sparse, values, self._turn)
+        matrix = _matrix(self._sparse, values, self._turn, tangents)
         if not (np.all(np.isfinite(rhs)) and np.all(np.isfinite(matrix.data))):
             return np.full_like(rhs, np.nan)
         # Squares of what is solved for must not underflow.
@@ -123,12 +126,17 @@ def is_symmetric(problem: Problem, scheme: Scheme) -> bool:
 def _is_symmetric(system: SparseSystem) -> bool:
     problem = system.problem
     values = problem.values(problem.t0, problem.u0, problem.v0, np.ones(problem.m))
-    matrix = _matrix(system, values, _turn(system))
-    kept = len(system.scheme.form.kept)
-    block = np.repeat(np.arange(kept + 1), [problem.n] * kept + [problem.m])
+    tangents = None
+    if system.constraining:
+        start = problem.t0, problem.u0, problem.v0
+        accelerations, _ = Index1(problem).accelerations(*start)
+        tangents = system.constraining.tangents_at(*start, accelerations)
+    matrix = _matrix(system, values, _turn(system), tangents)
+    sizes_of = sizes_of_blocks(system.scheme.form, problem.n, problem.m)
+    block = np.repeat(np.arange(len(sizes_of)), sizes_of)
 
     def largest(entries: scipy.sparse.csr_array) -> Array:
-        found = np.zeros((kept + 1, kept + 1))
+        found = np.zeros((len(sizes_of), len(sizes_of)))
         places = entries.tocoo()
         np.maximum.at(found, (block[places.row], block[places.col]), np.abs(places.data))
         return found
@@ -141,13 +149,15 @@ def _is_symmetric(system: SparseSystem) -> bool:
 def _turn(system: SparseSystem) -> Array:
     """(size,) −1 for the multipliers, 1 for the other unknowns."""
     turn = np.ones(system.size)
-    turn[system.size - system.problem.m :] = -1.0
+    turn[len(system.scheme.form.kept) * system.problem.n :] = -1.0
     return turn
 
 
-def _matrix(system: SparseSystem, values: Values, columns: Array) -> scipy.sparse.csr_array:
+def _matrix(
+    system: SparseSystem, values: Values, columns: Array, tangents: Tangents | None = None
+) -> scipy.sparse.csr_array:
     """J̄ with its columns multiplied by ``columns``; shape (size, size)."""
-    entries = system.scaled_entries(values) * columns[system.columns]
+    entries = system.scaled_entries(values, tangents) * columns[system.columns]
     return scipy.sparse.csr_array((entries, (system.rows, system.columns)), (system.size,) * 2)
 
 

@@ -11,14 +11,17 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 
 from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors, sizes_of_blocks
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
 
 
-def elimination_order(problem: Problem, fields: int) -> tuple[IndexArray, IndexArray]:
+def elimination_order(
+    problem: Problem, fields: int, constraint_rows: int = 1
+) -> tuple[IndexArray, IndexArray]:
     """Static order in which rows and unknowns of a form are eliminated.
 
     Coordinates go by reverse Cuthill–McKee, which keeps the fill of long
@@ -36,10 +39,11 @@ def elimination_order(problem: Problem, fields: int) -> tuple[IndexArray, IndexA
 
     Args:
         problem: The problem.
-        fields: p, number of kept fields; rows are D, p − 1 of V and K, and C.
+        fields: p, number of kept fields; rows are D, p − 1 of V and K, and constraints.
+        constraint_rows: k, number of rows of constraints, and of kinds of multipliers.
 
     Returns:
-        (p n + m,) rows and (p n + m,) unknowns in their order of elimination.
+        (p n + k m,) rows and (p n + k m,) unknowns in their order of elimination.
     """
     n, m, pattern = problem.n, problem.m, problem.pattern
     constraints = _ones(pattern.g_rows, pattern.g_columns, (n, m))
@@ -65,7 +69,7 @@ def elimination_order(problem: Problem, fields: int) -> tuple[IndexArray, IndexA
         turns = [(surrounded, first + 1 + rank) for rank in range(fields)]
         turns[0] = (place, first)
         blocks = [turns[rank] for rank in fields_in_turn]
-        blocks.append((met, np.full(m, 1 + fields)))
+        blocks += [(met, np.full(m, 1 + fields + k)) for k in range(constraint_rows)]
         moments, ranks = (np.concatenate(part) for part in zip(*blocks, strict=True))
         return np.lexsort((ranks, moments)).astype(np.int64)
 
@@ -146,6 +150,97 @@ class _Merged:
         return _summed(self._slots, values, len(self))
 
 
+#: Rows, columns, sources and weight of a part of J.
+_Term = tuple[IndexArray, IndexArray, IndexArray, float]
+
+
+class _Products:
+    """Products of values of a problem that a formulation puts into J.
+
+    P stands behind X, Y, M and the rows of constraints, where η moves eliminated fields;
+    a penalty adds GGᵀ to X.  Which entries meet is decided here, once.
+    """
+
+    def __init__(self, constraining: Constraining, problem: Problem) -> None:
+        self._constraining, self._problem = constraining, problem
+        pattern, terms = problem.pattern, constraining.projector
+        first, second = constraining.pairs if constraining.penalty else (_NOWHERE, _NOWHERE)
+        self._pairs = first, second
+        self._square = pattern.g_rows[first], pattern.g_rows[second]
+        self._of_x = _meetings(pattern.x_columns, terms.rows, problem.n)
+        self._of_y = _meetings(pattern.y_columns, terms.rows, problem.n)
+        self._of_mass = _meetings(pattern.mass_columns, terms.rows, problem.n)
+        self._of_g = _meetings(pattern.g_rows, terms.rows, problem.n)
+
+    def terms(self, scheme: Scheme, behind: int, weights: Array) -> list[_Term]:
+        """Where they stand in J; ``behind`` is the first source of theirs."""
+        constraining, problem = self._constraining, self._problem
+        n, m, pattern = problem.n, problem.m, problem.pattern
+        kept = len(scheme.form.kept)
+        found: list[_Term] = []
+        to_projector = constraining.projector
+        eta = kept * n + m
+
+        def add(rows: IndexArray, columns: IndexArray, factors: list[tuple[int, float]]) -> None:
+            nonlocal behind
+            sources = behind + np.arange(len(rows))
+            behind += len(rows)
+            found.extend((rows, at + columns, sources, factor) for at, factor in factors if factor)
+
+        in_u = [(k * n, constraining.penalty * weights[0, k]) for k in range(kept)]
+        add(*self._square, in_u if constraining.penalty else [])
+        if not constraining.stabilised:
+            return found
+        to_u, to_v, to_a = constraining.eta
+        for rows, (first, second), factor in (
+            (pattern.x_rows, self._of_x, to_u),
+            (pattern.y_rows, self._of_y, to_v),
+            (pattern.mass_rows, self._of_mass, constraining.inertia * to_a),
+        ):
+            add(rows[first], to_projector.columns[second], [(eta, factor)])
+        first, second = self._of_g
+        for i, _ in enumerate(scheme.form.constraint_rows):
+            place = (kept * n + i * m) + pattern.g_columns[first]
+            for factor in (to_u, to_v, to_a):
+                add(place, to_projector.columns[second], [(eta, factor)])
+        for i, row in enumerate(scheme.form.rows):
+            if row == "K":
+                add(i * n + to_projector.rows, to_projector.columns, [(eta, -1.0)])
+        return found
+
+    def values(self, values: Values, tangents: Tangents) -> list[Array]:
+        """The products, in the order of `terms`."""
+        first, second = self._pairs
+        found = [values.g[first] * values.g[second]]
+        if not self._constraining.stabilised:
+            return found
+        directions = tangents.directions
+        for factors, (first, second) in (
+            (values.x, self._of_x),
+            (values.y, self._of_y),
+            (self._problem.mass_values, self._of_mass),
+            *((part, self._of_g) for row in tangents.rows for part in row),
+        ):
+            found.append(factors[first] * directions[second])
+        if "K" in self._constraining.scheme.form.rows:
+            found.append(directions)
+        return found
+
+
+_NOWHERE = np.empty(0, np.int64)
+
+
+def _meetings(left: IndexArray, right: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
+    """Every pair of places, one of each list, at which both have the same number below size."""
+    order = np.argsort(right, kind="stable")
+    counts = np.bincount(right, minlength=size)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    lengths = counts[left]
+    first = np.repeat(np.arange(len(left)), lengths)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return first, order[np.repeat(starts[left], lengths) + within]
+
+
 class SparseSystem:
     """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`.
 
@@ -156,9 +251,11 @@ class SparseSystem:
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
         self.problem, self.scheme = problem, scheme
+        self.constraining = constraining_of(problem, scheme)
         n, m, pattern, relations = problem.n, problem.m, problem.pattern, scheme.relations
         kept = len(scheme.form.kept)
-        self.size = kept * n + m
+        constraint_rows = len(scheme.form.constraint_rows)
+        self.size = kept * n + constraint_rows * m
         self.mass = mass_matrix(problem)
         self._x = _Merged(pattern.x_rows, pattern.x_columns, n)
         self._y = _Merged(pattern.y_rows, pattern.y_columns, n)
@@ -191,20 +288,33 @@ class SparseSystem:
             "K": {"u": diagonal(0), "a": diagonal(2)},
             "C": {"u": (g_columns, g_rows, g_sources)},
         }
+        behind = starts[4] + 3
         terms = []
-        for i, row in enumerate(scheme.form.rows):
+        if self.constraining:
+            # Sources behind the others: tangents of the rows, then products.
+            del full["C"]
+            for row in scheme.form.constraint_rows:
+                full[row] = {}
+                for field in FIELDS:
+                    full[row][field] = (g_columns, g_rows, behind + np.arange(len(self._g)))
+                    behind += len(self._g)
+            self._products = _Products(self.constraining, problem)
+            terms += self._products.terms(scheme, behind, scheme.elimination.weights)
+        ends = np.cumsum(sizes_of_blocks(scheme.form, n, m)).tolist()
+        for row, start in zip(scheme.form.rows, [0, *ends], strict=False):
             for field, (rows, columns, sources) in full[row].items():
                 for k, weight in enumerate(scheme.elimination.weights[FIELDS.index(field)]):
                     if weight != 0:
-                        terms.append((i * n + rows, k * n + columns, sources, weight))
-        # Row D comes first in every form, λ last.
-        terms.append((g_rows, kept * n + g_columns, g_sources, -1.0))
+                        terms.append((start + rows, k * n + columns, sources, weight))
+        if constraint_rows:
+            # Row D comes first in every form, λ behind the fields.
+            terms.append((g_rows, kept * n + g_columns, g_sources, -1.0))
         rows, columns, self._sources = (
             np.concatenate([term[part] for term in terms]) for part in range(3)
         )
         self._weights = np.concatenate([np.full(len(term[2]), term[3]) for term in terms])
 
-        self._row_order, self._column_order = elimination_order(problem, kept)
+        self._row_order, self._column_order = elimination_order(problem, kept, constraint_rows)
         keys, self._slots = np.unique(
             np.argsort(self._column_order)[columns] * self.size + np.argsort(self._row_order)[rows],
             return_inverse=True,
@@ -218,22 +328,24 @@ class SparseSystem:
         self._left, self._right = left, right
         self._entry_left, self._entry_right = left[self.rows], right[self.columns]
 
-    def entries(self, values: Values) -> Array:
+    def entries(self, values: Values, tangents: Tangents | None = None) -> Array:
         """Entries of J, not scaled, at `rows`, `columns`."""
-        sources = np.concatenate(
-            [
-                self._x.values(values.x),
-                self._y.values(values.y),
-                self._g.values(values.g),
-                self._fixed_sources,
-            ]
-        )
+        parts = [
+            self._x.values(values.x),
+            self._y.values(values.y),
+            self._g.values(values.g),
+            self._fixed_sources,
+        ]
+        if self.constraining and tangents is not None:
+            parts += [self._g.values(part) for row in tangents.rows for part in row]
+            parts += self._products.values(values, tangents)
+        sources = np.concatenate(parts)
         weighted = self._weights * sources[self._sources]
         return _summed(self._slots, weighted, len(self.rows))
 
-    def scaled_entries(self, values: Values) -> Array:
+    def scaled_entries(self, values: Values, tangents: Tangents | None = None) -> Array:
         """Entries of J̄ = D_L J D_R at `rows`, `columns`."""
-        return np.asarray(self._entry_left * self.entries(values) * self._entry_right)
+        return np.asarray(self._entry_left * self.entries(values, tangents) * self._entry_right)
 
     def factorise(self, entries: Array) -> Factors:
         """LU factors of the matrix with these entries."""
@@ -246,29 +358,37 @@ class SparseSystem:
         """M times (n,)."""
         return np.asarray(self.mass @ vector)
 
-    def solve(self, values: Values, rhs: Array) -> Array:
+    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        return self.factorise(self.scaled_entries(values)).solve(rhs)
+        return self.factorise(self.scaled_entries(values, tangents)).solve(rhs)
 
     def balanced(self, t: float, state: State) -> "SparseBalancedJacobian":
         """J̄ at a state, to be solved accurately."""
         values = self.problem.values(t, state.fields[0], state.fields[1], state.multipliers)
-        return SparseBalancedJacobian(self, values)
+        u, v, _, acceleration = state.fields
+        tangents = (
+            self.constraining.tangents_at(t, u, v, acceleration) if self.constraining else None
+        )
+        return SparseBalancedJacobian(self, values, tangents)
 
 
 class SparseBalancedJacobian:
     """J̄ at a state, solved through the balanced matrix; see `jacobian.BalancedJacobian`."""
 
-    def __init__(self, system: SparseSystem, values: Values) -> None:
+    def __init__(
+        self, system: SparseSystem, values: Values, tangents: Tangents | None = None
+    ) -> None:
         problem, scheme = system.problem, system.scheme
         left, right = scaling_factors(scheme, problem.n, problem.m)
         row_balance, column_balance = balancing_factors(scheme, problem.n, problem.m)
         self.size = system.size
-        self._scaled = system.scaled_entries(values)
+        self._scaled = system.scaled_entries(values, tangents)
         self._entry_columns = system.columns
         self._columns, self._rows = column_balance / right, row_balance / left
         self._factors = system.factorise(
-            row_balance[system.rows] * system.entries(values) * column_balance[system.columns]
+            row_balance[system.rows]
+            * system.entries(values, tangents)
+            * column_balance[system.columns]
         )
 
     def solve(self, rhs: Array) -> Array:

@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from newmark_cli.arrays import Array
+from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, Krylov
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.krylov import KrylovSystem
@@ -27,11 +28,22 @@ class BalancedSystem(Protocol):
 class LinearSystem(Protocol):
     """J̄ of a scheme on a problem, at any state."""
 
+    @property
+    def problem(self) -> Problem:
+        """Whose J̄ it is."""
+
+    @property
+    def constraining(self) -> Constraining | None:
+        """The formulation; None for index 3 without a projection."""
+
     def times_mass(self, vector: Array) -> Array:
         """M times (n,)."""
 
-    def solve(self, values: Values, rhs: Array) -> Array:
-        """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
+    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
+        """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular.
+
+        A formulation beside index 3, or a projection, needs its tangents.
+        """
 
     def balanced(self, t: float, state: State) -> BalancedSystem:
         """J̄ at a state; raises numpy.linalg.LinAlgError when it is singular."""

@@ -1,0 +1,266 @@
+"""Rows of constraints of a formulation, their tangents, and what enforces them otherwise.
+
+See `newmark_cli.newmark.formulation` for the rows.  With A + Φ_tu = R = ∂(Gᵀv + Φ_t)/∂u and
+Q = ∂(Gᵀv' + κ)/∂u, both at the pattern of Gᵀ, the tangents of a row s₀, s₁, s₂ are
+
+    to u: s₀ Gᵀ + s₁ R + s₂ Q,    to v: s₁ Gᵀ + 2 s₂ R,    to a: s₂ c Gᵀ,
+
+c being ∂v'/∂a of the integrator.  η stands in row K as −Pη, P = M⁻¹G at the beginning of
+the step, so that Pη is the change of least size in the norm of M.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem
+
+#: Most coordinates that M couples for which its inverse is formed, block by block.
+_LARGEST_BLOCK = 300
+#: Most unknowns n + m for which GᵀM⁻¹G is formed.
+_DENSE_UP_TO = 1_000
+_SEED = 20061012
+
+
+class FormulationTables(NamedTuple):
+    """What a formulation beside index 3, or a projection, tells the kernel.
+
+    k is the number of rows of constraints, r of kept rows among V, K, E of entries of G.
+    """
+
+    rows: Array  #: (k, 3) s₀, s₁, s₂
+    eta: Array  #: (3,) coefficients of Pη in u, v, a
+    rows_eta: Array  #: (r,) the same in the kept rows V, K
+    inertia: np.floating[Any]  #: c = ∂v'/∂a
+    penalty: np.floating[Any]  #: p; 0 where λ is an unknown
+    stabilised: int  #: whether there are η
+    level: int  #: of the projection: 0 none, 1 velocities, 2 positions too
+    accelerations: int  #: whether v' is projected too
+    total: int  #: whether λ + μ/h is recorded
+    unit: np.floating[Any]  #: of M in the projection's matrix
+    projector_rows: IndexArray  #: coordinate of each term of P
+    projector_columns: IndexArray  #: its constraint
+    projector_sources: IndexArray  #: the entry of G that it multiplies
+    projector_values: Array  #: an entry of M⁻¹
+    first: IndexArray  #: pairs of entries of G in one constraint, for GGᵀ
+    second: IndexArray
+
+
+class Tangents(NamedTuple):
+    """What of a Jacobian belongs to a formulation, at one state."""
+
+    rows: Array  #: (k, 3, E) of the rows of constraints to u, v, a, at the pattern of G
+    directions: Array  #: the terms of P, at the places of `Constraining.projector`
+
+
+class Projector(NamedTuple):
+    """P as a sum of entries of M⁻¹ times entries of G."""
+
+    rows: IndexArray
+    columns: IndexArray
+    sources: IndexArray
+    values: Array
+
+
+def projector(problem: Problem) -> Projector:
+    """P = M⁻¹G where M is regular, G where it is not.
+
+    Where M couples more than `_LARGEST_BLOCK` coordinates, M⁻¹ is that of its diagonal:
+    any P of full rank in GᵀP will do, and this one keeps the pattern of G.
+    """
+    n, pattern = problem.n, problem.pattern
+    mass = scipy.sparse.csr_array(
+        (problem.mass_values, (pattern.mass_rows, pattern.mass_columns)), (n, n)
+    )
+    every = np.arange(len(pattern.g_rows))
+    plain = Projector(pattern.g_rows, pattern.g_columns, every, np.ones(len(every)))
+    count, labels = connected_components(mass, directed=False)
+    if np.bincount(labels, minlength=count).max() > _LARGEST_BLOCK:
+        diagonal = mass.diagonal()
+        if not np.all(diagonal > 0):
+            return plain
+        return plain._replace(values=1 / diagonal[pattern.g_rows])
+    members = np.argsort(labels, kind="stable")
+    blocks = np.split(members, np.cumsum(np.bincount(labels, minlength=count))[:-1])
+    of_coordinate: dict[int, tuple[Any, Any]] = {}
+    for block in blocks:
+        part = mass[block][:, block].toarray()
+        if np.linalg.cond(part) > 1 / np.finfo(float).eps ** 0.75:
+            return plain
+        inverse = np.linalg.inv(part)
+        of_coordinate.update((int(i), (block, inverse[:, j])) for j, i in enumerate(block))
+    rows, columns, sources, values = [], [], [], []
+    for e, (i, k) in enumerate(zip(pattern.g_rows.tolist(), pattern.g_columns, strict=True)):
+        block, column = of_coordinate[i]
+        there = np.flatnonzero(column)
+        rows.append(block[there])
+        columns.append(np.full(len(there), k))
+        sources.append(np.full(len(there), e))
+        values.append(column[there])
+    return Projector(*(np.concatenate(parts) for parts in (rows, columns, sources, values)))
+
+
+def least_inertia(problem: Problem) -> float:
+    """Least eigenvalue of GᵀM⁻¹G at the start: how hard a constraint is to violate.
+
+    Raises:
+        numpy.linalg.LinAlgError: When [[M, −G], [Gᵀ, 0]] is singular.
+    """
+    n, m, pattern = problem.n, problem.m, problem.pattern
+    g = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(m)).g
+    unit = float(np.abs(problem.mass_values).max())
+    matrix = scipy.sparse.csc_array(
+        (
+            np.concatenate([problem.mass_values / unit, -g, g]),
+            (
+                np.concatenate([pattern.mass_rows, pattern.g_rows, n + pattern.g_columns]),
+                np.concatenate([pattern.mass_columns, n + pattern.g_columns, pattern.g_rows]),
+            ),
+        ),
+        shape=(n + m, n + m),
+    )
+    if n + m <= _DENSE_UP_TO:
+        right = np.zeros((n + m, m))
+        right[n:] = np.eye(m)
+        inverse = np.linalg.solve(matrix.toarray(), right)[n:]
+        return 1 / float(np.linalg.eigvalsh((inverse + inverse.T) / 2)[-1]) / unit
+    factors = splu(matrix)
+
+    def solved(y: Array) -> Array:
+        return np.asarray(factors.solve(np.concatenate([np.zeros(n), np.ravel(y)]))[n:])
+
+    start = np.random.default_rng(_SEED).normal(size=m)
+    operator = LinearOperator((m, m), matvec=solved, dtype=float)
+    largest = eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0]
+    return 1 / float(largest) / unit
+
+
+class Constraining:
+    """A formulation, and a projection, on a problem."""
+
+    def __init__(self, problem: Problem, scheme: Scheme) -> None:
+        self.problem, self.scheme = problem, scheme
+        self.weights = scheme.formulation.weights(scheme.h)
+        self.inertia = float(scheme.relations.acceleration[0])
+        self.stabilised = scheme.stabilised
+        self.eta = scheme.elimination.eta
+        self.rows_eta = scheme.elimination.rows_eta
+
+    @cached_property
+    def penalty(self) -> float:
+        """Penalty p of the augmented Lagrangian; 0 for other formulations."""
+        formulation = self.scheme.formulation
+        if not formulation.kind.penalised:
+            return 0.0
+        assert formulation.parameter is not None
+        name, value = formulation.parameter
+        if name == "penalty":
+            return value
+        to_acceleration = DISPLACEMENT_TO_A(self.scheme.integrator.symbols(self.scheme.h))
+        return value * to_acceleration / least_inertia(self.problem)
+
+    @cached_property
+    def projector(self) -> Projector:
+        """The terms of P; none without η."""
+        if not self.stabilised:
+            nowhere = np.empty(0, np.int64)
+            return Projector(nowhere, nowhere, nowhere, np.empty(0))
+        return projector(self.problem)
+
+    def directions(self, g: Array) -> Array:
+        """The terms of P for these entries of G; none without η."""
+        terms = self.projector
+        return np.asarray(terms.values * g[terms.sources])
+
+    def dense_directions(self, directions: Array) -> Array:
+        """(n, m) P."""
+        terms = self.projector
+        matrix = np.zeros((self.problem.n, self.problem.m))
+        np.add.at(matrix, (terms.rows, terms.columns), directions)
+        return matrix
+
+    def dense(self, entries: Array) -> Array:
+        """(m, n) a matrix at the pattern of Gᵀ."""
+        pattern = self.problem.pattern
+        matrix = np.zeros((self.problem.m, self.problem.n))
+        np.add.at(matrix, (pattern.g_columns, pattern.g_rows), entries)
+        return matrix
+
+    def pushed(self, directions: Array, eta: Array) -> Array:
+        """(n,) Pη."""
+        terms = self.projector
+        moved = directions * eta[terms.columns]
+        return np.asarray(np.bincount(terms.rows, moved, minlength=self.problem.n), float)
+
+    @cached_property
+    def pairs(self) -> tuple[IndexArray, IndexArray]:
+        """Pairs of entries of G that stand in one constraint."""
+        columns = self.problem.pattern.g_columns
+        order = np.argsort(columns, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(columns[order])) + 1)
+        first = [np.repeat(group, len(group)) for group in groups]
+        second = [np.tile(group, len(group)) for group in groups]
+        return np.concatenate(first), np.concatenate(second)
+
+    def tangents(self, g: Array, r: Array, q: Array) -> Array:
+        """(k, 3, E) of the rows to u, v, a, from the entries of G, R and Q."""
+        return np.array(
+            [
+                [s0 * g + s1 * r + s2 * q, s1 * g + 2 * s2 * r, s2 * self.inertia * g]
+                for s0, s1, s2 in self.weights
+            ]
+        ).reshape(-1, 3, len(g))
+
+    def values(self, phi: Array, rate: Array, second: Array) -> Array:
+        """(k, m) of the rows, from Φ, Gᵀv + Φ_t and Gᵀv' + κ."""
+        return np.array([s0 * phi + s1 * rate + s2 * second for s0, s1, s2 in self.weights])
+
+    def tangents_at(self, t: float, u: Array, v: Array, acceleration: Array) -> Tangents:
+        """Tangents at a state, P being that of the state itself."""
+        g = self.problem.values(t, u, v, np.zeros(self.problem.m)).g
+        found = self.problem.constraint_rows(t, u, v, acceleration)
+        return Tangents(self.tangents(g, found.r, found.q), self.directions(g))
+
+    def along(self, entries: Array, vector: Array) -> Array:
+        """(m,) a matrix at the pattern of Gᵀ times (n,)."""
+        pattern = self.problem.pattern
+        products = entries * vector[pattern.g_rows]
+        sums = np.bincount(pattern.g_columns, products, minlength=self.problem.m)
+        return np.asarray(sums, float)
+
+    def tables(self) -> FormulationTables:
+        """All of it as the numbers that the kernel reads, in the scheme's precision."""
+        scheme, dtype = self.scheme, self.scheme.dtype
+        terms = self.projector
+        first, second = self.pairs if self.penalty else [np.empty(0, np.int64)] * 2
+        unit = float(np.abs(self.problem.mass_values).max())
+        return FormulationTables(
+            rows=self.weights.astype(dtype),
+            eta=self.eta.astype(dtype),
+            rows_eta=self.rows_eta.astype(dtype),
+            inertia=dtype(self.inertia),
+            penalty=dtype(self.penalty),
+            stabilised=int(self.stabilised),
+            level=scheme.projection.level,
+            accelerations=int(scheme.projection.accelerations),
+            total=int(scheme.total),
+            unit=dtype(unit),
+            projector_rows=terms.rows.astype(np.int64),
+            projector_columns=terms.columns.astype(np.int64),
+            projector_sources=terms.sources.astype(np.int64),
+            projector_values=terms.values.astype(dtype),
+            first=first.astype(np.int64),
+            second=second.astype(np.int64),
+        )
+
+
+def constraining_of(problem: Problem, scheme: Scheme) -> Constraining | None:
+    """The formulation of a scheme on a problem; None for index 3 without a projection."""
+    return Constraining(problem, scheme) if scheme.formulated else None
