@@ -312,6 +312,7 @@ def _judged(
         floor=record.floor(key),
         exact=exact,
         bound=record.bounded(key),
+        lacking=record.lacking(key),
     )
     found = judge(evidence)
     fitted = np.empty(len(h), bool)

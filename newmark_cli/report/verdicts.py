@@ -42,6 +42,8 @@ _LOCAL = {"truncation": 0.25, "rounding": 0.6}
 #: How far above that an alternation which is not damped may carry it; and how far above
 #: the order of the middle the drift of λ may carry corrections and condition numbers.
 _FED, _DRIFT = 100.0, 10.0
+#: Rounding of a block that is zero, in units of roundoff and of balanced rows and unknowns.
+_LACKING = 1e4
 #: Relative error that is no longer a solution.
 _LOST = 0.3
 #: Rounding of a run of N steps, in units of roundoff: factor · N^power.  The powers are
@@ -73,6 +75,7 @@ class Evidence:
             quantity says it.
         exact: Whether theory predicts nothing but rounding, of an error or invariant.
         bound: Why the predicted order is only a lower bound; empty where it is the order.
+        lacking: Order of the rounding of a value that may vanish; NaN where it cannot.
     """
 
     h: Array
@@ -90,6 +93,7 @@ class Evidence:
     floor: float | None = None
     exact: bool = False
     bound: str = ""
+    lacking: float = math.nan
 
     @property
     def local_orders(self) -> Array:
@@ -143,6 +147,10 @@ def judge(given: Evidence) -> Judgement:
         return _truncation(given, everything)
     if math.isnan(given.expected):
         return _judged(given, SHOWN, everything)
+    if not math.isnan(given.lacking):
+        largest = _LACKING * given.unit * given.h**given.lacking
+        if bool(np.all(given.values <= largest)):
+            return _judged(given, PASS, everything, "rounding of 0: the problem lacks this block")
     usable = np.isfinite(given.values) & (given.values > 0)
     if np.count_nonzero(usable) < LEAST:
         zeros = int(np.count_nonzero(given.values == 0))

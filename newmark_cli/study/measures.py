@@ -26,6 +26,7 @@ from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
+from newmark_cli.newmark.scaling import sensitivity as by_displacement
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, statistics
 from newmark_cli.newmark.truncation import March as Marched
@@ -119,6 +120,8 @@ class Record:
         coarse: Orders that a series may show while h is too coarse, from its key.
         bounded: Why the predicted order is only a lower bound, from the key; empty where
             it is the order.
+        lacking: Order of the rounding of a value that vanishes in some problems, from the
+            key; NaN where none does.
         floor: Power of the number of steps with which rounding may grow, from the key;
             None where the quantity says it.
         alternates: Whether an error may alternate undamped from step to step, from the key.
@@ -141,6 +144,7 @@ class Record:
     at_end: bool = False
     coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
     bounded: Callable[[SeriesKey], str] = lambda key: ""
+    lacking: Callable[[SeriesKey], float] = lambda key: np.nan
     floor: Callable[[SeriesKey], float | None] = lambda key: None
     alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
     quantities: tuple[str, ...] = ()
@@ -462,6 +466,23 @@ def _bound_of_sensitivity(key: SeriesKey) -> str:
     return "blocks are smaller at rest, without damping, or with P = M⁻¹G"
 
 
+def _rounding_of_sensitivity(key: SeriesKey) -> float:
+    """Order of the rounding of a block that a problem may lack: in balanced units it has none."""
+    if not _bound_of_sensitivity(key):
+        return np.nan
+    form, orders, scaling = _form_of(key), _orders_of(key), _scaling_of(key)
+    place = form.solved.index(key.quantity), form.rows.index(key.row_block)
+    if np.isfinite(orders.special[place]):
+        return np.nan
+    balanced = by_displacement(form)
+    return float(
+        sum(
+            sign * (each.left[key.row_block].order() + each.right[key.quantity].order())
+            for sign, each in ((1, balanced), (-1, scaling))
+        )
+    )
+
+
 SENSITIVITY = Measure(
     "sensitivity",
     "change of each unknown for a perturbation of each row of the residual",
@@ -476,6 +497,7 @@ SENSITIVITY = Measure(
             0.05,
             may_vanish=True,
             bounded=_bound_of_sensitivity,
+            lacking=_rounding_of_sensitivity,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
     ),
