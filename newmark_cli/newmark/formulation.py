@@ -152,9 +152,10 @@ class Formulation:
             return cls(method)
         name, equals, text = given.partition("=")
         try:
-            return cls(method, (name, float(text if equals else "")))
+            value = float(text if equals else "")
         except ValueError:
             raise FormulationError(f"formulation {label!r}: {name} must be a number") from None
+        return cls(method, (name, value))
 
     @property
     def scheduled(self) -> bool:
