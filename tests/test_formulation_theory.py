@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+import test_slopes
 from conftest import QUICK
 
 import newmark_cli
@@ -258,6 +259,20 @@ def test_exact_invariants():
     assert found.reason.startswith("more than rounding: 0.0001 at h = 0.01")
 
 
+@pytest.mark.parametrize(("rate", "expected"), [(1e3, NOT_ASYMPTOTIC), (1.0, MISS)])
+def test_a_rate_that_no_step_size_resolves_is_not_asymptotic(tmp_path, rate, expected):
+    """Orders of a fixed rate need α h below 0.1 at three step sizes; then a miss is one."""
+    values = {h: 1e-12 * h**1.5 for h in (1e-1, 1e-2, 1e-3, 1e-4)}
+    table = test_slopes.series(
+        values, measure="physical_correction", form="a-lambda",
+        formulation=f"baumgarte rate={rate!r}",
+    )  # fmt: skip
+    (found,) = test_slopes.found(tmp_path, table)
+    assert found.expected == 0
+    assert found.verdict == expected
+    assert ("α h is 0.1 to 1e+02" in found.reason) == (expected == NOT_ASYMPTOTIC)
+
+
 # -- commands --------------------------------------------------------------------------------
 
 
@@ -354,7 +369,7 @@ def test_tables_of_formulations(cli):
     assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
 
 
-# -- the library ------------------------------------------------------------------------------------
+# -- the library -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", FORMS)

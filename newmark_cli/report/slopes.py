@@ -27,6 +27,7 @@ from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import (
     FAILING,
     INCOMPLETE,
+    LEAST,
     MISS,
     NOT_ASYMPTOTIC,
     NOT_CONVERGING,
@@ -179,7 +180,7 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
         role = str(row["role"])
         if key.measure:
             slope = _slope(key, role, rows, int(most[rows.index[0]]), accepted, path)
-            found.append(_moved(slope, *moved.get(key.problem, ((), False))))
+            found.append(_moved(_resolved(slope), *moved.get(key.problem, ((), False))))
         elif not rows["status"].isin(accepted).all():
             found.append(_failed(key, role))
     return found
@@ -253,6 +254,24 @@ def _slope(
         and np.isnan(expected)
         and "not_converging" in accepted,
     )
+
+
+def _resolved(slope: Slope) -> Slope:
+    """The verdict in view of a fixed rate, whose orders are those of α h much below 1."""
+    parameter = Formulation.parse(slope.formulation).parameter
+    if slope.verdict != MISS or parameter is None or parameter[0] != "rate":
+        return slope
+    products = parameter[1] * slope.h
+    if np.count_nonzero(products <= _SLOW) >= LEAST:
+        return slope
+    reason = f"α h is {products.min():.2g} to {products.max():.2g}: orders show below {_SLOW:g}"
+    return replace(
+        slope, verdict=NOT_ASYMPTOTIC, reason="; ".join(filter(None, (slope.reason, reason)))
+    )
+
+
+#: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
+_SLOW = 0.1
 
 
 def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
