@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -367,6 +368,15 @@ def test_tables_of_formulations(cli):
     assert r"    index-1 & $(u, v, a, \lambda)$ & $\ge 0$ & $\ge 0$ & $0$ & $0$ & -- \\" in text
     markdown = (folder / "formulations.md").read_text()
     assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
+
+
+def test_the_docs_have_the_tables(cli):
+    """docs/theory.md ends its section with what the command writes."""
+    cli("tables", "--formulations")
+    text = (cli.folder / "results/tables/formulations.md").read_text()
+    docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
+    assert "`newmark-study tables --formulations` makes the tables" in docs
+    assert text.strip() in docs
 
 
 # -- the library -----------------------------------------------------------------------------------
