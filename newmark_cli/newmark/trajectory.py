@@ -108,8 +108,8 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
         march: The march.
         stretch: The stretch that led there; None at the start.
     """
-    here = march.here
-    unknowns = march.scheme.form.unknowns
+    here = march.seen
+    unknowns = march.scheme.recorded
     took = stretch is not None and len(stretch.iterations) > 0
     iterations = int(stretch.iterations[-1]) if stretch and took else 0
     norms = stretch.norms[-1].tolist() if stretch and took else [0.0] * len(unknowns)
