@@ -311,3 +311,44 @@ def index_1(subject, t, u, v):
     found = np.linalg.solve(bordered, rhs)
     found += np.linalg.solve(bordered, rhs - bordered @ found)
     return found[: subject.n], unit * found[subject.n :]
+
+
+def constraint_rows(phi, t, u, v, w):
+    """Φ_t, the curvature, ∂Φ'/∂u and ∂Φ''/∂u, by central differences of Φ at 60 digits.
+
+    Args:
+        phi: u, t → Φ as a list, in mpmath.
+        t, u, v, w: The state, and the acceleration in Φ''.
+    """
+    with mp.workdps(DIGITS):
+        step, t = mpf(10) ** -12, mpf(float(t))
+        u, v, w = ([mpf(float(x)) for x in array] for array in (u, v, w))
+        m = len(phi(u, t))
+
+        def moved(s, direction, aside=0, j=0, later=0):
+            place = [x + s * step * d for x, d in zip(u, direction, strict=True)]
+            place[j] += aside * step
+            return phi(place, t + later * step)
+
+        def combined(terms, divisor):
+            return [sum(weight * row[k] for weight, row in terms) / divisor for k in range(m)]
+
+        rate = combined([(s, moved(0, v, later=s)) for s in (-1, 1)], 2 * step)
+        bent = [(weight, moved(s, v, later=s)) for s, weight in ((-1, 1), (0, -2), (1, 1))]
+        first, second = [], []
+        for j in range(len(u)):
+            mixed = [
+                [(s * a, moved(s, d, a, j, s * timed)) for s in (-1, 1) for a in (-1, 1)]
+                for d, timed in ((v, 1), (w, 0))
+            ]
+            turned = [
+                (a * weight, moved(s, v, a, j, s))
+                for a in (-1, 1)
+                for s, weight in ((-1, 1), (0, -2), (1, 1))
+            ]
+            first.append(combined(mixed[0], 4 * step**2))
+            straight = combined(mixed[1], 4 * step**2)
+            curved = combined(turned, 2 * step**3)
+            second.append([a + b for a, b in zip(straight, curved, strict=True)])
+        found = rate, combined(bent, step**2), first, second
+        return [np.array(part, float).T for part in found]

@@ -85,6 +85,36 @@ def test_elements_compute_in_single_precision(everything, seed, t):
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3 * np.abs(exact).max())
 
 
+def rows_of(function, subject, dtype, t, *state):
+    """Rate, curvature, R and Q in a precision."""
+    sizes = subject.m, subject.m, len(subject.pattern.g_rows), len(subject.pattern.g_rows)
+    results = [np.full(size, np.nan, dtype) for size in sizes]
+    given = (x.astype(dtype) for x in state)
+    function(dtype(t), *given, subject.ints, subject.reals.astype(dtype), *results)
+    return results
+
+
+@given(seed=st.integers(0, 2**32 - 1), t=st.floats(-2, 2))
+def test_elements_compute_constraint_rows_in_single_precision(everything, seed, t):
+    """As above: rate, curvature and their tangents keep to float32."""
+    random = np.random.default_rng(seed)
+    state = (
+        everything.u0 + 0.2 * random.normal(size=everything.n),
+        *random.normal(size=(2, everything.n)),
+    )
+    function = elements.constraint_derivatives
+    compiled = rows_of(function, everything, np.float32, t, *state)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(elements, "np", SimpleNamespace(sin=sine, cos=cosine, sqrt=np.sqrt))
+        patch.setattr(elements, "_law", elements._law.py_func)
+        interpreted = rows_of(function.py_func, everything, np.float32, t, *state)
+    double = rows_of(function, everything, np.float64, t, *state)
+    for found, expected, exact in zip(compiled, interpreted, double, strict=True):
+        assert found.dtype == expected.dtype == np.float32
+        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3 * np.abs(exact).max())
+
+
 @given(st.integers(1, 25), st.integers(0, 2**32 - 1), st.sampled_from([np.float32, np.float64]))
 def test_solver_computes_in_its_precision(size, seed, dtype):
     """Compiled and interpreted it agrees bit by bit."""

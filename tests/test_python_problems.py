@@ -98,8 +98,7 @@ def test_derivatives_of_constraints_at_any_frequency(frequency, t):
         "gradient": lambda u, t: np.stack([moving(t), 4 * u - 2 * moving(t)], axis=1),
     }
     rate, curvature = np.zeros(2), np.zeros(2)
-    rows = constraint_rows.by_differences(functions, constraint_rows.as_it_is)
-    constraint_rows.rates(rows)(t, u, v, None, None, rate, curvature)
+    constraint_rows.rates(functions, {})(t, u, v, None, None, rate, curvature)
     expected = np.array([u @ w, -2 * (u - p) @ w])
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
     pull = -(frequency**2) * p
@@ -118,8 +117,7 @@ def test_curvature_of_a_fixed_surface_is_exact_to_rounding():
         "gradient": lambda u, t: u[:, None],
     }
     rate, curvature = np.zeros(1), np.zeros(1)
-    rows = constraint_rows.by_differences(functions, constraint_rows.as_it_is)
-    derivatives = constraint_rows.rates(rows)
+    derivatives = constraint_rows.rates(functions, {})
     for u, v in (([0.6, 0.8], [-8e-4, 6e-4]), ([0.0, 0.0], [3.0, 4.0])):
         derivatives(0.0, np.array(u), np.array(v), None, None, rate, curvature)
         assert rate[0] == 0

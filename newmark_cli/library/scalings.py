@@ -20,8 +20,8 @@ class Factors:
 
     Attributes:
         form: Name of the form.
-        left_formulas: Row block (D, V, K, C, those that the form has) → factor as text.
-        right_formulas: Unknown (u, v, a, lambda, those that the form has) → likewise.
+        left_formulas: Row block (D, V, K, C … that the form has) → factor as text.
+        right_formulas: Unknown (u, v, a, lambda, eta that the form has) → likewise.
         left, right: The same as numbers at the step size.
         formulation: Label of the formulation; others than index 3 have rows Cv, Ca or B,
             and unknown eta.
@@ -74,7 +74,7 @@ def scaling(
         preconditioning: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``,
             ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
             ``right``.
-        formulation: Such as ``"ggl"`` or ``"baumgarte rate_h=1"``, or a dict as in configs.
+        formulation: As of `march`: its rows and unknowns are scaled by the rule of Table 2.
 
     Returns:
         Factors of each row block and unknown, as text and as numbers.
@@ -83,7 +83,6 @@ def scaling(
         ArgumentError: For an unknown form or variant, or a step size that is not positive.
         IntegratorError: For β, γ that give no usable scheme.
         DocumentError, ScalingError: For a scaling of one's own that cannot be used.
-        FormulationError: For a formulation that cannot be used.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -92,17 +91,13 @@ def scaling(
         ({'D': 'gamma*h^2', 'C': '1'}, {'v': '1/(gamma*h)', 'lambda': '1/(beta*h^2)'})
         >>> round(factors.right["lambda"], 3)
         33057.851
-
-        Constraints' rates are scaled as velocities are, by the same rule:
-
-        >>> dict(newmark.scaling("a-lambda", h=1e-2, formulation="ggl").left_formulas)
-        {'D': 'beta*h^2', 'C': '1', 'Cv': 'beta*h/gamma'}
+        >>> newmark.scaling("a-lambda", h=1e-3, formulation="ggl").left_formulas["Cv"]
+        'beta*h/gamma'
     """
-    arguments.one_of("form", form, FORMS)
-    chosen_form = formulation_of(formulation).applied(FORMS[form])
+    formulated = formulation_of(formulation).applied(FORMS[arguments.one_of("form", form, FORMS)])
     h = arguments.positive("h", h, " of seconds")
     method = _integrator(beta, gamma, integrator)
-    chosen = preconditioning_of(preconditioning, "preconditioning").scaling(chosen_form)
+    chosen = preconditioning_of(preconditioning, "preconditioning").scaling(formulated)
     symbols = method.symbols(h)
     try:
         left, right = (
@@ -117,24 +112,7 @@ def scaling(
         {block: str(factor) for block, factor in chosen.right.items()},
         left,
         right,
-        chosen_form.formulation,
-    )
-
-
-def formulation_of(given: Any) -> Formulation:
-    """A formulation by its label, its dict, or itself."""
-    if isinstance(given, Formulation):
-        return given
-    if isinstance(given, str):
-        return Formulation.parse(given)
-    if isinstance(given, Mapping):
-        from newmark_cli.study.keys import FormulationConfig
-
-        found = documents.validate(Document.of("formulation", given), FormulationConfig)
-        return found.formulation()
-    raise ArgumentError(
-        "formulation must be text such as 'ggl' or 'baumgarte rate_h=1', or a dict such as "
-        f"{{'method': 'ggl'}}, given {arguments.shown(given)}"
+        formulated.formulation,
     )
 
 
@@ -181,6 +159,17 @@ def integrator_of(given: Any) -> Integrator:
         )
     found: Integrator = given
     return found
+
+
+def formulation_of(given: Any) -> Formulation:
+    """A formulation by its name and parameter, its dict, or itself."""
+    if isinstance(given, Formulation):
+        return given
+    if isinstance(given, str):
+        return Formulation.parse(given)
+    from newmark_cli.study.keys import FormulationConfig
+
+    return documents.validate(Document.of("formulation", given), FormulationConfig).formulation()
 
 
 def _spelled(text: str) -> dict[str, Any]:

@@ -150,9 +150,9 @@ class Formulation:
         method, _, given = label.partition(" ")
         if not given:
             return cls(method)
-        name, equals, text = given.partition("=")
+        name, _, text = given.partition("=")
         try:
-            value = float(text if equals else "")
+            value = float(text)
         except ValueError:
             raise FormulationError(f"formulation {label!r}: {name} must be a number") from None
         return cls(method, (name, value))
@@ -269,3 +269,13 @@ class Projection:
 
 #: What goes without saying.
 CONSTRAINTS, UNPROJECTED = Formulation(), Projection()
+
+#: The reported multipliers that a projection decides.
+AUTO = "auto"
+
+
+def reported(given: str, projection: Projection) -> str:
+    """One of `REPORTED` from one of them or `AUTO`: recovered after a projection."""
+    if given != AUTO:
+        return given
+    return RECOVERED if projection.level else NEWTON

@@ -10,12 +10,14 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import compiled_march, scipy_march
+from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.starting import corrected_velocity
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
 _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
@@ -33,8 +35,13 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
         problem: The problem; its start is consistent.
         scheme: What marches it.
     """
-    a, multipliers = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
-    fields = np.array([problem.u0, problem.v0, a, a])
+    index_1 = Index1(problem)
+    a, multipliers = index_1.accelerations(problem.t0, problem.u0, problem.v0)
+    v, psi = problem.v0, np.zeros(problem.m)
+    if scheme.start == CORRECTED:
+        v = corrected_velocity(problem, scheme.h)
+        psi = index_1.rate(problem.t0, problem.u0, v)
+    fields = np.array([problem.u0, v, a, a])
     past = scheme.relations.start @ fields[:3]
     dtype = scheme.dtype
     return State(
@@ -43,7 +50,7 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
         multipliers.astype(dtype),
         lows=np.zeros((2, problem.n), dtype),
         phi=np.zeros(problem.m, dtype),
-        psi=np.zeros(problem.m, dtype),
+        psi=psi.astype(dtype),
         impulse=np.zeros(problem.m, dtype),
     )
 
@@ -115,6 +122,7 @@ class March:
             self.state = State(*(np.array(array, scheme.dtype, order="C") for array in state))
         self.done = done
         self.ending = COMPLETED
+        self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
 
     @property
     def t(self) -> float:
@@ -125,6 +133,22 @@ class March:
     def here(self) -> State:
         """The state in double precision, whatever the precision of the march; a copy."""
         return State(*(array.astype(float) for array in self.state))
+
+    @property
+    def multipliers(self) -> Array:
+        """(m,) λ as the scheme reports it; see `newmark_cli.newmark.formulation.REPORTED`."""
+        if self._index_1:
+            u, v = np.asarray(self.state.fields[:2], float)
+            return self._index_1.accelerations(self.t, u, v)[1]
+        multipliers = self.state.multipliers.astype(float)
+        if self.scheme.total:
+            multipliers += self.state.impulse / self.scheme.h
+        return multipliers
+
+    @property
+    def seen(self) -> State:
+        """The state with the multipliers that are reported, in double precision; a copy."""
+        return self.here._replace(multipliers=self.multipliers)
 
     def advance(self, steps: int, looks: Sequence[int] = ()) -> Stretch:
         """Take so many steps, or as many as there are until the march ends.
@@ -146,6 +170,11 @@ class March:
                 self._go_back(before)
                 self._marched(taken, recording(self.state, np.empty(0)))
             reached = bisect_right(looks, begin + taken)
+            if self._index_1:
+                for k in range(reached):
+                    t = self.problem.t0 + looks[k] * self.scheme.h
+                    u, v = np.asarray(record.fields[k, :2], float)
+                    record.multipliers[k] = self._index_1.accelerations(t, u, v)[1]
             stretch = Stretch(
                 norms[:taken],
                 iterations[:taken],

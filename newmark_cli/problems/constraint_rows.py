@@ -55,60 +55,80 @@ def by_differences(
         longest: Longest step (s), see `LONGEST_STEP`.
     """
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
-    along = _along(compile_)
 
     def rate(u, v, t):  # type: ignore[no-untyped-def]
-        steps = steps_along(u, v, longest)
-        differences = np.empty((STEPS, len(phi_of(u, t))))
+        steps = longest * _SHRINKING
+        size = _size(gradient_of(u, t)) * _size(u)
+        differences = np.empty((STEPS, phi_of(u, t).shape[0]))
         for k in range(STEPS):
             h = float(steps[k])
-            differences[k] = (phi_of(u, t + h) - phi_of(u, t - h)) / (2 * h)
-        return extrapolated(differences, STEP_RATIO)
+            _central(differences[k], phi_of(u, t + h), phi_of(u, t - h), h)
+        return extrapolated(differences, STEP_RATIO, _rounding(size, steps, 1))
 
     def curvature(u, v, t):  # type: ignore[no-untyped-def]
         # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
         # less than second ones of Φ; those remain for a Φ that depends on time.
-        steps = steps_along(u, v, longest)
         here = phi_of(u, t)
-        differences = np.empty((STEPS, len(here)))
+        size = _size(gradient_of(u, t))
+        shape = STEPS, here.shape[0]
+        turn, drift, second = np.empty(shape), np.empty(shape), np.empty(shape)
+        along = steps_along(u, v, longest)
+        steps = longest * _SHRINKING
         for k in range(STEPS):
+            h = float(along[k])
+            ahead, behind = (
+                gradient_of(_moved(u, v, h), t + h),
+                gradient_of(_moved(u, v, -h), t - h),
+            )
+            _central(turn[k], _product(ahead, v), _product(behind, v), h)
             h = float(steps[k])
-            drift = along(v, gradient_of(u, t + h)) - along(v, gradient_of(u, t - h))
-            turn = along(v, gradient_of(u + h * v, t + h)) - along(v, gradient_of(u - h * v, t - h))
-            second = (phi_of(u, t + h) - here + (phi_of(u, t - h) - here)) / (h * h)
-            differences[k] = second + (drift + turn) / (2 * h)
-        return extrapolated(differences, STEP_RATIO)
+            ahead, behind = gradient_of(u, t + h), gradient_of(u, t - h)
+            _central(drift[k], _product(ahead, v), _product(behind, v), h)
+            _bent(second[k], phi_of(u, t + h), here, phi_of(u, t - h), h)
+        total = extrapolated(turn, STEP_RATIO, _rounding(size * _size(v), along, 1))
+        total += extrapolated(drift, STEP_RATIO, _rounding(size * _size(v), steps, 1))
+        total += extrapolated(second, STEP_RATIO, _rounding(size * _size(u), steps, 2))
+        return total
 
     def rate_gradient(u, v, t):  # type: ignore[no-untyped-def]
-        n, m = gradient_of(u, t).shape
+        here = gradient_of(u, t)
+        n, m = here.shape
         steps = steps_along(u, v, longest)
         differences = np.empty((STEPS, n, m))
         for k in range(STEPS):
             h = float(steps[k])
-            change = gradient_of(u + h * v, t + h) - gradient_of(u - h * v, t - h)
-            differences[k] = change / (2 * h)
-        return extrapolated(differences.reshape(STEPS, n * m), STEP_RATIO).reshape(n, m)
+            ahead, behind = (
+                gradient_of(_moved(u, v, h), t + h),
+                gradient_of(_moved(u, v, -h), t - h),
+            )
+            _central(differences[k], ahead, behind, h)
+        rounding = _rounding(_size(here), steps, 1)
+        return extrapolated(differences.reshape(STEPS, n * m), STEP_RATIO, rounding).reshape(n, m)
 
     def acceleration_gradient(u, v, w, t):  # type: ignore[no-untyped-def]
         here = gradient_of(u, t)
         n, m = here.shape
-        first, second = np.zeros((STEPS, n, m)), np.empty((STEPS, n, m))
-        if np.max(np.abs(w)) > 0:
-            steps = steps_along(u, w, np.inf)
-            for k in range(STEPS):
-                h = float(steps[k])
-                first[k] = (gradient_of(u + h * w, t) - gradient_of(u - h * w, t)) / (2 * h)
-        steps = steps_along(u, v, longest)
+        first, second = np.empty((STEPS, n, m)), np.empty((STEPS, n, m))
+        along, steps = steps_along(u, w, np.inf), steps_along(u, v, longest)
         for k in range(STEPS):
+            h = float(along[k])
+            ahead, behind = gradient_of(_moved(u, w, h), t), gradient_of(_moved(u, w, -h), t)
+            _central(first[k], ahead, behind, h)
             h = float(steps[k])
-            change = gradient_of(u + h * v, t + h) - here + (gradient_of(u - h * v, t - h) - here)
-            second[k] = change / (h * h)
-        total = extrapolated(first.reshape(STEPS, n * m), STEP_RATIO)
-        total += extrapolated(second.reshape(STEPS, n * m), STEP_RATIO)
+            ahead, behind = (
+                gradient_of(_moved(u, v, h), t + h),
+                gradient_of(_moved(u, v, -h), t - h),
+            )
+            _bent(second[k], ahead, here, behind, h)
+        rounding = _rounding(_size(here), along, 1)
+        total = extrapolated(first.reshape(STEPS, n * m), STEP_RATIO, rounding)
+        rounding = _rounding(_size(here), steps, 2)
+        total += extrapolated(second.reshape(STEPS, n * m), STEP_RATIO, rounding)
         return total.reshape(n, m)
 
     return Rows(
-        *(compile_(f) for f in (rate, curvature, rate_gradient, acceleration_gradient))
+        compile_(rate), compile_(curvature), compile_(rate_gradient),
+        compile_(acceleration_gradient),
     )  # fmt: skip
 
 
@@ -118,10 +138,9 @@ def of_quadratic(functions: Mapping[str, Any], compile_: Compiler) -> Rows:
     G is affine in u there: G(u + s v) − G(u) = s (G(v) − G(0)).
     """
     gradient_of = functions["gradient"]
-    along = _along(compile_)
 
     def turned(v, t):  # type: ignore[no-untyped-def]
-        return gradient_of(v, t) - gradient_of(np.zeros_like(v), t)
+        return _difference(gradient_of(v, t), gradient_of(np.zeros_like(v), t))
 
     change = compile_(turned)
 
@@ -129,7 +148,7 @@ def of_quadratic(functions: Mapping[str, Any], compile_: Compiler) -> Rows:
         return np.zeros(gradient_of(u, t).shape[1])
 
     def curvature(u, v, t):  # type: ignore[no-untyped-def]
-        return along(v, change(v, t))
+        return _product(change(v, t), v)
 
     def rate_gradient(u, v, t):  # type: ignore[no-untyped-def]
         return change(v, t)
@@ -138,7 +157,8 @@ def of_quadratic(functions: Mapping[str, Any], compile_: Compiler) -> Rows:
         return change(w, t)
 
     return Rows(
-        *(compile_(f) for f in (rate, curvature, rate_gradient, acceleration_gradient))
+        compile_(rate), compile_(curvature), compile_(rate_gradient),
+        compile_(acceleration_gradient),
     )  # fmt: skip
 
 
@@ -171,12 +191,35 @@ def derivatives(rows: Rows, compile_: Compiler) -> Callable[..., None]:
     return compile_(derivatives)
 
 
-def rates(rows: Rows) -> Callable[..., None]:
-    """`newmark_cli.problems.problem.Problem.rates` of the four functions."""
+def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..., None]:
+    """`newmark_cli.problems.problem.Problem.rates`, by differences in plain Python.
+
+    Args:
+        functions: ``constraints`` and ``gradient`` of the user.
+        given: The user's ``rate`` and ``curvature``, of (u, v, t), as far as there are any.
+    """
+    phi_of, gradient_of = functions["constraints"], functions["gradient"]
 
     def rates(t, u, v, ints, reals, rate, curvature):  # type: ignore[no-untyped-def]
-        rate[:] = rows.rate(u, v, t)
-        curvature[:] = rows.curvature(u, v, t)
+        steps = steps_along(u, v, LONGEST_STEP)
+        phi, drift, turn = np.empty((3, 2, STEPS, len(rate)))
+        for k, h in enumerate(steps.tolist()):
+            for i, shift in enumerate((h, -h)):
+                then = t + shift
+                phi[i, k] = phi_of(u, then)
+                drift[i, k] = v @ gradient_of(u, then)
+                turn[i, k] = v @ gradient_of(u + shift * v, then)
+        size, none = steps[:, None], np.zeros(STEPS)
+        rate[:] = extrapolated((phi[0] - phi[1]) / (2 * size), STEP_RATIO, none)
+        # As in `by_differences`, in one tableau.
+        here = phi_of(u, t)
+        second = (phi[0] - here + (phi[1] - here)) / size**2
+        second += (drift[0] - drift[1] + (turn[0] - turn[1])) / (2 * size)
+        curvature[:] = extrapolated(second, STEP_RATIO, none)
+        if "rate" in given:
+            rate[:] = given["rate"](u, v, t)
+        if "curvature" in given:
+            curvature[:] = given["curvature"](u, v, t)
 
     return rates
 
@@ -186,23 +229,51 @@ def as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def _along(compile_: Compiler) -> Callable[..., Any]:
-    """Gᵀ v; a loop where it is compiled, which takes arrays of any layout and type."""
-    return _product if compile_ is as_it_is else _product_in_a_loop
-
-
-def _product(v, gradient):  # type: ignore[no-untyped-def]
-    return v @ gradient
+# What the functions above are made of is compiled once, for all problems.
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _product_in_a_loop(v, gradient):  # type: ignore[no-untyped-def]
+def _product(gradient, v):  # type: ignore[no-untyped-def]
+    """Gᵀ v, of matrices of any layout and type."""
     n, m = gradient.shape
     product = np.zeros(m)
     for i in range(n):
         for k in range(m):
             product[k] += gradient[i, k] * v[i]
     return product
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _difference(one, other):  # type: ignore[no-untyped-def]
+    return one - other
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _moved(u, v, h):  # type: ignore[no-untyped-def]
+    return u + h * v
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _size(array):  # type: ignore[no-untyped-def]
+    return float(np.max(np.abs(array)))
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _central(out, ahead, behind, h):  # type: ignore[no-untyped-def]
+    """First derivative."""
+    out[...] = (ahead - behind) / (2 * h)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _bent(out, ahead, here, behind, h):  # type: ignore[no-untyped-def]
+    """Second derivative."""
+    out[...] = (ahead - here + (behind - here)) / (h * h)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _rounding(size, steps, order):  # type: ignore[no-untyped-def]
+    """Rounding, at each step, of differences of numbers of this size."""
+    return 2.2e-16 * size / steps**order
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -221,16 +292,18 @@ def steps_along(u, v, longest):  # type: ignore[no-untyped-def]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
+def extrapolated(differences, ratio, rounding):  # type: ignore[no-untyped-def]
     """Limit of central differences for steps that shrink by a ratio, each column its own.
 
     Romberg's tableau; of its entries the one that differs least from its neighbours
-    (Ridders, Advances in Engineering Software 4, 1982), so that neither truncation
-    nor rounding need be known.
+    (Ridders, Advances in Engineering Software 4, 1982), so that truncation need not be
+    known.  Nor need rounding, but where it is known, entries that agree with their
+    neighbours by chance are not taken for better than they can be.
 
     Args:
         differences: (steps, m) central differences, longest step first.
         ratio: Of a step to the next.
+        rounding: (steps,) that of the differences, or 0.
 
     Returns:
         (m,) limits.
@@ -246,7 +319,7 @@ def extrapolated(differences, ratio):  # type: ignore[no-untyped-def]
             for j in range(i):
                 factor *= ratio * ratio
                 better = entry + (entry - above[j]) / (factor - 1)
-                error = max(abs(better - entry), abs(better - above[j]))
+                error = max(abs(better - entry), abs(better - above[j]), rounding[i])
                 if error < least:
                     least, limits[column] = error, better
                 above[j], entry = entry, better

@@ -77,6 +77,12 @@ class Index1:
         u = u + self._onto_positions(self.problem.values(t, u, v, self._none))
         return u, v + self.velocity_projection(t, u, v)[0]
 
+    def rate(self, t: float, u: Array, v: Array) -> Array:
+        """(m,) Φ' = Gᵀv + Φ_t at a time (s) and (n,) coordinates and velocities."""
+        values = self.problem.values(t, u, v, self._none)
+        rate, _ = self.problem.constraint_derivatives(t, u, v)
+        return self._along(values, v) + rate
+
     def position_projection(self, t: float, u: Array) -> Array:
         """Least change of the positions, in the norm of M, with Gᵀ δu = −Φ.
 

@@ -286,7 +286,6 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     _require_rows(rows, functions, (u0, v0, t0), gradient, source, chosen)
     quadratic = bool(getattr(given, "quadratic", False))
     computed = constraint_rows.of_quadratic if quadratic else constraint_rows.by_differences
-    plain = constraint_rows.by_differences(functions, constraint_rows.as_it_is)
 
     x_rows, x_columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
     g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
@@ -302,7 +301,7 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
             compile_,
         ),
         derivatives=constraint_rows.derivatives(
-            _with_given(computed(functions, compile_), rows, compile_), compile_
+            computed(functions, compile_)._replace(**_given_rows(rows, compile_)), compile_
         ),
         ints=np.zeros((1, 1), np.int64),
         reals=np.zeros((1, 1)),
@@ -317,7 +316,7 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         rates=(
             None
             if {"constraint_rate", "curvature"} <= rows.keys()
-            else constraint_rows.rates(_with_given(plain, rows, constraint_rows.as_it_is))
+            else constraint_rows.rates(functions, _given_rows(rows, constraint_rows.as_it_is))
         ),
     )
     if problem.quadratic:
@@ -359,15 +358,13 @@ def _row_calls(
     }
 
 
-def _with_given(
-    computed: constraint_rows.Rows, given: Mapping[str, Any], compile_: Any
-) -> constraint_rows.Rows:
-    """What is computed, with the user's functions in place of some."""
-    own = {field: given[key] for key, field in zip(_ROWS, computed._fields, strict=True)
-           if key in given}  # fmt: skip
-    if "rate" in own:
-        own["rate"] = constraint_rows.of_user(own["rate"], compile_)
-    return computed._replace(**own)
+def _given_rows(given: Mapping[str, Any], compile_: Any) -> dict[str, Any]:
+    """The user's functions by the names of `constraint_rows.Rows`."""
+    fields = dict(zip(_ROWS, constraint_rows.Rows._fields, strict=True))
+    rows = {fields[key]: function for key, function in given.items()}
+    if "rate" in rows:
+        rows["rate"] = constraint_rows.of_user(rows["rate"], compile_)
+    return rows
 
 
 def _evaluate(
@@ -453,7 +450,7 @@ def _damping_by_differences(functions: Mapping[str, Any], compile_: Any) -> Call
 
 def warm() -> None:
     """Have Numba load what it needs for its first call, which takes long."""
-    constraint_rows.extrapolated(np.zeros((2, 1)), constraint_rows.STEP_RATIO)
+    constraint_rows.extrapolated(np.zeros((2, 1)), constraint_rows.STEP_RATIO, np.zeros(2))
 
 
 def _require_gradient(

@@ -18,6 +18,9 @@ from newmark_cli.problems.problem import Problem, ProblemError
 #: largest velocity.
 TOLERANCE = 1e-9
 
+#: Relative errors of a curvature, by `Problem.rows_given`.
+_NOISE = {"exact": 2.2e-16, "differences": 1e-11}
+
 
 def started(problem: Problem, u0: Array, v0: Array, project: bool = False) -> Problem:
     """The problem with another start.
@@ -80,7 +83,7 @@ def constraint_jerk(problem: Problem) -> Array:
     """
     t, u, v, pattern = problem.t0, problem.u0, problem.v0, problem.pattern
     a, _ = Index1(problem).accelerations(t, u, v)
-    r = problem.constraint_rows(t, u, v, a).r
+    _, curvature, r, _ = problem.constraint_rows(t, u, v, a)
     turned = np.bincount(pattern.g_columns, r * a[pattern.g_rows], minlength=problem.m)
     if problem.quadratic:
         return np.asarray(-3 * turned)
@@ -92,7 +95,8 @@ def constraint_jerk(problem: Problem) -> Array:
             for shift in (step, -step)
         )
         differences[k] = (ahead - behind) / (2 * step)
-    return np.asarray(-3 * turned - extrapolated(differences, STEP_RATIO))
+    noise = _NOISE[problem.rows_given] * max(float(np.abs(curvature).max()), 1e-300)
+    return np.asarray(-3 * turned - extrapolated(differences, STEP_RATIO, noise / steps))
 
 
 def _projected(problem: Problem, u0: Array, v0: Array) -> tuple[Array, Array]:

@@ -519,7 +519,7 @@ class _Errors(Observer):
         self._found: list[Measurement] = []
 
     def sees(self, march: "March") -> None:
-        self._found = errors(self._reference, march.state)
+        self._found = errors(self._reference, march.seen)
 
     def measured(self) -> list[Measurement]:
         return self._found
@@ -606,7 +606,7 @@ class _Invariants(Observer):
     def sees(self, march: "March") -> None:
         from newmark_cli.newmark.invariants import invariants as misfits
 
-        self._samples.append(misfits(march.problem, march.t, march.here))
+        self._samples.append(misfits(march.problem, march.t, march.seen))
 
     def measured(self) -> list[Measurement]:
         return invariants(self._samples)
@@ -761,7 +761,7 @@ class _History(Observer):
         return self._recorded
 
     def sees(self, march: "March") -> None:
-        self._recorded.append((march.done, march.state.multipliers.astype(float)))
+        self._recorded.append((march.done, march.multipliers))
 
     def measured(self) -> list[Measurement]:
         largest = np.array([np.abs(values).max() for _, values in self._recorded])

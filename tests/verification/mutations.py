@@ -1,9 +1,9 @@
 """Break the core in one place after another and see that a test fails each time.
 
 Mutations: one more power of h in every entry of Table 2, every weight of every
-form halved, every sign in the three assemblers turned, and the coefficients of
-integrators and the updates of compensated evaluation changed. Each runs in a copy
-of the project, with the tests that should notice it.
+form halved, every sign in the three assemblers turned; the coefficients of
+integrators, the updates of compensated evaluation and the derivatives of constraints
+changed. Each runs in a copy of the project, with the tests that should notice it.
 
     python tests/verification/mutations.py
 """
@@ -209,6 +209,66 @@ def increments() -> Iterator[Mutation]:
     ))  # fmt: skip
 
 
+def rows() -> Iterator[Mutation]:
+    """Signs and factors of Φ' and Φ'', of their tangents, projections and corrected starts."""
+    problems, own = Path("newmark_cli/problems"), "tests/test_constraint_rows.py"
+    elements = Path("newmark_cli/mechanisms/elements.py")
+    yield from _changes(elements, "def constraint_derivatives", "def potential", (
+        own, "-k", "mpmath",
+    ), (
+        ("= -_law(t, reals, e, 1)", "= _law(t, reals, e, 1)"),
+        ("= -_law(t, reals, e, 2)", "= _law(t, reals, e, 2)"),
+        ("wx += a * v[i] - b", "wx += a * v[i] + b"), ("wy += b *", "wy -= b *"),
+        ("ax += a * w[i] - b", "ax += a * w[i] + b"), ("ay += b *", "ay -= b *"),
+        ("= -turn * along", "= turn * along"), ("-faster * along", "faster * along"),
+        ("- turn * turn * across", "+ turn * turn * across"), ("- two * turn", "- turn"),
+        ("= -turn * cosine", "= turn * cosine"), ("-turn * sine\n", "turn * sine\n"),
+        ("turn * turn * sine -", "turn * sine -"), ("- faster * cosine", "+ faster * cosine"),
+        ("-turn * turn * cosine", "turn * turn * cosine"), ("- faster * sine", "+ faster * sine"),
+        ("a * wx + b * wy", "a * wx - b * wy"), ("a * wy - b * wx", "a * wy + b * wx"),
+        ("a * ax + b * ay", "a * ax - b * ay"), ("a * ay - b * ax", "a * ay + b * ax"),
+        ("rate_values[g + k] = zero", "pass"), ("acceleration_values[g + k] = zero", "pass"),
+    ))  # fmt: skip
+    yield from _changes(elements, "def constraint_derivatives", "def potential", (
+        "tests/test_precision.py", "-k", "constraint_rows",
+    ), (("u.dtype.type(2)", "2.0"),))  # fmt: skip
+    yield from _changes(problems / "constraint_rows.py", "def by_differences", "def of_quad", (
+        own, "-k", "surface",
+    ), (
+        ("phi_of(u, t - h), h)", "phi_of(u, t), h)"),
+        ("_moved(u, v, -h), t - h)", "_moved(u, v, -h), t)"),
+        ("behind = gradient_of(u, t + h), gradient_of(u, t - h)",
+         "behind = gradient_of(u, t + h), gradient_of(u, t)"),
+        ("total += extrapolated(drift", "total -= extrapolated(drift"),
+        ("total += extrapolated(second, ", "total -= extrapolated(second, "),
+        ("_moved(u, w, h), t)", "_moved(u, w, h), t + h)"),
+        ("total += extrapolated(second.reshape", "total -= extrapolated(second.reshape"),
+    ))  # fmt: skip
+    yield from _changes(problems / "constraint_rows.py", "def _central", "def steps_along", (
+        own, "-k", "surface",
+    ), (("(2 * h)", "h"), ("(behind - here)", "(here - behind)"), ("(h * h)", "h")))  # fmt: skip
+    yield from _changes(problems / "constraint_rows.py", "def of_quadratic", "def of_user", (
+        own, "-k", "quadratic_constraints",
+    ), (
+        ("_difference(gradient_of(v, t), gradient_of(np.zeros_like(v), t))", "gradient_of(v, t)"),
+        ("_product(change(v, t), v)", "2 * _product(change(v, t), v)"),
+        ("return change(w, t)", "return change(v, t)"),
+    ))  # fmt: skip
+    yield from _changes(problems / "index_1.py", "def position_projection", "def nearest", (
+        own, "-k", "projection",
+    ), (
+        ("-(self._along(values, v) + rate)", "self._along(values, v) + rate"),
+        ("-(self._along(values, v) + rate)", "-self._along(values, v)"),
+        ("-values.phi", "values.phi"), ("* self._unit", "/ self._unit"),
+    ))  # fmt: skip
+    yield from _changes(problems / "starting.py", "def corrected_velocity", "def _projected", (
+        "tests/test_corrected_start.py", "-k", "jerk or order_two",
+    ), (
+        ("= -(h**2)", "= h**2"), (" / 12", " / 6"), ("-3 * turned", "-2 * turned"),
+        ("turned - extra", "turned + extra"), ("(2 * step)", "step"),
+    ))  # fmt: skip
+
+
 def _changes(
     file: Path, start: str, stop: str, tests: tuple[str, ...], changes: Changes
 ) -> Iterator[Mutation]:
@@ -252,7 +312,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="only mutations whose name has this text")
     options = parser.parse_args()
-    mutations = (*table_2(), *weights(), *signs(), *integrators(), *increments())
+    mutations = (*table_2(), *weights(), *signs(), *integrators(), *increments(), *rows())
     chosen = [m for m in mutations if options.only in m.name]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
