@@ -33,7 +33,7 @@ def copy(state):
 
 def march(engine, subject, scheme, state, first, steps, **options):
     """Norms and iterations of steps that are all taken; ``engine`` is a module."""
-    norms = np.zeros((steps, len(scheme.form.unknowns)))
+    norms = np.zeros((steps, len(scheme.recorded)))
     iterations = np.zeros(steps, np.int64)
     ending = engine.march(subject, scheme, state, first, norms, iterations, **options)
     assert ending == (march_data.COMPLETED, steps)
