@@ -13,7 +13,7 @@ import test_slopes
 from conftest import QUICK
 
 import newmark_cli
-from newmark_cli.errors import ArgumentError
+from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
@@ -28,6 +28,7 @@ from newmark_cli.newmark.formulation import (
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.truncation import ROUNDING, March
 from newmark_cli.report import formulation_tables
+from newmark_cli.report.text import in_words
 from newmark_cli.report.verdicts import MISS, NOT_ASYMPTOTIC, PASS, Evidence, judge
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
@@ -370,6 +371,16 @@ def test_tables_of_formulations(cli):
     assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
 
 
+def test_values_of_the_new_axes_in_words():
+    """Projections, multipliers and starts say what they are of."""
+    assert in_words("projection", "none") == "no projection"
+    given = "velocity accelerations"
+    assert in_words("projection", given) == "velocity projection with accelerations"
+    assert in_words("multipliers", "newton") == "Newton's λ"
+    assert in_words("start", "corrected") == "corrected start"
+    assert in_words("formulation", "ggl") == "ggl"
+
+
 def test_the_docs_have_the_tables(cli):
     """docs/theory.md ends its section with what the command writes."""
     cli("tables", "--formulations")
@@ -403,5 +414,5 @@ def test_scaling_refuses_formulations():
     """Unknown text, and what is none at all."""
     with pytest.raises(FormulationError, match="did you mean 'ggl'"):
         newmark_cli.scaling("a-lambda", h=1e-2, formulation="gg")
-    with pytest.raises(ArgumentError, match="must be text such as 'ggl'"):
+    with pytest.raises(DocumentError, match="formulation: must be a mapping"):
         newmark_cli.scaling("a-lambda", h=1e-2, formulation=3)
