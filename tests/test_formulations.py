@@ -8,7 +8,7 @@ import pytest
 from covering import covering
 from damped import damped
 from general import constraint, force, general, gradient
-from marching import EPS, copy
+from marching import EPS, copy, interpreted_march
 
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import planar
@@ -61,7 +61,6 @@ PROJECTIONS = [
     "position-velocity accelerations",
 ]
 INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.8), HHT(0.1), BDF2()]
-LABEL = lambda value: getattr(value, "label", value)  # noqa: E731
 
 THROWN = """\
 points:
@@ -155,6 +154,8 @@ def march_of(subject, scheme, engine="kernel", **options) -> March:
     march = March(subject, scheme, "sparse-lu" if engine == "sparse" else "dense-lu", **options)
     if engine == "dense":
         march._engine = partial(scipy_march.march, system=march.system)
+    if engine == "interpreted":
+        march._engine = lambda *given, record: interpreted_march(*given)
     return march
 
 
@@ -340,6 +341,8 @@ def test_least_inertia_is_the_least_eigenvalue(name):
 
 # -- engines held to each other ---------------------------------------------------------------
 
+ENGINES = ("kernel", "dense", "sparse")
+
 
 def balanced_difference(subject, scheme, one, other):
     """Differences of u, v, a, λ in units of displacement, relative to what is there."""
@@ -358,7 +361,9 @@ def balanced_difference(subject, scheme, one, other):
     return max(differences), max(sizes)
 
 
-def assert_engines_agree(name, formulation, form, integrator, variant, evaluation, projection):
+def assert_engines_agree(
+    name, formulation, form, integrator, variant, evaluation, projection, engines=ENGINES
+):
     """One correction, two, and a whole step, from states along a run: equal to rounding.
 
     Rounding of the balanced residual times the condition number of the balanced matrix;
@@ -368,42 +373,39 @@ def assert_engines_agree(name, formulation, form, integrator, variant, evaluatio
     subject = subject_of(name)
     options = {"scaling": variant, "evaluation": evaluation, "projection": projection}
     scheme = scheme_of(formulation, form, STEP[name], integrator, **options)
-    start = march_of(subject, scheme)
+    start = march_of(subject, scheme, engines[1])
+    start.advance(3)
     balanced = scheme_of(formulation, form, STEP[name], integrator)
+    condition = condition_number(subject, balanced, start.t, start.state)
     caps = (1, 2, 50) if variant in ("optimal", "optimal-printed") else (50,)
-    for _ in range(2):
-        condition = condition_number(subject, balanced, start.t, start.state)
-        for cap in caps:
-            capped = scheme_of(
-                formulation, form, STEP[name], integrator, iteration_cap=cap, **options
-            )
-            marches = [
-                march_of(subject, capped, engine, state=copy(start.state), done=start.done)
-                for engine in ("kernel", "dense", "sparse")
-            ]
-            stretches = [march.advance(1) for march in marches]
-            assert [march.ending for march in marches] == [COMPLETED] * 3
-            ours = marches[0].state
-            for march, stretch in zip(marches[1:], stretches[1:], strict=True):
-                difference, size = balanced_difference(subject, scheme, ours, march.state)
-                assert difference <= 100 * EPS * condition * size, (cap, condition)
+    for cap in caps:
+        capped = scheme_of(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)
+        marches = [
+            march_of(subject, capped, engine, state=copy(start.state), done=start.done)
+            for engine in engines
+        ]
+        stretches = [march.advance(1) for march in marches]
+        assert [march.ending for march in marches] == [COMPLETED] * len(marches)
+        ours = marches[0].state
+        for march, stretch in zip(marches[1:], stretches[1:], strict=True):
+            difference, size = balanced_difference(subject, scheme, ours, march.state)
+            rounding = 100 * EPS * condition * size
+            assert difference <= rounding, (cap, condition)
+            # An impulse is an inertia times a change of velocities.
+            unit = rounding * np.abs(subject.mass_values).max() / scheme.h
+            assert np.abs(ours.impulse - march.state.impulse).max() <= 10 * unit
+            if cap < 3:
+                # The recorded norms are of corrections, not yet of rounding.
                 np.testing.assert_allclose(
-                    ours.impulse / scheme.h, march.state.impulse / scheme.h,
-                    rtol=0, atol=100 * EPS * condition * size / scheme.h**2
-                    * np.abs(subject.mass_values).max() * 10,
+                    stretches[0].norms, stretch.norms,
+                    rtol=1e-6, atol=rounding / scheme.right.min(),
                 )  # fmt: skip
-                if cap < 3:
-                    # The recorded norms are of corrections, not yet of rounding.
-                    first, second = stretches[0].norms[0], stretch.norms[0]
-                    unit = 100 * EPS * condition * size / scheme.right.min()
-                    np.testing.assert_allclose(first, second, rtol=1e-6, atol=unit)
-        start.advance(3)
 
 
 @pytest.mark.parametrize(
     ("formulation", "form", "evaluation", "name", "variant", "integrator", "projection"),
     covering(FORMULATIONS, FORMS, EVALUATIONS, QUADRATIC, VARIANTS, INTEGRATORS, PROJECTIONS),
-    ids=LABEL,
+    ids=lambda value: getattr(value, "label", value),
 )
 def test_engines_agree(formulation, form, evaluation, name, variant, integrator, projection):
     """Kernel, dense and sparse SciPy march take the same step where Φ is quadratic."""
@@ -413,10 +415,242 @@ def test_engines_agree(formulation, form, evaluation, name, variant, integrator,
 @pytest.mark.parametrize(
     ("formulation", "form", "name", "variant", "integrator", "projection"),
     covering(FORMULATIONS, FORMS, OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
-    ids=LABEL,
+    ids=lambda value: getattr(value, "label", value),
 )
 def test_engines_agree_on_other_constraints(
     formulation, form, name, variant, integrator, projection
 ):
     """The same where Φ depends on time or is not quadratic, and where M is singular."""
     assert_engines_agree(name, formulation, form, integrator, variant, DIRECT, projection)
+
+
+@pytest.mark.parametrize(
+    ("formulation", "form", "name", "projection"),
+    covering(FORMULATIONS, FORMS, ["general", "quadrics"], PROJECTIONS),
+)
+def test_the_kernel_agrees_as_python_runs_it(formulation, form, name, projection):
+    """The kernel without numba takes the step of the SciPy march.
+
+    It is the same code; where it is changed to see whether a test notices, nothing has to be
+    compiled.
+    """
+    evaluation = COMPENSATED if name == "quadrics" else DIRECT
+    assert_engines_agree(
+        name, formulation, form, GeneralizedAlpha(0.8), "optimal", evaluation, projection,
+        engines=("interpreted", "dense"),
+    )  # fmt: skip
+
+
+def test_plain_functions_march_like_compiled_ones():
+    """The car axis in plain Python and compiled, Φ(u, t) and its derivatives by differences.
+
+    Two codings of the differences agree to their own rounding, about 1e-10.
+    """
+    path = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+    plain = python_problem.load(path, "car_axis", {"compiled": False}, "plain car axis")
+    for label in FORMULATIONS:
+        for projection in ("none", "position-velocity accelerations"):
+            scheme = scheme_of(label, "a-lambda", 1e-2, projection=projection)
+            compiled, slow = March(subject_of("car axis"), scheme), March(plain, scheme)
+            for march in (compiled, slow):
+                march.advance(5)
+            for field, size in zip(range(3), (1, 1e2, 1e4), strict=True):
+                np.testing.assert_allclose(
+                    slow.state.fields[field], compiled.state.fields[field],
+                    rtol=0, atol=1e-9 * size, err_msg=f"{label} {projection}",
+                )  # fmt: skip
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_the_kernel_computes_in_single_precision(formulation):
+    """Float32: the same motion to single rounding, and not to double."""
+    subject, h = subject_of("thrown"), 0.02
+    for evaluation in EVALUATIONS:
+        for projection in ("none", "position-velocity accelerations"):
+            options = {"projection": projection, "evaluation": evaluation}
+            found = {}
+            for precision in ("float64", "float32"):
+                scheme = scheme_of(formulation, "a-lambda", h, precision=precision, **options)
+                march = March(subject, scheme)
+                march.advance(10)
+                assert march.ending == COMPLETED
+                assert march.state.fields.dtype == scheme.dtype
+                found[precision] = march.here
+            one, other = found.values()
+            # One unit of rounding of u, and what the integrator makes of it in v.
+            unit = 2.0**-23
+            assert 0 < np.abs(one.fields[0] - other.fields[0]).max() < 30 * unit
+            assert np.abs(one.fields[1] - other.fields[1]).max() < 100 * unit / h
+
+
+@pytest.mark.parametrize("formulation", ["index-2", "index-1", "baumgarte rate_h=1", "ggl"])
+def test_krylov_solvers_take_formulations(formulation):
+    """GMRES takes the step that the factors take, to its tolerance."""
+    subject, h = subject_of("andrews"), 1e-5
+    for form in ("u-lambda", "a-lambda", "u-v-a-lambda"):
+        scheme = scheme_of(formulation, form, h, projection="velocity")
+        direct = March(subject, scheme)
+        krylov = March(subject, scheme, "gmres", Krylov(tolerance=1e-12))
+        for march in (direct, krylov):
+            march.advance(3)
+            assert march.ending == COMPLETED
+        difference, size = balanced_difference(subject, scheme, direct.state, krylov.state)
+        assert difference <= 1e-11 * size
+        assert krylov.system.iterations
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_steps_end_at_a_tolerance_in_both_engines(formulation):
+    """Newton stops at the first correction that meets it; both engines count alike."""
+    subject = subject_of("quadrics")
+    counts = {}
+    for relative in (0.0, 1e-7):
+        stop = Tolerance(1e-8, relative)
+        for form in ("a-lambda", "u-v-lambda"):
+            scheme = scheme_of(formulation, form, 0.02, stop=stop, iteration_cap=400)
+            for engine in ("kernel", "dense", "sparse"):
+                march = march_of(subject, scheme, engine)
+                stretch = march.advance(10)
+                assert np.all(stretch.iterations > 0)
+                # The last norms recorded are those of the correction that met it.
+                whole = np.linalg.norm(stretch.norms[:, : len(scheme.form.unknowns)], axis=1)
+                symbols, state = scheme.right, march.state
+                kept = state.fields[scheme.tables.kept] / symbols[: len(scheme.tables.kept), None]
+                of_lambda = state.multipliers / symbols[len(scheme.tables.kept)]
+                size = np.hypot(np.linalg.norm(kept), np.linalg.norm(of_lambda))
+                assert np.all(whole[-1] <= stop.absolute + relative * size)
+                counts[relative, form, engine] = stretch.iterations.tolist()
+            assert counts[relative, form, "kernel"] == counts[relative, form, "dense"]
+            assert counts[relative, form, "kernel"] == counts[relative, form, "sparse"]
+    fewer = sum(counts[1e-7, "a-lambda", "dense"])
+    assert fewer <= sum(counts[0.0, "a-lambda", "dense"])
+
+
+@pytest.mark.parametrize("engine", ["kernel", "dense"])
+@pytest.mark.parametrize("reported", REPORTED)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_march_goes_on_and_is_recorded_to_the_same_bits(formulation, reported, engine):
+    """In pieces, restarted from a state, with looks or without: one march, bit by bit."""
+    subject = subject_of("quadrics")
+    for evaluation in EVALUATIONS:
+        scheme = scheme_of(
+            formulation, "v-lambda", 0.02, projection="velocity accelerations",
+            evaluation=evaluation, reported=reported,
+        )  # fmt: skip
+        whole, halted = march_of(subject, scheme, engine), march_of(subject, scheme, engine)
+        (stretch,) = whole.recorded(12, [3, 5, 12])
+        seen = []
+        for stop in (3, 5):
+            halted.advance(stop - halted.done)
+            seen.append(halted.seen)
+        resumed = march_of(subject, scheme, engine, state=halted.state, done=halted.done)
+        resumed.advance(7)
+        seen.append(resumed.seen)
+        for one, other in zip(whole.state, resumed.state, strict=True):
+            np.testing.assert_array_equal(one, other)
+        for k, state in enumerate(seen):
+            np.testing.assert_array_equal(stretch.record.fields[k], state.fields)
+            np.testing.assert_array_equal(stretch.record.multipliers[k], state.multipliers)
+
+
+def test_what_is_reported_of_multipliers():
+    """Newton's λ; λ + μ/h; and what the index-1 system makes of u and v."""
+    subject, h = subject_of("quadrics"), 0.02
+    found = {}
+    for reported in REPORTED:
+        march = March(subject, scheme_of("index-3", h=h, projection="velocity", reported=reported))
+        march.advance(4)
+        found[reported] = march.seen.multipliers
+    state = march.state
+    impulse = state.impulse / h
+    assert np.abs(impulse).max() > 1e-4
+    np.testing.assert_allclose(found[TOTAL], found[NEWTON] + impulse, rtol=1e-13)
+    g = subject.evaluate(march.t, *state.fields[:2], np.zeros(2)).G
+    free = force(subject, state.fields[0], state.fields[1], march.t)
+    _, curvature = subject.constraint_derivatives(march.t, state.fields[0], state.fields[1])
+    inverse = np.linalg.inv(subject.M)
+    expected = np.linalg.solve(g.T @ inverse @ g, -(curvature + g.T @ inverse @ free))
+    np.testing.assert_allclose(found[RECOVERED], expected, rtol=1e-11)
+
+
+def test_projections_project():
+    """Φ and Φ' vanish after a step, the change has least size, v' is the index-1 system's."""
+    subject, h = subject_of("general"), 0.05
+    plain = March(subject, scheme_of("index-1", h=h))
+    plain.advance(1)
+    for projection in PROJECTIONS[1:]:
+        march = March(subject, scheme_of("index-1", h=h, projection=projection))
+        march.advance(1)
+        u, v, _, w = march.state.fields
+        g = subject.evaluate(h, u, v, np.zeros(2)).G
+        rows = subject.constraint_rows(h, u, v, w)
+        np.testing.assert_allclose(g.T @ v + rows.rate, 0, atol=1e-13)
+        missed = np.abs(subject.constraint_values(h, u)).max()
+        before = np.abs(subject.constraint_values(h, plain.state.fields[0])).max()
+        if projection.startswith("position"):
+            assert missed < 0.02 * before
+        else:
+            assert missed == before
+        if "accelerations" in projection:
+            np.testing.assert_allclose(g.T @ w + rows.curvature, 0, atol=1e-12)
+            # a has changed by as much as v'.
+            change = march.state.fields[2:] - plain.state.fields[2:]
+            np.testing.assert_allclose(change[0], change[1], rtol=1e-9, atol=1e-13)
+            assert np.abs(change).max() > 1e-6
+        if projection == "velocity":
+            change = v - plain.state.fields[1]
+            np.testing.assert_allclose(subject.M @ change, g @ march.state.impulse, atol=1e-13)
+
+
+# -- names ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("label", FORMULATIONS)
+def test_labels_are_read_back(label):
+    """A formulation's label says all of it; so does a projection's."""
+    found = Formulation.parse(label)
+    assert Formulation.parse(found.label) == found
+    assert found.method in METHODS
+    for projection in PROJECTIONS:
+        assert Projection.parse(projection).label == projection
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        ("index-4", "unknown formulation 'index-4'"),
+        ("ggl rate=1", "formulation ggl has no 'rate'; it has none"),
+        ("baumgarte penalty=1", "has no 'penalty'; it has rate or rate_h"),
+        ("baumgarte rate=-1", "rate = -1: must be positive"),
+        ("baumgarte rate=fast", "rate must be a number"),
+    ],
+)
+def test_bad_formulations_are_refused(label, words):
+    """In one line, with what is allowed."""
+    with pytest.raises(FormulationError, match=words):
+        Formulation.parse(label)
+
+
+def test_bad_projections_are_refused():
+    """In one line."""
+    for label, words in (
+        ("velocities", "unknown projection 'velocities'"),
+        ("none accelerations", "accelerations need velocities projected"),
+    ):
+        with pytest.raises(FormulationError, match=words):
+            Projection.parse(label)
+
+
+def test_weights_of_the_rows():
+    """s₀, s₁, s₂ as the page of equations has them."""
+    expected = {
+        "index-3": [[1, 0, 0]],
+        "index-2": [[0, 1, 0]],
+        "index-1": [[0, 0, 1]],
+        "baumgarte rate=20": [[400, 40, 1]],
+        "baumgarte rate_h=0.5": [[25, 10, 1]],
+        "ggl": [[1, 0, 0], [0, 1, 0]],
+    }
+    for label, rows in expected.items():
+        np.testing.assert_allclose(Formulation.parse(label).weights(0.1), rows, rtol=1e-15)
+    assert Formulation.parse("augmented-lagrangian").weights(0.1).shape == (0, 3)

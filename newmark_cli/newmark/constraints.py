@@ -45,6 +45,7 @@ class FormulationTables(NamedTuple):
     level: int  #: of the projection: 0 none, 1 velocities, 2 positions too
     accelerations: int  #: whether v' is projected too
     total: int  #: whether λ + μ/h is recorded
+    acting: np.floating[Any]  #: h in it; see `newmark_cli.newmark.scheme.Scheme.acting`
     unit: np.floating[Any]  #: of M in the projection's matrix
     projector_rows: IndexArray  #: coordinate of each term of P
     projector_columns: IndexArray  #: its constraint
@@ -263,6 +264,7 @@ class Constraining:
             level=scheme.projection.level,
             accelerations=int(scheme.projection.accelerations),
             total=int(scheme.total),
+            acting=dtype(scheme.acting),
             unit=dtype(unit),
             projector_rows=terms.rows.astype(np.int64),
             projector_columns=terms.columns.astype(np.int64),

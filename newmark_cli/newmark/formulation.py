@@ -205,7 +205,7 @@ REPORTED: Mapping[str, str] = MappingProxyType(
     {
         NEWTON: "λ that Newton's iteration ends with",
         RECOVERED: "λ that u and v imply, by the index-1 system",
-        TOTAL: "λ + μ/h, μ the multiplier of the velocity projection",
+        TOTAL: "λ + μ/h, μ the multiplier of the velocity projection; 3μ/2h with BDF2",
     }
 )
 CONSISTENT, CORRECTED = "consistent", "corrected"

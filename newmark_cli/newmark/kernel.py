@@ -1053,7 +1053,7 @@ def _march(
             _keep(state, record, kept)
             if extra is not None and extra.total != 0:
                 for k in range(m):
-                    record.multipliers[kept, k] += state.impulse[k] / iterate.h
+                    record.multipliers[kept, k] += state.impulse[k] / extra.acting
             kept += 1
     return COMPLETED, norms.shape[0]
 

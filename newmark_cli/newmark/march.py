@@ -139,10 +139,11 @@ class March:
         """(m,) λ as the scheme reports it; see `newmark_cli.newmark.formulation.REPORTED`."""
         if self._index_1:
             return self._recovered(self._index_1, self.t, self.state.fields)
-        multipliers = self.state.multipliers.astype(float)
+        multipliers = self.state.multipliers
         if self.scheme.total:
-            multipliers += self.state.impulse / self.scheme.h
-        return multipliers
+            acting = self.scheme.dtype(self.scheme.acting)
+            multipliers = multipliers + self.state.impulse / acting
+        return multipliers.astype(float)
 
     def _recovered(self, index_1: Index1, t: float, fields: Array) -> Array:
         """(m,) λ that u and v imply; NaN where they determine none."""

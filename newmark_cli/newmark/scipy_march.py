@@ -458,7 +458,7 @@ def march(
         if record is not None and s in places:
             record.fields[places[s]], record.multipliers[places[s]] = fields, multipliers
             if scheme.total:
-                record.multipliers[places[s]] += state.impulse / scheme.h
+                record.multipliers[places[s]] += state.impulse / scheme.acting
     return COMPLETED, len(norms)
 
 
