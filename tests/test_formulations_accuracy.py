@@ -100,9 +100,7 @@ def test_accelerations_fed_back_as_they_are_cost_an_order():
         errors.append(np.abs(march.state.fields[0] - thrown_at(1.0)[0]).max())
     naive = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(naive, 1.0, atol=0.1)
-    shipped = thrown_errors(
-        (5e-3, 2.5e-3), "index-3", DAMPED, projection="velocity accelerations"
-    )
+    shipped = thrown_errors((5e-3, 2.5e-3), "index-3", DAMPED, projection="velocity accelerations")
     assert np.log2(shipped[0, 0] / shipped[1, 0]) == pytest.approx(2.0, abs=0.05)
     assert shipped[1, 0] < errors[-1] / 20
 
@@ -235,8 +233,7 @@ def test_a_start_whose_velocities_miss_the_constraints():
 
     def errors(formulation, integrator):
         return [
-            andrews_error(formulation, "a-lambda", h, integrator, change=off)
-            for h in (2e-5, 1e-5)
+            andrews_error(formulation, "a-lambda", h, integrator, change=off) for h in (2e-5, 1e-5)
         ]
 
     for formulation in ("index-2", "ggl"):
@@ -259,9 +256,9 @@ def test_the_corrected_start_repairs_the_trapezoidal_rule():
             found = marched("thrown", t, "index-3", "u-lambda", h, TRAPEZOIDAL).multipliers
             assert np.abs(found - thrown_at(t)[2])[0] == pytest.approx(MASS * t, rel=0.2)
     steps = (4e-3, 2e-3, 1e-3)
-    errors = thrown_errors(
-        steps, "index-3", TRAPEZOIDAL, start=CORRECTED, evaluation=COMPENSATED
-    )[:, 2]
+    errors = thrown_errors(steps, "index-3", TRAPEZOIDAL, start=CORRECTED, evaluation=COMPENSATED)[
+        :, 2
+    ]
     np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
     assert errors[-1] < 3e-6
 
