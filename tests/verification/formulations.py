@@ -18,8 +18,8 @@ from scipy.integrate import solve_ivp
 
 from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark.formulation import CORRECTED, Formulation, Projection
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import CORRECTED, Formulation, Projection
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Integrator, Newmark
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scaling import named_scaling
@@ -179,9 +179,7 @@ def on_the_thrown_pendulum(claims: Claims) -> None:
     steps = (4e-3, 2e-3, 1e-3, 5e-4)
     found = []
     for h in steps:
-        how = scheme(
-            "index-3", "u-lambda", h, TRAPEZOIDAL, start=CORRECTED, evaluation=COMPENSATED
-        )
+        how = scheme("index-3", "u-lambda", h, TRAPEZOIDAL, start=CORRECTED, evaluation=COMPENSATED)
         march = March(thrown(), how)
         march.advance(round(1 / h))
         found.append(abs(march.multipliers[0] - angle(1.0)))

@@ -3,7 +3,8 @@
 Mutations: one more power of h in every entry of Table 2, every weight of every
 form halved, every sign in the three assemblers turned; the coefficients of
 integrators, the updates of compensated evaluation and the derivatives of constraints
-changed; those of formulations and projections too. Each runs in a copy of the project, with the tests that should notice it.
+changed, and those of formulations and projections. Each runs in a copy of the project, with
+the tests that should notice it.
 
     python tests/verification/mutations.py
 """
@@ -301,7 +302,8 @@ def formulations() -> Iterator[Mutation]:
         ("directions * eta", "directions / eta"), ("s0 * phi + s1", "s0 * phi - s1"),
         ("+ s2 * second", "- s2 * second"),
     ))  # fmt: skip
-    yield from _changes(CORE / "linear/sparse.py", "class _Products", "class SparseSystem", literal, (
+    sparse = CORE / "linear/sparse.py"
+    yield from _changes(sparse, "class _Products", "class SparseSystem", literal, (
         ("constraining.penalty * weights", "-constraining.penalty * weights"),
         ("weights[0, k])", "weights[-1, k])"), ("self._of_x, to_u)", "self._of_x, -to_u)"),
         ("self._of_y, to_v)", "self._of_y, to_u)"), ("constraining.inertia * to_a", "to_a"),
@@ -330,7 +332,8 @@ def formulations() -> Iterator[Mutation]:
         ("weights[0, k] * work.tan", "-weights[0, k] * work.tan"),
         ("tangent += weights[1, k]", "tangent -= weights[1, k]"),
         ("tangent += weights[2, k]", "tangent -= weights[2, k]"),
-        ("+= factor * tangent", "-= factor * tangent"), ("-= blocks.g_factor", "+= blocks.g_factor"),
+        ("+= factor * tangent", "-= factor * tangent"),
+        ("-= blocks.g_factor", "+= blocks.g_factor"),
         ("product = extra.penalty *", "product = -extra.penalty *"),
         ("of_dynamics * to_u * val", "-of_dynamics * to_u * val"),
         ("of_dynamics * to_v * val", "-of_dynamics * to_v * val"),
@@ -344,7 +347,8 @@ def formulations() -> Iterator[Mutation]:
         ("multipliers[k] += tables", "multipliers[k] -= tables"),
         ("work.eta[k] += tables.right[p + 1]", "work.eta[k] -= tables.right[p + 1]"),
         ("moving[f, i] += extra.eta[f]", "moving[f, i] -= extra.eta[f]"),
-        ("= -misfit[k]", "= misfit[k]"), ("problem.mass_values[e] / extra", "-problem.mass_values[e] / extra"),
+        ("= -misfit[k]", "= misfit[k]"),
+        ("problem.mass_values[e] / extra", "-problem.mass_values[e] / extra"),
         ("work.matrix[i, k] -= g", "work.matrix[i, k] += g"),
         ("work.rhs[i] /= extra.unit", "work.rhs[i] *= extra.unit"),
         ("work.rhs[n + k] *= extra", "work.rhs[n + k] /= extra"),
@@ -355,7 +359,8 @@ def formulations() -> Iterator[Mutation]:
         ("-extra.penalty * phi", "extra.penalty * phi"),
         ("/ tables.right[p]) ** 2", "* tables.right[p]) ** 2"),
         ("moving[0, i] += work.rhs", "moving[0, i] -= work.rhs"),
-        ("moving[1, i] += work.rhs", "moving[1, i] -= work.rhs"), ("work.rhs[n + k] = -curv", "work.rhs[n + k] = curv"),
+        ("moving[1, i] += work.rhs", "moving[1, i] -= work.rhs"),
+        ("work.rhs[n + k] = -curv", "work.rhs[n + k] = curv"),
         ("accelerations[i] += diff", "accelerations[i] -= diff"),
         ("moving[2, i] += diff", "moving[2, i] = work.rhs[i]"),
         ("state.psi[k] = work.psi[k]", "pass"), ("r_old[e] = r[e]", "pass"),
@@ -365,7 +370,8 @@ def formulations() -> Iterator[Mutation]:
     ), (("+= state.impulse", "-= state.impulse"),))  # fmt: skip
     yield from _changes(CORE / "scipy_march.py", "class _Formulated", "def march", python, (
         ("0.5 * (self.carried.g + g)", "g"), ("0.5 * (self._r_old + found.r)", "found.r"),
-        ("self.state.psi + change", "change"), ("multipliers - constraining.penalty", "multipliers + constraining.penalty"),
+        ("self.state.psi + change", "change"),
+        ("multipliers - constraining.penalty", "multipliers + constraining.penalty"),
         ("constraining.inertia * constraining.eta", "constraining.eta"),
         ("+ factor * push", "- factor * push"), ("+ found.curvature", "- found.curvature"),
         ("update = -self", "update = self"), ("constraining.eta[field] * pushed", "pushed"),
@@ -429,7 +435,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="only mutations whose name has this text")
     options = parser.parse_args()
-    mutations = (*table_2(), *weights(), *signs(), *integrators(), *increments(), *rows(), *formulations())
+    mutations = (
+        *table_2(),
+        *weights(),
+        *signs(),
+        *integrators(),
+        *increments(),
+        *rows(),
+        *formulations(),
+    )
     chosen = [m for m in mutations if options.only in m.name]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
