@@ -24,7 +24,7 @@ import numpy as np
 from numba import from_dtype, typeof, types
 
 from newmark_cli.cached_code import cached_njit
-from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, SINGULAR
+from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, MOST_POSITIONS, SINGULAR
 
 #: A function by itself, and one that becomes a part of its caller.  Without fastmath:
 #: compiled and interpreted, the march gives the same bits.
@@ -996,7 +996,9 @@ def _march(
                 break
         iterations[s] = solves if settled > 0 else -solves
         if extra is not None and extra.level > 0:
-            if extra.level > 1:
+            positions = 0
+            while extra.level > 1 and positions < MOST_POSITIONS:
+                positions += 1
                 evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
                 if compensated:
                     _increase_phi(
@@ -1004,9 +1006,14 @@ def _march(
                     )
                 if not _project(problem, extra, phi, g, work):
                     return SINGULAR, s
+                change = 0.0
                 for i in range(n):
                     moving[0, i] += work.rhs[i]
+                    change += np.float64(work.rhs[i]) * work.rhs[i]
                 _take_increments(iterate, state)
+                # The next one would be of the order of the square.
+                if not change > settled_below * settled_below * _square(u):
+                    break
             evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
             derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
             _rate_of_constraints(problem, iterate, state, values, work)

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+#: Most Newton corrections of a projection of positions; one or two are enough.
+MOST_POSITIONS = 5
 #: How a march ends; only a Krylov solver stagnates.
 COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
 #: What results call the endings before the last step.

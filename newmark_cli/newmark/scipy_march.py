@@ -18,6 +18,7 @@ from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     DIVERGED,
+    MOST_POSITIONS,
     SINGULAR,
     STAGNATED,
     Record,
@@ -331,11 +332,15 @@ class _Formulated:
             numpy.linalg.LinAlgError: When the matrix of the projection is singular.
         """
         level, state = self.scheme.projection.level, self.state
-        if level > 1:
+        for _ in range(MOST_POSITIONS if level > 1 else 0):
             _, phi = self._constraints(t, moving, state.multipliers)
             change, _ = self._index_1.least_change(t, state.fields[0], -phi)
             moving[0] += change
             self._take(moving)
+            # The next one would be of the order of the square.
+            least = self.scheme.settled_below * np.linalg.norm(state.fields[0])
+            if not np.linalg.norm(change) > least:
+                break
         if level > 0:
             wanted = -self.rate(t, moving)
             change, impulse = self._index_1.least_change(t, state.fields[0], wanted)
