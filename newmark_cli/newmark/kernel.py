@@ -509,7 +509,7 @@ def _scaled_size(fields, multipliers, kept, right):
 # -- formulations beside index 3 ------------------------------------------------------------
 
 
-@_inline
+@_compile
 def _allocate_constraining(problem, tables, state, extra, recorded):
     """Return room for what a formulation overwrites in every step."""
     n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
@@ -538,7 +538,7 @@ def _allocate_constraining(problem, tables, state, extra, recorded):
     )
 
 
-@_inline
+@_compile
 def _begin_step(extra, g, work):
     """Set η = 0 and P from the entries of G at the beginning of the step."""
     if extra.stabilised != 0:
@@ -550,7 +550,7 @@ def _begin_step(extra, g, work):
             work.p[row, column] += extra.projector_values[e] * g[extra.projector_sources[e]]
 
 
-@_inline
+@_compile
 def _rate_of_constraints(problem, iterate, state, values, work):
     """Set Ψ = Gᵀv + Φ_t; compensated: Ψ_n + ½(G_n + G)ᵀν + ½(R_n + R)Δ."""
     half = values.phi.dtype.type(0.5)
@@ -566,7 +566,7 @@ def _rate_of_constraints(problem, iterate, state, values, work):
             work.psi[k] += values.g[e] * state.fields[1, i]
 
 
-@_inline
+@_compile
 def _assemble_constraints(problem, extra, state, values, work):
     """Set the rows of constraints and their tangents to u, v and a."""
     two = values.phi.dtype.type(2)
@@ -589,7 +589,7 @@ def _assemble_constraints(problem, extra, state, values, work):
             work.tangents[row, 2, e] = s2 * extra.inertia * g
 
 
-@_inline
+@_compile
 def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
     """Set the rows of constraints of −D_L b, and add Pη to rows D, V and K."""
     p, kept_rows = tables.kept.shape[0], tables.row_weights.shape[0]
@@ -607,38 +607,7 @@ def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
                 rhs[(1 + r) * n + i] -= tables.left[1 + r] * extra.rows_eta[r] * work.push[i]
 
 
-@_inline
-def _add_constraints_to_jacobian(problem, tables, blocks, extra, n, values, work, system):
-    """Add the rows of constraints, −G, the columns of η and the penalty to D_L J D_R."""
-    entries, matrix, weights = system.entries, system.matrix, tables.weights
-    p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
-    rows = extra.rows.shape[0]
-    for row in range(rows):
-        left = tables.left[1 + kept_rows + row]
-        # Places know the first row of constraints.
-        further = row * m * matrix.shape[0]
-        for k in range(p):
-            factor = left * tables.right[k]
-            for e in range(values.g.shape[0]):
-                tangent = weights[0, k] * work.tangents[row, 0, e]
-                tangent += weights[1, k] * work.tangents[row, 1, e]
-                tangent += weights[2, k] * work.tangents[row, 2, e]
-                entries[blocks.gt_places[k, e] + np.uint64(further)] += factor * tangent
-    if rows > 0:
-        for e in range(values.g.shape[0]):
-            entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
-    if extra.penalty > 0:
-        for e in range(extra.first.shape[0]):
-            first, second = extra.first[e], extra.second[e]
-            product = extra.penalty * (values.g[first] * values.g[second])
-            i, j = problem.g_rows[first], problem.g_rows[second]
-            for k in range(p):
-                matrix[i, k * n + j] += blocks.x_factors[k] * product
-    if extra.stabilised != 0:
-        _add_columns_of_eta(problem, tables, extra, n, values, work, matrix)
-
-
-@_inline
+@_compile
 def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
     """Add what η does through u, v and a, and in the kept row K."""
     p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
@@ -681,7 +650,38 @@ def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
                     matrix[row, column + k] += factor * work.p[source, k]
 
 
-@_inline
+@_compile
+def _add_constraints_to_jacobian(problem, tables, blocks, extra, n, values, work, system):
+    """Add the rows of constraints, −G, the columns of η and the penalty to D_L J D_R."""
+    entries, matrix, weights = system.entries, system.matrix, tables.weights
+    p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
+    rows = extra.rows.shape[0]
+    for row in range(rows):
+        left = tables.left[1 + kept_rows + row]
+        # Places know the first row of constraints.
+        further = row * m * matrix.shape[0]
+        for k in range(p):
+            factor = left * tables.right[k]
+            for e in range(values.g.shape[0]):
+                tangent = weights[0, k] * work.tangents[row, 0, e]
+                tangent += weights[1, k] * work.tangents[row, 1, e]
+                tangent += weights[2, k] * work.tangents[row, 2, e]
+                entries[blocks.gt_places[k, e] + np.uint64(further)] += factor * tangent
+    if rows > 0:
+        for e in range(values.g.shape[0]):
+            entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
+    if extra.penalty > 0:
+        for e in range(extra.first.shape[0]):
+            first, second = extra.first[e], extra.second[e]
+            product = extra.penalty * (values.g[first] * values.g[second])
+            i, j = problem.g_rows[first], problem.g_rows[second]
+            for k in range(p):
+                matrix[i, k * n + j] += blocks.x_factors[k] * product
+    if extra.stabilised != 0:
+        _add_columns_of_eta(problem, tables, extra, n, values, work, matrix)
+
+
+@_compile
 def _norms_of_blocks(tables, extra, correction, n, work):
     """Set the norms of the blocks of a correction but for λ that is no unknown.
 
@@ -722,7 +722,7 @@ def _norms_of_blocks(tables, extra, correction, n, work):
     return displacement_square
 
 
-@_inline
+@_compile
 def _apply(tables, extra, correction, moving, multipliers, work):
     """Apply a correction (N,) to the kept fields, λ and η."""
     n, m, p = moving.shape[1], multipliers.shape[0], tables.kept.shape[0]
@@ -741,7 +741,7 @@ def _apply(tables, extra, correction, moving, multipliers, work):
                 work.push[i] += work.p[i, k] * work.eta[k]
 
 
-@_inline
+@_compile
 def _recover_pushed(tables, extra, moving, work):
     """Add Pη to the eliminated fields."""
     for f in range(3):
@@ -750,7 +750,7 @@ def _recover_pushed(tables, extra, moving, work):
                 moving[f, i] += extra.eta[f] * work.push[i]
 
 
-@_inline
+@_compile
 def _take_norms(work, norms, s, settled):
     """Record the blocks that still decrease; True when none does any more.
 
@@ -769,18 +769,7 @@ def _take_norms(work, norms, s, settled):
     return all_done
 
 
-@_inline
-def _project(problem, extra, misfit, g, work):
-    """Set ``work.rhs`` to δ and μ of [[M, −G], [Gᵀ, 0]] (δ, μ) = (0, −misfit)."""
-    n = work.matrix.shape[0] - misfit.shape[0]
-    for i in range(n):
-        work.rhs[i] = 0
-    for k in range(misfit.shape[0]):
-        work.rhs[n + k] = -misfit[k]
-    return _solve_saddle(problem, extra, g, n, work)
-
-
-@_inline
+@_compile
 def _solve_saddle(problem, extra, g, n, work):
     """Overwrite ``work.rhs`` with the solution of [[M, −G], [Gᵀ, 0]] x = ``work.rhs``."""
     work.matrix[:] = 0
@@ -797,6 +786,17 @@ def _solve_saddle(problem, extra, g, n, work):
     for k in range(work.rhs.shape[0] - n):
         work.rhs[n + k] *= extra.unit
     return solved
+
+
+@_compile
+def _project(problem, extra, misfit, g, work):
+    """Set ``work.rhs`` to δ and μ of [[M, −G], [Gᵀ, 0]] (δ, μ) = (0, −misfit)."""
+    n = work.matrix.shape[0] - misfit.shape[0]
+    for i in range(n):
+        work.rhs[i] = 0
+    for k in range(misfit.shape[0]):
+        work.rhs[n + k] = -misfit[k]
+    return _solve_saddle(problem, extra, g, n, work)
 
 
 # -- at the end of a step -------------------------------------------------------------------
