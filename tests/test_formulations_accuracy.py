@@ -87,10 +87,12 @@ def test_order_two_with_every_formulation_and_projection(formulation, projection
 def test_accelerations_fed_back_as_they_are_cost_an_order():
     """a = v' = the index-1 acceleration: order 1 of generalized-α; a changed like v': order 2."""
     subject = subject_of("thrown")
-    index_1 = Index1(subject)
+    index_1, dissipative = Index1(subject), GeneralizedAlpha(0.5)
     errors = []
     for h in (1e-2, 5e-3, 2.5e-3):
-        march = March(subject, scheme_of("index-3", h=h, projection="velocity"))
+        march = March(
+            subject, scheme_of("index-3", "a-lambda", h, dissipative, projection="velocity")
+        )
         places = march.scheme.relations.advance
         for _ in range(round(1 / h)):
             march.advance(1)
@@ -99,10 +101,12 @@ def test_accelerations_fed_back_as_they_are_cost_an_order():
             march.state.past[:] = fields[places]
         errors.append(np.abs(march.state.fields[0] - thrown_at(1.0)[0]).max())
     naive = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(naive, 1.0, atol=0.1)
-    shipped = thrown_errors((5e-3, 2.5e-3), "index-3", DAMPED, projection="velocity accelerations")
+    np.testing.assert_allclose(naive, 1.0, atol=0.15)
+    shipped = thrown_errors(
+        (5e-3, 2.5e-3), "index-3", dissipative, projection="velocity accelerations"
+    )
     assert np.log2(shipped[0, 0] / shipped[1, 0]) == pytest.approx(2.0, abs=0.05)
-    assert shipped[1, 0] < errors[-1] / 20
+    assert shipped[1, 0] < errors[-1] / 5
 
 
 @pytest.mark.parametrize(
@@ -152,13 +156,13 @@ def test_recovered_multipliers_of_andrews():
             assert found == pytest.approx(error, rel=0.05)
 
 
-#: Drift of Andrews at h = 1e-5: largest |Φ| and |Gᵀv| at the end; None where it is rounding.
+#: Drift of Andrews at h = 1e-5: largest |Φ| and |Gᵀv| until the end; None where it is rounding.
 DRIFT = {
-    "index-3": (None, 1.5e-7),
+    "index-3": (None, 9.9e-7),
     "index-2": (8.0e-10, None),
-    "index-1": (1.5e-9, 1.7e-7),
-    "baumgarte rate=1000": (8.3e-10, 9.9e-7),
-    "baumgarte rate_h=1": (2.3e-12, 8.2e-8),
+    "index-1": (1.5e-9, 9.8e-7),
+    "baumgarte rate=1000": (9.3e-10, 1.1e-6),
+    "baumgarte rate_h=1": (2.0e-11, 9.9e-7),
     "ggl": (None, None),
 }
 ROUNDING = (1e-18, 3e-16)
@@ -171,10 +175,13 @@ def test_drift(formulation):
     index_1 = Index1(subject)
     found = []
     for h in (2e-5, 1e-5):
-        march = marched("andrews", 0.03, formulation, "a-lambda", h, DAMPED)
-        u, v = march.state.fields[:2]
-        phi, rate = subject.constraint_values(march.t, u), index_1.rate(march.t, u, v)
-        found.append([np.abs(phi).max(), np.abs(rate).max()])
+        march = March(subject, scheme_of(formulation, "a-lambda", h, DAMPED))
+        steps, sizes = round(0.03 / h), []
+        for stretch in march.recorded(steps, range(1, steps + 1, 5)):
+            for u, v in stretch.record.fields[:, :2]:
+                phi, rate = subject.constraint_values(0.0, u), index_1.rate(0.0, u, v)
+                sizes.append([np.abs(phi).max(), np.abs(rate).max()])
+        found.append(np.max(sizes, axis=0))
     for k, expected in enumerate(DRIFT[formulation]):
         if expected is None:
             assert found[1][k] < ROUNDING[k]
@@ -191,7 +198,7 @@ def test_the_augmented_lagrangian_contracts_by_its_factor(engine):
         sizes = []
         for cap in (3, 4, 5):
             scheme = scheme_of(
-                f"augmented-lagrangian factor={factor}", "a-lambda", 1e-3, iteration_cap=cap
+                f"augmented-lagrangian factor={factor}", "a-lambda", 1e-2, iteration_cap=cap
             )
             march = march_of(subject_of("thrown"), scheme, engine)
             sizes.append(march.advance(1).norms[0, 1])
@@ -278,7 +285,7 @@ def test_a_corrected_start_carries_what_its_velocities_miss():
 
 
 def test_accelerations_that_miss_the_constraints():
-    """a₀ off by 1 %, trapezoidal: index 3 grows; others keep or forget it (compensated)."""
+    """a₀ off by 1 %, trapezoidal, compensated: λ of index 3 is lost, that of others not."""
 
     def off(state):
         change = along_constraints(0.01 * float(np.linalg.norm(state.fields[2])))
@@ -287,13 +294,10 @@ def test_accelerations_that_miss_the_constraints():
 
     def error(formulation):
         return andrews_error(
-            formulation, "a-lambda", 1e-5, TRAPEZOIDAL, evaluation=COMPENSATED, change=off
+            formulation, "a-lambda", 1e-6, TRAPEZOIDAL, evaluation=COMPENSATED, change=off
         )
 
-    assert error("index-3") > 0.1
+    assert error("index-3") > 0.5
     for formulation in ("index-2", "ggl"):
-        undisturbed = andrews_error(
-            formulation, "a-lambda", 1e-5, TRAPEZOIDAL, evaluation=COMPENSATED
-        )
-        assert undisturbed < error(formulation) < 30 * undisturbed
-    assert error("baumgarte rate_h=1") < 2e-5
+        assert error(formulation) == pytest.approx(4.7e-6, rel=0.1)
+    assert error("index-1") == pytest.approx(3.7e-7, rel=0.1)
