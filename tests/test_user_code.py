@@ -292,12 +292,13 @@ def test_failures_name_the_line(cli, options):
     assert first.startswith(start)
     assert first.endswith("…")
     assert len(first) == len(f"{said}failed: ") + 300
-    assert others == [
+    expected = [
         f"{said}failed: own/parts/one.py, line 4: ZeroDivisionError: float division by zero",
         f"{said}ended with status singular: own/mine.py, line 18: LinAlgError: Singular matrix",
         f"{said}failed: own/mine.py, line 24: ValueError: no more",
         f"{said}failed: mine.py:swing(force=implicit): ZeroDivisionError: division by zero",
-    ][: len(forces) - 1]
+    ]
+    assert others == expected[: len(forces) - 1]
 
 
 def test_pinned(tmp_path):
