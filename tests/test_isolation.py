@@ -117,30 +117,45 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize("kind", [*HARD, *ENDS])
-def test_whatever_a_cell_raises_fails_it_alone(cli, kind):
-    """A CSV with all other cells, one line that says why, and nothing else."""
-    code, text = {**HARD, **ENDS}[kind]
-    run = ("run", "mixed.yaml", "--allow-code")
-    write_study(cli, in_calls=f"if t > 0.5: {code}")
-    done = cli(*run, code=1)
-    assert done.stdout == "mixed: 2 failed, 4 ok -> results/mixed.csv\n"
+def write_studies(cli, at_import="", in_calls=""):
+    """A problem for each kind of mistake, whose code stands for CODE; how each is spelled."""
+    for kind, (code, _) in {**HARD, **ENDS}.items():
+        write_study(cli, at_import.replace("CODE", code), in_calls.replace("CODE", code))
+        (cli.folder / "own/bad.py").rename(cli.folder / f"own/{kind}.py")
+    return {kind: f'{{python: "own/{kind}.py:swing"}}' for kind in (*HARD, *ENDS)}
+
+
+def test_whatever_a_cell_raises_fails_it_alone(cli):
+    """A CSV with all other cells, one line for each that says why, and nothing else."""
+    spelled = write_studies(cli, in_calls="if t > 0.5: CODE")
+    bad = '{python: "own/bad.py:swing"}'
+    cli.write("mixed.yaml", STUDY.replace(bad, f"[{', '.join(spelled.values())}]"))
+    done = cli("run", "mixed.yaml", "--allow-code", code=1)
+    assert done.stdout == "mixed: 18 failed, 4 ok -> results/mixed.csv\n"
     line = SWING[: SWING.index("def force")].count("\n") + 2
-    where = f"own/bad.py, line {line}: " if kind in HARD else ""
-    assert done.stderr == f"newmark-study: mixed: 2 of 6 cells failed: {where}{text}\n"
+    expected = [f"own/{kind}.py, line {line}: {text}" for kind, (_, text) in HARD.items()]
+    expected += [text for _, text in ENDS.values()]
+    assert done.stderr.splitlines() == [
+        f"newmark-study: mixed: 2 of 22 cells failed: {text}" for text in expected
+    ]
 
 
-@pytest.mark.parametrize("kind", [*HARD, *ENDS])
-def test_whatever_an_import_raises_is_one_line(cli, kind):
+def test_whatever_an_import_raises_is_one_line(cli):
     """It names the config's line, and that of the code where it raised something."""
-    code, text = {**HARD, **ENDS}[kind]
-    write_study(cli, at_import=code)
-    said = cli.refused("run", "mixed.yaml", "--allow-code")
+    spelled = write_studies(cli, at_import="CODE")
+    for kind, problem in spelled.items():
+        cli.write(f"{kind}.yaml", STUDY.replace('{python: "own/bad.py:swing"}', problem))
     line = SWING.count("\n") + 3
-    where = f"own/bad.py, line {line}: "
-    if kind in ENDS:
-        where = "own/bad.py:swing: cannot be loaded: "
-    assert said == f"newmark-study: mixed.yaml, line 6: cases[1].problem: {where}{text}"
+    where = {kind: f"own/{kind}.py, line {line}" for kind in HARD}
+    where |= {kind: f"own/{kind}.py:swing: cannot be loaded" for kind in ENDS}
+    expected = [
+        f"newmark-study: {kind}.yaml, line 6: cases[1].problem: {where[kind]}: {text}"
+        for kind, (_, text) in {**HARD, **ENDS}.items()
+    ]
+    files = [f"{kind}.yaml" for kind in spelled]
+    assert cli("validate", *files, "--allow-code", code=2).stderr.splitlines() == expected
+    # As when it runs.
+    assert cli.refused("run", files[-1], "--allow-code") == expected[-1]
     assert not (cli.folder / "results").exists()
 
 
