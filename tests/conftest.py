@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from compiled import compile_all, is_kept
 from hypothesis import settings
 from warm import SCRIPT, Warm
 
@@ -24,6 +25,14 @@ for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 
 #: Signals that end a command, with what it calls them.
 ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes(config):
+    """Before the whole suite runs in several processes: compile what all of them need."""
+    whole = config.args_source == config.ArgsSource.TESTPATHS and not config.option.keyword
+    if whole and not is_kept():
+        compile_all()
 
 
 @dataclass

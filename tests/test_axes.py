@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from warm import MODULES
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report import slopes
@@ -86,13 +87,16 @@ def test_a_series_at_the_start_is_another():
     assert run == axes.SeriesKey.of(row | {"steps": 30, "evaluation": "direct", "row_block": ""})
 
 
-#: Runs the command line with one file of the package changed, and everything else as it is.
+#: Runs commands with one file of the package changed, and everything else as it is; each in
+#: a fork of the process that has imported that.
 CHANGED = """\
 import importlib.util
 import json
+import os
 import sys
 
-name, old, new, arguments = json.loads(sys.argv[1])
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork wants no threads of BLAS
+name, old, new, commands, others = json.loads(sys.argv[1])
 spec = importlib.util.find_spec(name)
 source = open(spec.origin).read()
 assert source.count(old) == 1
@@ -101,23 +105,36 @@ sys.modules[name] = module
 exec(compile(source.replace(old, new), spec.origin, "exec"), module.__dict__)
 parent, _, child = name.rpartition(".")
 setattr(sys.modules[parent], child, module)
+for other in others:
+    importlib.import_module(f"newmark_cli.{other}")
 from newmark_cli.cli import main
 
-main(arguments)
+for number, arguments in enumerate(commands):
+    if os.fork() == 0:
+        for stream, kind in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
+        main(arguments)
+        sys.exit()
+    _, status = os.wait()
+    if status:
+        sys.exit(open(f"{number}.err").read() or "failed")
 """
 
 
 @pytest.fixture
 def changed(cli):
-    """The command line with a change of one file."""
+    """The command line with a change of one file: what commands print, out and err of each."""
 
-    def run(name, old, new, *arguments, code=0):
+    def run(name, old, new, *commands):
         done = subprocess.run(
-            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, arguments])],
+            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, commands, MODULES])],
             cwd=cli.folder, capture_output=True, text=True,
         )  # fmt: skip
-        assert done.returncode == code, done.stdout + done.stderr
-        return done
+        assert done.returncode == 0, done.stdout + done.stderr
+        return [
+            [(cli.folder / f"{number}.{kind}").read_text() for kind in ("out", "err")]
+            for number in range(len(commands))
+        ]
 
     return run
 
@@ -145,7 +162,17 @@ def test_a_new_axis_touches_one_file(cli, quick, changed, committed_folder):
     text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 1e-3, 1e-4]")
     text = text.replace("t_end: 1.0", "t_end: 0.1") + "measure: condition\n"
     quick.write_text(text + 'repeat: ["1", second]\n')
-    told = changed(*REPEAT, "run", "quick.yaml", "-v").stderr
+    (cli.folder / "old").mkdir()
+    (cli.folder / "old/pendulum-u.csv").write_text(
+        (committed_folder / "pendulum-u.csv").read_text()
+    )
+    (_, told), (again, _), (checked, _), (older, _) = changed(
+        *REPEAT,
+        ("run", "quick.yaml", "-v"),
+        ("run", "quick.yaml"),
+        ("check", "--json"),
+        ("check", "--json", "--results", "old"),
+    )
     assert "pendulum u-lambda optimal second h=0.001 steps=100" in told
     with (cli.folder / "results/quick.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -154,16 +181,10 @@ def test_a_new_axis_touches_one_file(cli, quick, changed, committed_folder):
     record = json.loads((cli.folder / "results/quick.json").read_text())
     assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
     # Kept cells know it, and so do slopes.
-    assert "12 kept" in changed(*REPEAT, "run", "quick.yaml").stdout
-    found = json.loads(changed(*REPEAT, "check", "--json").stdout)
-    assert [row["repeat"] for row in found] == ["1", "1", "second", "second"]
+    assert "12 kept" in again
+    assert [row["repeat"] for row in json.loads(checked)] == ["1", "1", "second", "second"]
     # A CSV that lacks the column has the value that goes without saying.
-    (cli.folder / "old").mkdir()
-    (cli.folder / "old/pendulum-u.csv").write_text(
-        (committed_folder / "pendulum-u.csv").read_text()
-    )
-    found = json.loads(changed(*REPEAT, "check", "--json", "--results", "old").stdout)
-    assert {row["repeat"] for row in found} == {"1"}
+    assert {row["repeat"] for row in json.loads(older)} == {"1"}
     # Without it the key is refused.
     assert "unknown key" in cli.refused("validate", "quick.yaml")
 
@@ -204,15 +225,16 @@ def test_a_new_measure_touches_one_file(cli, quick, changed):
     """Config, CSV, prediction and verdict follow from its record."""
     text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 5e-3, 2e-3]")
     quick.write_text(text.replace("t_end: 1.0", "t_end: 2.0") + "measure: speed\n")
-    changed(*SPEED, "run", "quick.yaml")
+    _, (checked, _), (shown, _) = changed(
+        *SPEED, ("run", "quick.yaml"), ("check", "--json"), ("check", "--all")
+    )
     with (cli.folder / "results/quick.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["measure"] for row in rows} == {"speed"}
     # The pendulum falls by 1 at most: |v| <= √2, and one component by that at the bottom.
     assert all(1.3 < float(row["max"]) < 1.4143 for row in rows)
-    found = json.loads(changed(*SPEED, "check", "--json").stdout)
-    assert [(row["verdict"], row["expected"]) for row in found] == [("pass", 0.0)] * 2
-    shown = changed(*SPEED, "check", "--all").stdout
+    found = [(row["verdict"], row["expected"]) for row in json.loads(checked)]
+    assert found == [("pass", 0.0)] * 2
     assert "max |v|" in shown
     assert "2 of 2 slopes as predicted" in shown
     assert "unknown measure 'speed'" in cli.refused("validate", "quick.yaml")

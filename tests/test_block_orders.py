@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from covering import covering
 from high_precision import (
     LAYOUT,
     Array,
@@ -189,9 +190,7 @@ def test_shipped_problems(name: str, form: str) -> None:
         assert_scaled_corrections(system, form, variant, measured)
 
 
-@EVERY_VARIANT
-@EVERY_FORM
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(("name", "form", "variant"), covering(PROBLEMS, FORMS, VARIANTS))
 def test_scaled_shipped_problems(name: str, form: str, variant: str) -> None:
     """The scaled matrix, formed and inverted as it is, on the shipped problems."""
     system = shipped(name)

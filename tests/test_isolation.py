@@ -5,7 +5,7 @@ import os
 import signal
 
 import pytest
-from conftest import SWING, wait_until
+from conftest import SWING, CommandLine, wait_until
 
 from newmark_cli import apart
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
@@ -51,37 +51,44 @@ def rows(folder, *problems):
 DASK = ("--executor", "dask")
 
 
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory, warm):
+    """Results of the study where its first problem does no harm."""
+    cli = CommandLine(tmp_path_factory.mktemp("clean"), warm)
+    write_study(cli)
+    cli("run", "mixed.yaml", "--allow-code")
+    return cli.folder / "results"
+
+
 @pytest.mark.parametrize("executor", [(), DASK], ids=["local", "dask"])
-@pytest.mark.parametrize("where", ["at_import", "in_calls"])
-def test_patches_stay_in_their_cells(cli, executor, where):
-    """A problem that replaces a function of NumPy changes its own rows, and no others."""
+def test_patches_stay_in_their_cells(cli, clean, executor):
+    """Problems that replace a function of NumPy change their own rows, and no others."""
     if executor:
         pytest.importorskip("distributed")
-    write_study(cli)
+    write_study(cli, in_calls=HARM["patches"])
+    cli.write("own/worse.py", f"{SWING}\n{HARM['patches']}\n")
+    own = '{python: "own/bad.py:swing"}'
+    cli.write("mixed.yaml", STUDY.replace(own, f"[{own}, {own.replace('bad', 'worse')}]"))
     # One process after the other where all cells would once have shared one.
-    run = ("run", "mixed.yaml", "--allow-code", "--jobs", 1)
-    cli(*run, "--results", "clean")
-    write_study(cli, **{where: HARM["patches"]})
-    cli(*run, *executor)
-    clean, patched = (cli.folder / name for name in ("clean", "results"))
+    cli("run", "mixed.yaml", "--allow-code", "--jobs", 1, *executor)
+    patched = cli.folder / "results"
     assert rows(patched, "good.py:swing", "pendulum") == rows(clean, "good.py:swing", "pendulum")
-    theirs = rows(patched, "bad.py:swing")
-    assert theirs != rows(clean, "bad.py:swing")
-    assert sum("42.0" in row for row in theirs) >= 8
+    for name in ("bad.py:swing", "worse.py:swing"):
+        theirs = rows(patched, name)
+        for row, other in zip(theirs, rows(clean, "bad.py:swing"), strict=True):
+            assert row[2:] != other[2:]
+            assert "42.0" in row
 
 
 @pytest.mark.parametrize("where", ["at_import", "in_calls"])
-def test_who_changes_the_folder_moves_nothing(cli, where):
+def test_who_changes_the_folder_moves_nothing(cli, clean, where):
     """Results and files that are named by relative paths are where they were."""
-    write_study(cli)
-    run = ("run", "mixed.yaml", "--allow-code")
-    cli(*run, "--results", "clean")
     write_study(cli, **{where: HARM["folder"]})
-    cli(*run)
+    cli("run", "mixed.yaml", "--allow-code")
     names = ("bad.py:swing", "good.py:swing", "pendulum")
-    assert rows(cli.folder / "results", *names) == rows(cli.folder / "clean", *names)
+    assert rows(cli.folder / "results", *names) == rows(clean, *names)
     found = sorted(path.name for path in cli.folder.iterdir())
-    assert found == ["clean", "mixed.yaml", "own", "results"]
+    assert found == ["mixed.yaml", "own", "results"]
 
 
 #: Exceptions that are hard to tell of, with what is said of them.
@@ -110,31 +117,45 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize("kind", [*HARD, *ENDS])
-def test_whatever_a_cell_raises_fails_it_alone(cli, kind):
-    """A CSV with all other cells, one line that says why, and nothing else."""
-    code, text = {**HARD, **ENDS}[kind]
-    write_study(cli)
-    run = ("run", "mixed.yaml", "--allow-code")
-    write_study(cli, in_calls=f"if t > 0.5: {code}")
-    done = cli(*run, code=1)
-    assert done.stdout == "mixed: 2 failed, 4 ok -> results/mixed.csv\n"
+def write_studies(cli, at_import="", in_calls=""):
+    """A problem for each kind of mistake, whose code stands for CODE; how each is spelled."""
+    for kind, (code, _) in {**HARD, **ENDS}.items():
+        write_study(cli, at_import.replace("CODE", code), in_calls.replace("CODE", code))
+        (cli.folder / "own/bad.py").rename(cli.folder / f"own/{kind}.py")
+    return {kind: f'{{python: "own/{kind}.py:swing"}}' for kind in (*HARD, *ENDS)}
+
+
+def test_whatever_a_cell_raises_fails_it_alone(cli):
+    """A CSV with all other cells, one line for each that says why, and nothing else."""
+    spelled = write_studies(cli, in_calls="if t > 0.5: CODE")
+    bad = '{python: "own/bad.py:swing"}'
+    cli.write("mixed.yaml", STUDY.replace(bad, f"[{', '.join(spelled.values())}]"))
+    done = cli("run", "mixed.yaml", "--allow-code", code=1)
+    assert done.stdout == "mixed: 18 failed, 4 ok -> results/mixed.csv\n"
     line = SWING[: SWING.index("def force")].count("\n") + 2
-    where = f"own/bad.py, line {line}: " if kind in HARD else ""
-    assert done.stderr == f"newmark-study: mixed: 2 of 6 cells failed: {where}{text}\n"
+    expected = [f"own/{kind}.py, line {line}: {text}" for kind, (_, text) in HARD.items()]
+    expected += [text for _, text in ENDS.values()]
+    assert done.stderr.splitlines() == [
+        f"newmark-study: mixed: 2 of 22 cells failed: {text}" for text in expected
+    ]
 
 
-@pytest.mark.parametrize("kind", [*HARD, *ENDS])
-def test_whatever_an_import_raises_is_one_line(cli, kind):
+def test_whatever_an_import_raises_is_one_line(cli):
     """It names the config's line, and that of the code where it raised something."""
-    code, text = {**HARD, **ENDS}[kind]
-    write_study(cli, at_import=code)
-    said = cli.refused("run", "mixed.yaml", "--allow-code")
+    spelled = write_studies(cli, at_import="CODE")
+    for kind, problem in spelled.items():
+        cli.write(f"{kind}.yaml", STUDY.replace('{python: "own/bad.py:swing"}', problem))
     line = SWING.count("\n") + 3
-    where = f"own/bad.py, line {line}: "
-    if kind in ENDS:
-        where = "own/bad.py:swing: cannot be loaded: "
-    assert said == f"newmark-study: mixed.yaml, line 6: cases[1].problem: {where}{text}"
+    where = {kind: f"own/{kind}.py, line {line}" for kind in HARD}
+    where |= {kind: f"own/{kind}.py:swing: cannot be loaded" for kind in ENDS}
+    expected = [
+        f"newmark-study: {kind}.yaml, line 6: cases[1].problem: {where[kind]}: {text}"
+        for kind, (_, text) in {**HARD, **ENDS}.items()
+    ]
+    files = [f"{kind}.yaml" for kind in spelled]
+    assert cli("validate", *files, "--allow-code", code=2).stderr.splitlines() == expected
+    # As when it runs.
+    assert cli.refused("run", files[-1], "--allow-code") == expected[-1]
     assert not (cli.folder / "results").exists()
 
 

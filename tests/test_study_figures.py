@@ -2,10 +2,11 @@
 
 import itertools
 import json
+import shutil
 
 import numpy as np
 import pytest
-from conftest import QUICK
+from conftest import QUICK, CommandLine
 
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.invariants import INVARIANTS
@@ -569,11 +570,19 @@ STUDY = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-1, 3e-2, 1e-2]\nmeasure: [condi
 STUDY = STUDY.replace("study: quick", "study: mine").replace("form: ", "description: x\nform: ")
 
 
-@pytest.fixture
-def mine(cli):
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory, warm):
     """A study of one's own, run."""
+    cli = CommandLine(tmp_path_factory.mktemp("ran"), warm)
     cli.write("mine.yaml", STUDY.replace("t_end: 1.0", "t_end: 0.3"))
     cli("run", "mine.yaml")
+    return cli.folder
+
+
+@pytest.fixture
+def mine(cli, ran):
+    """The command line where it was run."""
+    shutil.copytree(ran, cli.folder, dirs_exist_ok=True)
     return cli
 
 

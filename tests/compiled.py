@@ -1,0 +1,41 @@
+"""The kernel, compiled before the workers of pytest-xdist would each compile it.
+
+Numba keeps what it has compiled, but of two processes that find nothing kept each
+compiles all of it.  Here each compiles a part, and the workers find the whole.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import newmark_cli
+
+KERNEL = Path(newmark_cli.__file__).parent / "newmark/kernel.py"
+
+#: What marches, by the types that the kernel is compiled for: about as long for each process.
+PARTS = (
+    ({"formulation": "index-2"},),
+    ({}, {"precision": "float32"}),
+)
+
+
+def is_kept():
+    """Whether anything is, of the kernel as it is now."""
+    changed = KERNEL.stat().st_mtime
+    kept = (KERNEL.parent / "__pycache__").glob(f"{KERNEL.stem}.*.nbi")
+    return any(file.stat().st_mtime > changed for file in kept)
+
+
+def compile_all():
+    """Every part in a process of its own; should one fail, a test will say why."""
+    processes = [
+        subprocess.Popen([sys.executable, __file__, str(part)], stderr=subprocess.DEVNULL)
+        for part in range(len(PARTS))
+    ]
+    for process in processes:
+        process.wait()
+
+
+if __name__ == "__main__":
+    for how in PARTS[int(sys.argv[1])]:
+        newmark_cli.march("pendulum", h=1e-2, steps=1, **how)
