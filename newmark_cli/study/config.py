@@ -62,7 +62,10 @@ from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Mea
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
-BEYOND = ("integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history")
+BEYOND = (
+    "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
+    "cures", "cures-tolerance", "cures-krylov", "drift",
+)  # fmt: skip
 MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
