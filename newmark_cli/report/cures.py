@@ -45,7 +45,7 @@ PROBLEMS: Mapping[str, str] = MappingProxyType(
 )
 _NOT_QUADRATIC = ("shaken-pendulum",)
 #: Baumgarte's fixed rate (1/s), where it is not that of `GROUPS`.
-_RATES = {"slider-crank": 100.0, "shaken-pendulum": 100.0}
+_RATES = {"slider-crank": 30.0, "shaken-pendulum": 30.0}
 
 
 @dataclass(frozen=True)
