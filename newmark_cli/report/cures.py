@@ -35,12 +35,13 @@ STUDY, TOLERANCE_STUDY, KRYLOV_STUDY, DRIFT_STUDY = (
 )  # fmt: skip
 FORM = "a-lambda"
 DAMPED = GeneralizedAlpha(0.9).label
-#: Problems of the study, and how figures call them; the last has Φ(u, t).
+#: Problems of the study, and how figures call them: one from rest, one in motion, and one
+#: with Φ(u, t).
 PROBLEMS: Mapping[str, str] = MappingProxyType(
     {
-        "andrews": "Andrews, from rest",
-        "slider-crank": "slider-crank, in motion",
-        "shaken-pendulum": "shaken pendulum, Φ(u, t)",
+        "andrews": "Andrews",
+        "slider-crank": "slider-crank",
+        "shaken-pendulum": "shaken pendulum",
     }
 )
 _NOT_QUADRATIC = ("shaken-pendulum",)
@@ -196,8 +197,7 @@ def _filled(panel_traces: Sequence[Trace], every: Sequence[Cure]) -> tuple[Trace
     """Traces and, for the legend, empty ones of the cures that a panel lacks."""
     there = {trace.label: trace for trace in panel_traces}
     return tuple(
-        there.get(cure.name)
-        or Trace(cure.name, np.array([]), np.array([]), look_of(cure.name))
+        there.get(cure.name) or Trace(cure.name, np.array([]), np.array([]), look_of(cure.name))
         for cure in every
     )
 
@@ -258,9 +258,7 @@ class CuresFigure:
                     Panel(
                         _filled(drawn, GROUPS[group]),
                         traces.step_label(problem),
-                        f"{PROBLEMS[problem]}: error of {symbol(self.quantity)}"
-                        if first
-                        else "",
+                        f"{PROBLEMS[problem]}: error of {symbol(self.quantity)}" if first else "",
                         group if problem == next(iter(PROBLEMS)) else "",
                         y_limits=limits,
                     )
@@ -372,6 +370,8 @@ class CureWorkFigure:
 
 #: What Figure 18 shows: problem → step size (s).
 DRIFTING: Mapping[str, float] = MappingProxyType({"andrews": 1e-5, "shaken-pendulum": 1e-3})
+#: Least drift that is drawn (m, m/s): what is smaller is rounding, or exactly 0.
+_LEAST_DRIFT = 1e-19
 _DRIFT_CURES = (
     Cure("index 3"),
     *(
@@ -404,9 +404,7 @@ class DriftFigure:
         """Largest misfits of its cells."""
         return tuple(
             drift_curve(cure, problem, quantity)
-            for quantity, problem, cure in product(
-                ("position", "velocity"), DRIFTING, _DRIFT_CURES
-            )
+            for quantity, problem, cure in product(("position", "velocity"), DRIFTING, _DRIFT_CURES)
         )
 
     def drifts(self, results: Results) -> dict[tuple[str, str], Drift]:
@@ -464,7 +462,7 @@ class DriftFigure:
                         label,
                         f"{PROBLEMS[problem]}; h = {h:g} s" if quantity == "position" else "",
                         x_scale="linear",
-                        y_limits=spread([trace.y for trace in drawn]),
+                        y_limits=(_LEAST_DRIFT, 10 * max(float(trace.y.max()) for trace in drawn)),
                         tell_zeros=False,
                     )
                 )
@@ -511,7 +509,9 @@ def error_figure() -> CuresFigure:
         BoundClaim(plain, low=1),
         SlopeClaim(start, 2, 0.15),
         RatioClaim(
-            "slider-crank, index 3 / corrected start, h = 0.0001", ((plain, start),), 1e3,
+            "slider-crank, index 3 / corrected start, h = 0.0001",
+            ((plain, start),),
+            1e3,
             at=(1e-4, 1e-4),
         ),
     ]

@@ -93,9 +93,7 @@ def read_drifts(
     frame, names = _frame(path, study)
     if tuple(names) != DRIFTS:
         raise ResultsError(f"{path}, line 1: the columns after t must be {', '.join(DRIFTS)}")
-    return [
-        Drift(*table.T) if table.size else None for table in _tables(path, frame, names, cells)
-    ]
+    return [Drift(*table.T) if table.size else None for table in _tables(path, frame, names, cells)]
 
 
 def _frame(path: Path, study: str) -> tuple["pd.DataFrame", list[str]]:

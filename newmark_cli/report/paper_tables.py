@@ -366,6 +366,24 @@ def _latex_table(
     )
 
 
+def latex_grid(caption: str, label: str, rows: Sequence[Sequence[str]]) -> list[str]:
+    """A grid of text, its headings first, as a LaTeX table that is as wide as the page."""
+    texts = [[_latex_text(cell) for cell in row] for row in rows]
+    table = _latex_table(
+        _latex_text(caption),
+        re.sub("[^A-Za-z0-9]+", "-", label),
+        "l" * len(rows[0]),
+        [_latex_row(texts[0])],
+        texts[1:],
+    )
+    begin, end = r"  \begin{tabular}", r"  \end{tabular}"
+    return [
+        table.replace(begin, r"  \resizebox{\textwidth}{!}{%" + "\n" + begin).replace(
+            end, end + "}"
+        )
+    ]
+
+
 def _latex_row(cells: Sequence[str]) -> str:
     return " & ".join(cells) + r" \\"
 
