@@ -16,7 +16,7 @@ import numpy as np
 from newmark_cli import files
 from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.linear.choice import GMRES
-from newmark_cli.report import cures, paper_tables
+from newmark_cli.report import cures
 from newmark_cli.report.claims import Claim
 from newmark_cli.report.cures import (
     CURES,
@@ -100,7 +100,7 @@ class Evidence:
     def __init__(self, found: Results) -> None:
         """Take results that have the studies."""
         self.results = found
-        self._by_key: Mapping[SeriesKey, "Slope"] = found.by_key
+        self._by_key: Mapping[SeriesKey, Slope] = found.by_key
 
     def series(self, curve: Curve) -> "Slope | None":
         """The series of a curve; None where the results lack it."""
@@ -371,12 +371,28 @@ def as_markdown(cells: Mapping[tuple[str, str], Cell]) -> str:
 
 
 def as_latex(cells: Mapping[tuple[str, str], Cell]) -> str:
-    """The table of each group as a journal takes it."""
-    parts = ["% needs \\usepackage{booktabs,graphicx}"]
+    """The table of each group as a journal takes it, as wide as the page."""
+    # Which imports the figures, of which this is one.
+    from newmark_cli.report.paper_tables import latex_text
+
+    parts = ["% needs \\usepackage{booktabs,graphicx}; glyphs of Unicode: lualatex or xelatex"]
     for group, (_, rows) in zip(GROUPS, grids(cells), strict=True):
-        parts += paper_tables.latex_grid(
-            f"Cures, {group}, index 3 being the first: {NOTE}", f"cures-{group}", rows
-        )
+        lines = [" & ".join(map(latex_text, row)) + r" \\" for row in rows]
+        parts += [
+            r"\begin{table}",
+            rf"  \caption{{Cures, {latex_text(group)}. {latex_text(NOTE)}}}",
+            rf"  \label{{tab:cures-{group.replace(' ', '-')}}}",
+            r"  \resizebox{\textwidth}{!}{%",
+            rf"  \begin{{tabular}}{{@{{}}{'l' * len(rows[0])}@{{}}}}",
+            r"    \toprule",
+            f"    {lines[0]}",
+            r"    \midrule",
+            *(f"    {line}" for line in lines[1:]),
+            r"    \bottomrule",
+            r"  \end{tabular}}",
+            r"\end{table}",
+            "",
+        ]
     return "\n".join(parts)
 
 

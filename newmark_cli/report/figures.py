@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
-from newmark_cli.report.claims import BoundClaim, RatioClaim, SlopeClaim, SpreadClaim, StatusClaim
 from newmark_cli.report import cure_table, cures
+from newmark_cli.report.claims import BoundClaim, RatioClaim, SlopeClaim, SpreadClaim, StatusClaim
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.kinds import (
     Figure,

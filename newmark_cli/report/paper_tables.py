@@ -19,7 +19,7 @@ import numpy as np
 from newmark_cli import files
 from newmark_cli.errors import ResultsError, visible
 from newmark_cli.mechanisms import registry
-from newmark_cli.newmark.forms import FORMS, ROWS
+from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import derive_scaling, form_orders
@@ -32,6 +32,9 @@ from newmark_cli.study import results
 
 #: Study that the tables read.
 STUDY = "all-forms"
+
+#: Rows of the system of index 3, which the paper is about.
+ROWS = ("D", "V", "K", "C")
 
 #: Largest |measured − predicted| of a factor's power; the sensitivities are not noisy.
 _FACTOR_TOLERANCE = 0.05
@@ -226,7 +229,7 @@ def write(folder: Path, entries: Sequence[Entry]) -> list[Path]:
         shown = ([factors()] if table == 2 else []) + grids(ours)
         stem = folder / "tables" / f"table-{table}"
         for suffix, text in (
-            (".md", "\n".join(_markdown(title, rows) for title, rows in shown)),
+            (".md", "\n".join(markdown_table(title, rows, NOTE) for title, rows in shown)),
             (".tex", _latex(ours)),
             (".csv", results.csv_text(COLUMNS, map(_csv_row, ours))),
         ):
@@ -245,10 +248,11 @@ def _csv_row(entry: Entry) -> dict[str, object]:
     }
 
 
-def _markdown(title: str, rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(title: str, rows: Sequence[Sequence[str]], note: str) -> str:
+    """A table with a heading and a note as Markdown, the first row its headings."""
     lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
     rule = "|" + " --- |" * len(rows[0])
-    return "\n".join([f"### {markdown(title)}", "", lines[0], rule, *lines[1:], "", f"{NOTE}", ""])
+    return "\n".join([f"### {markdown(title)}", "", lines[0], rule, *lines[1:], "", note, ""])
 
 
 #: How to read an entry.
@@ -264,7 +268,7 @@ _SPECIAL = {
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\char34{}",
     "`": r"\textasciigrave{}",
 }  # fmt: skip
-_GREEK = {"lambda": r"\lambda", "beta": r"\beta", "gamma": r"\gamma"}
+GREEK = {"lambda": r"\lambda", "eta": r"\eta", "beta": r"\beta", "gamma": r"\gamma"}
 _SUBJECTS = {
     1: "orders in $h$ of the last decreasing Newton corrections and of the condition number $C$, "
     "without preconditioning",
@@ -288,20 +292,20 @@ def _latex_factors() -> str:
     headings = [
         rf" & \multicolumn{{{lefts}}}{{c}}{{$D_L$}} & \multicolumn{{{rights}}}{{c}}{{$D_R$}} \\",
         rf"\cmidrule(lr){{2-{lefts + 1}}} \cmidrule(l){{{lefts + 2}-{lefts + rights + 1}}}",
-        _latex_row(["form", *(f"${_GREEK.get(block, block)}$" for _, block in _FACTORS)]),
+        latex_row(["form", *(f"${GREEK.get(block, block)}$" for _, block in _FACTORS)]),
     ]
     rows = [
         [
             _latex_form(form),
             *(
-                _latex_factor(sides[side][block]) if block in sides[side] else "--"
+                latex_factor(sides[side][block]) if block in sides[side] else "--"
                 for side, block in _FACTORS
             ),
         ]
         for form, sides in TABLE_2.items()
     ]
     caption = "Factors of the optimal scaling."
-    return _latex_table(caption, "factors", "l" * (1 + len(_FACTORS)), headings, rows)
+    return latex_table(caption, "factors", "l" * (1 + len(_FACTORS)), headings, rows)
 
 
 def _latex_orders(entries: Sequence[Entry]) -> str:
@@ -330,7 +334,7 @@ def _latex_orders(entries: Sequence[Entry]) -> str:
         rows.append(row)
     table, problem = entries[0].table, entries[0].problem
     caption = (
-        f"{_latex_text(_title(problem))}: {_SUBJECTS[table]}; predicted, and fitted "
+        f"{latex_text(_title(problem))}: {_SUBJECTS[table]}; predicted, and fitted "
         r"$\pm$ standard error, which is left out where it is below $5\cdot 10^{-7}$."
     )
     if any(entry.eliminated for entry in entries):
@@ -338,12 +342,13 @@ def _latex_orders(entries: Sequence[Entry]) -> str:
     if missed(entries):
         caption += r" Fits that are marked $^\dagger$ are not as predicted."
     label = f"{_LABELS[table]}-{re.sub('[^A-Za-z0-9]+', '-', problem).strip('-')}"
-    return _latex_table(caption, label, columns, [_latex_row(headings), _latex_row(shared)], rows)
+    return latex_table(caption, label, columns, [latex_row(headings), latex_row(shared)], rows)
 
 
-def _latex_table(
+def latex_table(
     caption: str, label: str, columns: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> str:
+    """A table in the style of booktabs; rows are entries in LaTeX, headings whole lines."""
     return "\n".join(
         [
             r"\begin{table}",
@@ -357,7 +362,7 @@ def _latex_table(
             r"    \toprule",
             *(f"    {line}" for line in headings),
             r"    \midrule",
-            *(f"    {_latex_row(row)}" for row in rows),
+            *(f"    {latex_row(row)}" for row in rows),
             r"    \bottomrule",
             r"  \end{tabular}",
             r"\end{table}",
@@ -366,30 +371,13 @@ def _latex_table(
     )
 
 
-def latex_grid(caption: str, label: str, rows: Sequence[Sequence[str]]) -> list[str]:
-    """A grid of text, its headings first, as a LaTeX table that is as wide as the page."""
-    texts = [[_latex_text(cell) for cell in row] for row in rows]
-    table = _latex_table(
-        _latex_text(caption),
-        re.sub("[^A-Za-z0-9]+", "-", label),
-        "l" * len(rows[0]),
-        [_latex_row(texts[0])],
-        texts[1:],
-    )
-    begin, end = r"  \begin{tabular}", r"  \end{tabular}"
-    return [
-        table.replace(begin, r"  \resizebox{\textwidth}{!}{%" + "\n" + begin).replace(
-            end, end + "}"
-        )
-    ]
-
-
-def _latex_row(cells: Sequence[str]) -> str:
+def latex_row(cells: Sequence[str]) -> str:
+    """A line of a table."""
     return " & ".join(cells) + r" \\"
 
 
 def _latex_form(form: str) -> str:
-    return "$(" + ", ".join(_GREEK.get(u, u) for u in FORMS[form].unknowns) + ")$"
+    return "$(" + ", ".join(GREEK.get(u, u) for u in FORMS[form].unknowns) + ")$"
 
 
 def _latex_entry(name: str) -> str:
@@ -407,13 +395,13 @@ def _latex_fit(entry: Entry) -> str:
     return text + (rf"\rlap{{$^{{{marks}}}$}}" if marks else "")
 
 
-def _latex_factor(text: str) -> str:
+def latex_factor(text: str) -> str:
     """A factor of Table 2 in math mode: gamma/(beta*h) with Greek letters and exponents."""
     factor = Monomial.parse(text)
 
     def product(sign: int) -> list[str]:
         return [
-            _GREEK.get(symbol, symbol) + {1: "", 2: "^2"}.get(abs(power), f"^{{{abs(power)}}}")
+            GREEK.get(symbol, symbol) + {1: "", 2: "^2"}.get(abs(power), f"^{{{abs(power)}}}")
             for symbol, power in factor.powers
             if power * sign > 0
         ]
@@ -427,7 +415,8 @@ def _latex_factor(text: str) -> str:
     return f"${' '.join(above)}{divisor}$"
 
 
-def _latex_text(text: str) -> str:
+def latex_text(text: str) -> str:
+    """Text that LaTeX prints as it is."""
     return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))
 
 
