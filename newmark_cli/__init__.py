@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.studies import plot, run, slopes, trajectories
+    from newmark_cli.newmark.formulation import FormulationError
     from newmark_cli.newmark.integrator import IntegratorError
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
@@ -32,6 +33,7 @@ _HOMES = {
     "Definition": "problems.python_problem",
     "DocumentError": "documents",
     "Factors": "library.scalings",
+    "FormulationError": "newmark.formulation",
     "InputError": "errors",
     "IntegratorError": "newmark.integrator",
     "NewmarkError": "errors",
@@ -56,6 +58,7 @@ __all__ = [
     "Definition",
     "DocumentError",
     "Factors",
+    "FormulationError",
     "InputError",
     "IntegratorError",
     "NewmarkError",

@@ -5,7 +5,7 @@ import numpy as np
 import oracles
 import pytest
 from damped import MASS, damped
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from mechanisms import TWO_BODIES
 from mpmath import mp, mpc, mpf
@@ -105,7 +105,8 @@ def constrained(tmp_path_factory):
     return planar.load(path, "constrained")
 
 
-@settings(max_examples=25)
+# References take their time: a failure is not made smaller.
+@settings(max_examples=25, phases=[Phase.generate])
 @given(st.integers(0, 2**32 - 1), st.floats(-2, 2))
 def test_every_element_against_mpmath(constrained, seed, t):
     """Rate, curvature, R and Q are exact: laws of time and body-fixed points included."""
@@ -300,16 +301,16 @@ def double(decorate, quadratic):
     @decorate
     def constraints(u, t):
         x, y = u[2] - u[0], u[3] - u[1]
-        return np.array([(u[0] ** 2 + u[1] ** 2 - 1) / 2, (x * x + y * y - 1) / 2])
+        return np.array([((u[0] - 0.25) ** 2 + u[1] ** 2 - 1) / 2, (x * x + y * y - 1) / 2])
 
     @decorate
     def gradient(u, t):
         x, y = u[2] - u[0], u[3] - u[1]
-        return np.array([[u[0], -x], [u[1], -y], [0.0, x], [0.0, y]])
+        return np.array([[u[0] - 0.25, -x], [u[1], -y], [0.0, x], [0.0, y]])
 
     return newmark.problem(
         newmark.Definition(
-            mass_matrix=np.eye(4), u0=[1.0, 0.0, 2.0, 0.0], v0=[0.0, 1.0, 0.0, 3.0],
+            mass_matrix=np.eye(4), u0=[1.25, 0.0, 2.25, 0.0], v0=[0.0, 1.0, 0.0, 3.0],
             force=force, constraints=constraints, gradient=gradient, quadratic=quadratic,
         )
     )  # fmt: skip
@@ -319,7 +320,8 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient(tmp_path):
     """Exactly, where the definition says that they are quadratic; to 1e-9 by differences."""
     path = tmp_path / "double.yaml"
     path.write_text(
-        "points:\n  O: {fixed: [0, 0]}\n  A: {at: [1, 0], mass: 1}\n  B: {at: [2, 0], mass: 1}\n"
+        "points:\n  O: {fixed: [0.25, 0]}\n"
+        "  A: {at: [1.25, 0], mass: 1}\n  B: {at: [2.25, 0], mass: 1}\n"
         "bars:\n  one: {from: O, to: A, length: 1}\n  two: {from: A, to: B, length: 1}\n"
     )
     mechanism = planar.load(path, "double")
@@ -330,7 +332,7 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient(tmp_path):
             u, v, w = anywhere(mechanism, seed)
             expected = dense(mechanism, mechanism.constraint_rows(0.5, u, v, w))
             found = dense(exact, exact.constraint_rows(0.5, u, v, w))
-            assert_alike(found, expected, [0, 1e-15, 1e-15, 1e-15])
+            assert_alike(found, expected, [0, 1e-14, 1e-14, 1e-14])
             if exact.compiled:
                 continue
             found = dense(differences, differences.constraint_rows(0.5, u, v, w))
@@ -345,13 +347,14 @@ import numpy as np
 class Problem:
     mass_matrix = np.eye(3)
     u0 = np.array([0.3, 0.2, 0.2 * np.sin(0.9) * np.cos(0.4)])
-    v0 = np.array([0.0, 0.0, 0.3])
+    v0 = np.array([0.0, 0.0, 0.3 + 0.2 * np.cos(0.9) * np.cos(0.4)])
     def force(self, u, v, t):
         return np.array([0.0, 0.0, -9.81])
     def constraints(self, u, t):
-        return np.array([u[2] - 0.2 * np.sin(3 * u[0]) * np.cos(2 * u[1]) - 0.1 * np.sin(3 * t)])
+        wave = 0.2 * np.sin(3 * u[0] + t) * np.cos(2 * u[1])
+        return np.array([u[2] - wave - 0.1 * np.sin(3 * t)])
     def gradient(self, u, t):
-        c, s = np.cos(3 * u[0]), np.sin(3 * u[0])
+        c, s = np.cos(3 * u[0] + t), np.sin(3 * u[0] + t)
         return np.array([[-0.6 * c * np.cos(2 * u[1])], [0.4 * s * np.sin(2 * u[1])], [1.0]])
 def factory():
     return Problem()
@@ -359,7 +362,7 @@ def factory():
 
 
 def wavy_phi(u, t):
-    return [u[2] - mp.sin(3 * u[0]) * mp.cos(2 * u[1]) / 5 - mp.sin(3 * t) / 10]
+    return [u[2] - mp.sin(3 * u[0] + t) * mp.cos(2 * u[1]) / 5 - mp.sin(3 * t) / 10]
 
 
 def test_rows_of_a_surface_that_is_not_quadratic(tmp_path):

@@ -152,7 +152,7 @@ def test_singular_jacobian_ends_the_march(engine):
     """Without displacements G vanishes: a status, not a traceback."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
-    state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1)))
+    state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1)))
     ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
     assert ending == (march_data.SINGULAR, 0)
 

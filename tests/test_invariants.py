@@ -30,7 +30,8 @@ def state_of(subject, u, v, multipliers, t=0.0):
     """A state; its accelerations play no part."""
     fields = np.array([u, v, np.zeros_like(u), np.zeros_like(u)])
     multipliers = np.asarray(multipliers, float)
-    return State(fields, fields[2:], multipliers, fields[2:], np.zeros_like(multipliers))
+    none = np.zeros_like(multipliers)
+    return State(fields, fields[2:], multipliers, fields[2:], none, none, none)
 
 
 def consistent(subject, u, v, t=0.0):

@@ -6,9 +6,10 @@ import mechanisms
 import numpy as np
 import pytest
 from conftest import QUICK
+from covering import covering
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import march
+from marching import interpreted_march, march
 from numba import njit
 
 from newmark_cli.documents import DocumentError
@@ -16,9 +17,9 @@ from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import METHODS, Formulation, Projection
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import ProblemTables, recording
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 from newmark_cli.study import config
@@ -129,24 +130,6 @@ def test_solver_computes_in_its_precision(size, seed, dtype):
     np.testing.assert_array_equal(*solutions)
 
 
-def interpreted_march(subject, scheme, state, norms, iterations):
-    """The kernel's march as Python runs it, and all that it calls."""
-    dtype, stop = scheme.dtype, scheme.stop or Tolerance()
-    tables = ProblemTables(
-        subject.ints, subject.reals.astype(dtype), subject.mass_values.astype(dtype),
-        *subject.pattern,
-    )  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch:
-        for name, function in list(vars(kernel).items()):
-            if hasattr(function, "py_func"):
-                patch.setattr(kernel, name, function.py_func)
-        kernel._march(
-            subject.function.py_func, tables, scheme.tables, state, scheme.compensated, subject.t0,
-            scheme.h, 0, scheme.iteration_cap, scheme.settled_below, stop.absolute, stop.relative,
-            norms, iterations, recording(state, np.empty(0)),
-        )  # fmt: skip
-
-
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("stop", [None, Tolerance(1e-5, 1e-4)], ids=["saturation", "tolerance"])
 @pytest.mark.parametrize("evaluation", EVALUATIONS)
@@ -162,11 +145,41 @@ def test_march_computes_in_its_precision(form, evaluation, stop, precision):
     assert {array.dtype for array in ours} == {np.dtype(precision)}
     norms, iterations = march(compiled_march, subject, scheme, ours, 0, steps)
     expected = np.zeros_like(norms), np.zeros_like(iterations)
-    interpreted_march(subject, scheme, reference, *expected)
+    interpreted_march(subject, scheme, reference, 0, *expected)
     np.testing.assert_array_equal(norms, expected[0])
     np.testing.assert_array_equal(iterations, expected[1])
     for one, other in zip(ours, reference, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("formulation", "evaluation", "projection", "precision"),
+    covering(
+        METHODS,
+        EVALUATIONS,
+        ["none", "velocity", "position-velocity accelerations"],
+        PRECISIONS,
+        strength=3,
+    ),
+)
+def test_formulations_march_in_their_precision(formulation, evaluation, projection, precision):
+    """Compiled and interpreted they too take the same steps bit by bit."""
+    subject, integrator = problem("four-bar"), GeneralizedAlpha(0.9)
+    for name in ("u-lambda", "v-a-lambda"):
+        of = Formulation(formulation)
+        form = of.applied(FORMS[name])
+        scheme = Scheme(
+            integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision,
+            None, of, Projection.parse(projection),
+        )  # fmt: skip
+        ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
+        norms, iterations = march(compiled_march, subject, scheme, ours, 0, 2)
+        expected = np.zeros_like(norms), np.zeros_like(iterations)
+        interpreted_march(subject, scheme, reference, 0, *expected)
+        np.testing.assert_array_equal(norms, expected[0])
+        np.testing.assert_array_equal(iterations, expected[1])
+        for one, other in zip(ours, reference, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 # Floors

@@ -347,7 +347,7 @@ def test_slopes_csv(tmp_path):
         "figure", "study", "form", "preconditioning", "quantity", "measure", "slope", "stderr",
         "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
         "evaluation", "precision", "linear_solver", "stop", "h_from", "h_to", "local_orders",
-        "reason",
+        "reason", "formulation", "projection", "multipliers", "start",
     )  # fmt: skip
     kinds = {"evaluation": "compensated", "precision": "float32", "linear_solver": "sparse-lu"}
     table = series(power(-1), **kinds)

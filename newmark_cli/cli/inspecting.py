@@ -45,11 +45,17 @@ if TYPE_CHECKING:
     help="How residuals are evaluated; direct by default.",
 )
 @click.option(
+    "--formulation",
+    metavar="FORMULATION",
+    shell_complete=complete("formulations"),
+    help="Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
+)
+@click.option(
     "--config",
     "file",
     metavar="CONFIG",
     shell_complete=complete_config,
-    help="Take the forms and scalings of a config.",
+    help="Take the forms, scalings and formulations of a config.",
 )
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
@@ -58,6 +64,7 @@ def orders(
     form: str | None,
     variant: str | None,
     evaluation: str | None,
+    formulation: str | None,
     file: str | None,
     derive: bool,
     as_json: bool,
@@ -75,9 +82,10 @@ def orders(
     """
     from newmark_cli.report import theory
 
-    chosen = _forms_and_scalings(form, variant, evaluation, file, allow_code)
+    chosen = _chosen_orders(form, variant, evaluation, formulation, file, allow_code)
     if derive:
-        found = [theory.derive(name) for name in dict.fromkeys(name for name, *_ in chosen)]
+        forms = dict.fromkeys((name, kind) for name, _, _, kind in chosen)
+        found = [theory.derive(*one) for one in forms]
         texts = [theory.derived_as_text(entry) for entry in found]
     else:
         found = [theory.predict(*one) for one in chosen]
@@ -268,29 +276,39 @@ def list_(as_json: bool) -> int:
     return 0
 
 
-def _forms_and_scalings(
+def _chosen_orders(
     form: str | None,
     variant: str | None,
     evaluation: str | None,
+    formulation: str | None,
     file: str | None,
     allow_code: bool,
-) -> "list[tuple[str, Preconditioning, str]]":
-    """Form, scaling and evaluation that the options of `orders` choose, in their order."""
+) -> "list[tuple[str, Preconditioning, str, str]]":
+    """Form, scaling, evaluation and formulation that the options of `orders` choose."""
     from newmark_cli.newmark.forms import FORMS
+    from newmark_cli.newmark.formulation import INDEX_3, Formulation
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
     from newmark_cli.spelling import nearest
 
     if file is not None:
-        if any(option is not None for option in (form, variant, evaluation)):
-            raise click.UsageError("--config already names form, preconditioning and evaluation")
+        if any(option is not None for option in (form, variant, evaluation, formulation)):
+            raise click.UsageError(
+                "--config already names form, preconditioning, evaluation and formulation"
+            )
         from newmark_cli.study import config
 
         cells = config.find(file, allow_code).cells()
         return list(
-            dict.fromkeys((cell.form, cell.preconditioning, cell.evaluation) for cell in cells)
+            dict.fromkeys(
+                (cell.form, cell.preconditioning, cell.evaluation, cell.formulation.label)
+                for cell in cells
+            )
         )
     if form is not None and form not in FORMS:
         raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
     scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
     names = [form] if form else FORMS
-    return [(name, scaling, evaluation or "direct") for name in names for scaling in scalings]
+    label = Formulation.parse(formulation or INDEX_3).label
+    return [
+        (name, scaling, evaluation or "direct", label) for name in names for scaling in scalings
+    ]

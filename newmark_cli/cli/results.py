@@ -166,16 +166,26 @@ def check(
 
 @click.command()
 @results_folder
-def tables(folder: Path) -> int:
+@click.option(
+    "--formulations",
+    is_flag=True,
+    help="Make the tables of all formulations, predicted only; they need no results.",
+)
+def tables(folder: Path, formulations: bool) -> int:
     """Make Tables 1 and 2 of the paper, predicted and measured.
 
     Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
-    and .tex.  Exits with 1 if an entry is not as predicted.
+    and .tex.  Exits with 1 if an entry is not as predicted.  With --formulations,
+    writes DIR/tables/formulations likewise: predicted orders of corrections and
+    condition numbers, and the factors that formulations add to Table 2.
 
     \b
     Example:
       newmark-study tables
     """
+    if formulations:
+        show_formulations(folder)
+        return 0
     from newmark_cli.report import paper_tables as tabling
     from newmark_cli.report import slopes
 
@@ -356,6 +366,17 @@ def verdict(found: "Sequence[Slope]") -> int:
             f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}: not as predicted"
         )
     return 1 if missed else 0
+
+
+def show_formulations(folder: Path) -> None:
+    """Print the tables of all formulations and write them."""
+    from newmark_cli.report import formulation_tables
+    from newmark_cli.report.text import text_table, wrapped
+
+    for title, note, rows in formulation_tables.grids():
+        screen.lines(f"{wrapped(title)}\n\n{text_table(rows)}\n\n{wrapped(note)}\n")
+    for file in formulation_tables.write(folder):
+        screen.line(file)
 
 
 def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:

@@ -15,8 +15,19 @@ from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.problems import problem as problem_of
-from newmark_cli.library.scalings import integrator_of, preconditioning_of
+from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import (
+    CONSISTENT,
+    CORRECTED,
+    INDEX_3,
+    REPORTED,
+    STARTS,
+    TOTAL,
+    Projection,
+    reported,
+)
+from newmark_cli.newmark.integrator import is_trapezoidal
 from newmark_cli.newmark.kept import KEPT, first_outside, nearest_steps
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
 from newmark_cli.newmark.march import March
@@ -29,8 +40,9 @@ from newmark_cli.newmark.scheme import (
     Tolerance,
     steps_until,
 )
-from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory
+from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
 from newmark_cli.problems import starting
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError
 
 #: Most memory that a trajectory may take (bytes).
@@ -142,6 +154,10 @@ class Options(TypedDict, total=False):
     scaling: Any
     evaluation: str
     precision: str
+    formulation: Any
+    projection: Any
+    multipliers: str
+    start: str
     linear_solver: str
     krylov: Mapping[str, float] | Krylov | None
     stop: Mapping[str, float] | Tolerance | None
@@ -189,6 +205,10 @@ def march(
     scaling: Any = "optimal",
     evaluation: str = "direct",
     precision: str = "float64",
+    formulation: Any = INDEX_3,
+    projection: Any = "none",
+    multipliers: str = AUTO,
+    start: str = CONSISTENT,
     linear_solver: str = AUTO,
     krylov: Mapping[str, float] | Krylov | None = None,
     stop: Mapping[str, float] | Tolerance | None = None,
@@ -224,6 +244,19 @@ def march(
         evaluation: ``"direct"`` as the paper writes the residuals, or ``"compensated"``.
         precision: ``"float64"`` or ``"float32"``, the arithmetic of the march; what is
             returned is float64.
+        formulation: Which constraint rows are solved: ``"index-3"``, the constraints
+            themselves, ``"index-2"``, ``"index-1"``, ``"baumgarte"``, ``"ggl"``,
+            ``"augmented-lagrangian"``; with a parameter text such as
+            ``"baumgarte rate=100"``, or a dict as in a config, ``{"method": "baumgarte",
+            "rate_h": 1}``.
+        projection: After each step: ``"none"``, ``"velocity"`` onto Gᵀv + Φ_t = 0, or
+            ``"position-velocity"``; a dict ``{"method": "velocity", "accelerations": True}``
+            replaces v' too.
+        multipliers: Which λ is reported: ``"newton"``, ``"recovered"`` from u and v by the
+            index-1 system, ``"total"``, λ + μ/h of a velocity projection; ``"auto"``:
+            recovered after a projection, else newton.
+        start: ``"consistent"``, or ``"corrected"``: velocities from which λ of the
+            trapezoidal rule does not alternate.
         linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"gmres"``, ``"minres"``.
         krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES and MINRES.
         stop: ``{"absolute": 1e-8}`` or ``{"relative": 1e-8}``: size of the scaled
@@ -266,6 +299,14 @@ def march(
         >>> swing.constraint("bodies.K1").shape
         (4,)
 
+        Velocities kept on the constraints, and multipliers of order 2 without damping:
+
+        >>> ggl = newmark.march(
+        ...     "andrews", h=1e-4, t_end=0.03, every=0, form="a-lambda", formulation="ggl"
+        ... )
+        >>> f"{ggl.multipliers[-1, 0]:.1f}", f"{swing.multipliers[-1, 0]:.1f}"
+        ('-99292.5', '-241789.0')
+
         Go on from where it ended, with less in memory:
 
         >>> later = newmark.march("andrews", h=1e-4, t_end=0.04, state=swing.state, every=0)
@@ -280,15 +321,22 @@ def march(
         >>> thrown.u[0].round(12).tolist(), thrown.v[0].round(12).tolist()
         ([1.0, 0.0], [0.0, 1.0])
     """
+    chosen = formulation_of(formulation)
+    formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
+    projected = _projection(projection)
     scheme = Scheme(
         integrator_of(integrator),
-        FORMS[arguments.one_of("form", form, FORMS)],
-        preconditioning_of(scaling, "scaling").scaling(FORMS[form]),
+        formulated,
+        preconditioning_of(scaling, "scaling").scaling(formulated),
         arguments.positive("h", h, " of seconds"),
         arguments.count("iteration_cap", iteration_cap, 1),
         arguments.one_of("evaluation", evaluation, EVALUATIONS),
         arguments.one_of("precision", precision, PRECISIONS),
         _tolerance(stop),
+        chosen,
+        projected,
+        _reported(multipliers, projected),
+        arguments.one_of("start", start, STARTS),
     )
     keep = arguments.some_of("keep", keep, KEPT)
     given = problem_of(problem)
@@ -351,6 +399,23 @@ def _tolerance(given: Any) -> Tolerance | None:
     return documents.validate(Document.of("stop", given), StopConfig).tolerance()
 
 
+def _projection(given: Any) -> Projection:
+    if isinstance(given, Projection):
+        return given
+    if isinstance(given, str):
+        return Projection.parse(given)
+    from newmark_cli.study.keys import ProjectionConfig
+
+    return documents.validate(Document.of("projection", given), ProjectionConfig).projection()
+
+
+def _reported(given: Any, projection: Projection) -> str:
+    arguments.one_of("multipliers", given, (AUTO, *REPORTED))
+    if given == TOTAL and not projection.level:
+        raise ArgumentError(f"multipliers: {TOTAL!r} needs a projection of velocities")
+    return reported(given, projection)
+
+
 def _krylov(given: Any) -> Krylov | None:
     if given is None or isinstance(given, Krylov):
         return given
@@ -365,6 +430,10 @@ def _require_fit(problem: Problem, scheme: Scheme, linear_solver: str) -> None:
         raise ArgumentError(
             "evaluation: compensated needs constraints that are quadratic in u and do not "
             f"depend on time; those of {problem.name} are not, or not declared so"
+        )
+    if scheme.start == CORRECTED and not is_trapezoidal(scheme.integrator):
+        raise ArgumentError(
+            f"start: {CORRECTED!r} is of the trapezoidal rule, given {scheme.integrator.label}"
         )
     if scheme.precision != "float64":
         if not problem.single:
@@ -419,12 +488,17 @@ def _begin(
     try:
         if state is None:
             return _Begun(March(problem, *how), origin)
-        carried = state.carried
+        carried, kept = state.carried, state.carried.state
+        if carried.enforced != enforced_by(scheme):
+            # What the constraints miss by has not been carried along.
+            system = Index1(problem)
+            phi = problem.constraint_values(state.t, state.u)
+            kept = kept._replace(phi=phi, psi=system.rate(state.t, state.u, state.v))
         if (carried.h, carried.integrator) == (scheme.h, scheme.integrator.label):
             there = replace(problem, t0=carried.t0)
-            return _Begun(March(there, *how, state=carried.state, done=carried.done), origin)
-        fields = carried.state.fields[[0, 1, 3, 3]].astype(float)
-        anew = carried.state._replace(fields=fields, past=scheme.relations.start @ fields[:3])
+            return _Begun(March(there, *how, state=kept, done=carried.done), origin)
+        fields = kept.fields[[0, 1, 3, 3]].astype(float)
+        anew = kept._replace(fields=fields, past=scheme.relations.start @ fields[:3])
         return _Begun(March(replace(problem, t0=state.t), *how, state=anew), origin)
     except np.linalg.LinAlgError as error:
         raise ProblemError(

@@ -9,6 +9,7 @@ from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import INDEX_3, Formulation
 from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 
@@ -19,9 +20,11 @@ class Factors:
 
     Attributes:
         form: Name of the form.
-        left_formulas: Row block (D, V, K, C, those that the form has) → factor as text.
-        right_formulas: Unknown (u, v, a, lambda, those that the form has) → likewise.
+        left_formulas: Row block (D, V, K, C … that the form has) → factor as text.
+        right_formulas: Unknown (u, v, a, lambda, eta that the form has) → likewise.
         left, right: The same as numbers at the step size.
+        formulation: Label of the formulation; others than index 3 have rows Cv, Ca or B,
+            and unknown eta.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -37,6 +40,7 @@ class Factors:
     right_formulas: Mapping[str, str]
     left: Mapping[str, float]
     right: Mapping[str, float]
+    formulation: str = INDEX_3
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -57,6 +61,7 @@ def scaling(
     gamma: float | None = None,
     integrator: Any = None,
     preconditioning: Any = "optimal",
+    formulation: Any = INDEX_3,
 ) -> Factors:
     """The scaling of a form: Table 2 of the paper, or one of one's own, in numbers.
 
@@ -67,7 +72,9 @@ def scaling(
         integrator: In their place an integrator, as `march` takes it; its β and γ are then
             those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
         preconditioning: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``,
-            ``"optimal-printed"``, or a dict with ``name``, ``left`` and ``right``.
+            ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
+            ``right``.
+        formulation: As of `march`: its rows and unknowns are scaled by the rule of Table 2.
 
     Returns:
         Factors of each row block and unknown, as text and as numbers.
@@ -84,11 +91,13 @@ def scaling(
         ({'D': 'gamma*h^2', 'C': '1'}, {'v': '1/(gamma*h)', 'lambda': '1/(beta*h^2)'})
         >>> round(factors.right["lambda"], 3)
         33057.851
+        >>> newmark.scaling("a-lambda", h=1e-3, formulation="ggl").left_formulas["Cv"]
+        'beta*h/gamma'
     """
-    arguments.one_of("form", form, FORMS)
+    formulated = formulation_of(formulation).applied(FORMS[arguments.one_of("form", form, FORMS)])
     h = arguments.positive("h", h, " of seconds")
     method = _integrator(beta, gamma, integrator)
-    chosen = preconditioning_of(preconditioning, "preconditioning").scaling(FORMS[form])
+    chosen = preconditioning_of(preconditioning, "preconditioning").scaling(formulated)
     symbols = method.symbols(h)
     try:
         left, right = (
@@ -103,6 +112,7 @@ def scaling(
         {block: str(factor) for block, factor in chosen.right.items()},
         left,
         right,
+        formulated.formulation,
     )
 
 
@@ -149,6 +159,17 @@ def integrator_of(given: Any) -> Integrator:
         )
     found: Integrator = given
     return found
+
+
+def formulation_of(given: Any) -> Formulation:
+    """A formulation by its name and parameter, its dict, or itself."""
+    if isinstance(given, Formulation):
+        return given
+    if isinstance(given, str):
+        return Formulation.parse(given)
+    from newmark_cli.study.keys import FormulationConfig
+
+    return documents.validate(Document.of("formulation", given), FormulationConfig).formulation()
 
 
 def _spelled(text: str) -> dict[str, Any]:

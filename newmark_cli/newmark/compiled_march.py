@@ -4,7 +4,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel
-from newmark_cli.newmark.constraints import FormulationTables
+from newmark_cli.newmark.constraints import FormulationTables, constraining_of
 from newmark_cli.newmark.march_data import ProblemTables, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
@@ -20,7 +20,12 @@ def march(
     record: Record | None = None,
     extra: FormulationTables | None = None,
 ) -> tuple[int, int]:
-    """Advance ``state`` by ``len(norms)`` steps; see `newmark_cli.newmark.scipy_march.march`."""
+    """Advance ``state`` by ``len(norms)`` steps; see `newmark_cli.newmark.scipy_march.march`.
+
+    ``extra`` is the scheme's formulation as the kernel reads it, found anew when omitted.
+    """
+    if extra is None and (constraining := constraining_of(problem, scheme)):
+        extra = constraining.tables()
     dtype = scheme.dtype
     stop = scheme.stop or Tolerance()
     ending, done = kernel.march(  # type: ignore[no-untyped-call]

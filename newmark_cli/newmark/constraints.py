@@ -41,9 +41,11 @@ class FormulationTables(NamedTuple):
     inertia: np.floating[Any]  #: c = ∂v'/∂a
     penalty: np.floating[Any]  #: p; 0 where λ is an unknown
     stabilised: int  #: whether there are η
+    differentiated: int  #: whether a row has more than Φ itself
     level: int  #: of the projection: 0 none, 1 velocities, 2 positions too
     accelerations: int  #: whether v' is projected too
     total: int  #: whether λ + μ/h is recorded
+    acting: np.floating[Any]  #: h in it; see `newmark_cli.newmark.scheme.Scheme.acting`
     unit: np.floating[Any]  #: of M in the projection's matrix
     projector_rows: IndexArray  #: coordinate of each term of P
     projector_columns: IndexArray  #: its constraint
@@ -174,6 +176,16 @@ class Constraining:
             return Projector(nowhere, nowhere, nowhere, np.empty(0))
         return projector(self.problem)
 
+    @property
+    def differentiated(self) -> bool:
+        """Whether a row of constraints has more than Φ itself."""
+        return bool(np.any(self.weights[:, 1:]))
+
+    @property
+    def rated(self) -> bool:
+        """Whether Φ' is asked for, in a row or for a projection."""
+        return self.differentiated or self.scheme.projection.level > 0
+
     def directions(self, g: Array) -> Array:
         """The terms of P for these entries of G; none without η."""
         terms = self.projector
@@ -248,9 +260,11 @@ class Constraining:
             inertia=dtype(self.inertia),
             penalty=dtype(self.penalty),
             stabilised=int(self.stabilised),
+            differentiated=int(self.differentiated),
             level=scheme.projection.level,
             accelerations=int(scheme.projection.accelerations),
             total=int(scheme.total),
+            acting=dtype(scheme.acting),
             unit=dtype(unit),
             projector_rows=terms.rows.astype(np.int64),
             projector_columns=terms.columns.astype(np.int64),

@@ -150,11 +150,12 @@ class Formulation:
         method, _, given = label.partition(" ")
         if not given:
             return cls(method)
-        name, equals, text = given.partition("=")
+        name, _, text = given.partition("=")
         try:
-            return cls(method, (name, float(text if equals else "")))
+            value = float(text)
         except ValueError:
             raise FormulationError(f"formulation {label!r}: {name} must be a number") from None
+        return cls(method, (name, value))
 
     @property
     def scheduled(self) -> bool:
@@ -204,7 +205,7 @@ REPORTED: Mapping[str, str] = MappingProxyType(
     {
         NEWTON: "λ that Newton's iteration ends with",
         RECOVERED: "λ that u and v imply, by the index-1 system",
-        TOTAL: "λ + μ/h, μ the multiplier of the velocity projection",
+        TOTAL: "λ + μ/h, μ the multiplier of the velocity projection; 3μ/2h with BDF2",
     }
 )
 CONSISTENT, CORRECTED = "consistent", "corrected"
@@ -268,3 +269,13 @@ class Projection:
 
 #: What goes without saying.
 CONSTRAINTS, UNPROJECTED = Formulation(), Projection()
+
+#: The reported multipliers that a projection decides.
+AUTO = "auto"
+
+
+def reported(given: str, projection: Projection) -> str:
+    """One of `REPORTED` from one of them or `AUTO`: recovered after a projection."""
+    if given != AUTO:
+        return given
+    return RECOVERED if projection.level else NEWTON

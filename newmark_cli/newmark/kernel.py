@@ -131,7 +131,7 @@ class _Constraining(NamedTuple):
     shifted: np.ndarray  #: (m,) λ − pΦ
     now: np.ndarray  #: (b,) norms of the blocks of a correction
     last: np.ndarray  #: (b,) of the one before
-    done: np.ndarray  #: (b,) whether a block has ceased to decrease
+    done: np.ndarray  #: (b,) whether a block has stopped decreasing
     matrix: np.ndarray  #: (n + m, n + m) of a projection
     rhs: np.ndarray  #: (n + m,)
     columns: np.ndarray  #: (n + m,) the solver's work space
@@ -518,9 +518,9 @@ def _allocate_constraining(problem, tables, state, extra, recorded):
     return _Constraining(
         rate=np.zeros(m, dtype),
         curvature=np.zeros(m, dtype),
-        r=np.empty(entries, dtype),
-        r_old=np.empty(entries, dtype),
-        q=np.empty(entries, dtype),
+        r=np.zeros(entries, dtype),
+        r_old=np.zeros(entries, dtype),
+        q=np.zeros(entries, dtype),
         psi=np.zeros(m, dtype),
         rows=np.empty((rows, m), dtype),
         tangents=np.empty((rows, 3, entries), dtype),
@@ -541,8 +541,6 @@ def _allocate_constraining(problem, tables, state, extra, recorded):
 @_inline
 def _begin_step(extra, g, work):
     """Set η = 0 and P from the entries of G at the beginning of the step."""
-    for b in range(work.done.shape[0]):
-        work.done[b] = 0
     if extra.stabilised != 0:
         work.eta[:] = 0
         work.push[:] = 0
@@ -646,28 +644,41 @@ def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
     p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
     column, right = p * n + m, tables.right[p + 1]
     to_u, to_v, to_a = extra.eta[0], extra.eta[1], extra.eta[2]
-    for k in range(m):
+    of_dynamics = tables.left[0] * right
+    if to_u != 0:
         for e in range(values.x.shape[0]):
-            product = to_u * values.x[e] * work.p[problem.x_columns[e], k]
-            matrix[problem.x_rows[e], column + k] += tables.left[0] * right * product
+            row, source = problem.x_rows[e], problem.x_columns[e]
+            factor = of_dynamics * to_u * values.x[e]
+            for k in range(m):
+                matrix[row, column + k] += factor * work.p[source, k]
+    if to_v != 0:
         for e in range(values.y.shape[0]):
-            product = to_v * values.y[e] * work.p[problem.y_columns[e], k]
-            matrix[problem.y_rows[e], column + k] += tables.left[0] * right * product
+            row, source = problem.y_rows[e], problem.y_columns[e]
+            factor = of_dynamics * to_v * values.y[e]
+            for k in range(m):
+                matrix[row, column + k] += factor * work.p[source, k]
+    if to_a != 0:
         for e in range(problem.mass_rows.shape[0]):
-            inertia = extra.inertia * to_a * problem.mass_values[e]
-            product = inertia * work.p[problem.mass_columns[e], k]
-            matrix[problem.mass_rows[e], column + k] += tables.left[0] * right * product
-        for r in range(kept_rows):
+            row, source = problem.mass_rows[e], problem.mass_columns[e]
+            factor = of_dynamics * extra.inertia * to_a * problem.mass_values[e]
+            for k in range(m):
+                matrix[row, column + k] += factor * work.p[source, k]
+    for r in range(kept_rows):
+        if extra.rows_eta[r] != 0:
             factor = tables.left[1 + r] * right * extra.rows_eta[r]
             for i in range(n):
-                matrix[(1 + r) * n + i, column + k] += factor * work.p[i, k]
-        for row in range(extra.rows.shape[0]):
-            factor = tables.left[1 + kept_rows + row] * right
-            for e in range(values.g.shape[0]):
-                tangent = to_u * work.tangents[row, 0, e] + to_v * work.tangents[row, 1, e]
-                tangent += to_a * work.tangents[row, 2, e]
-                product = factor * tangent * work.p[problem.g_rows[e], k]
-                matrix[p * n + row * m + problem.g_columns[e], column + k] += product
+                for k in range(m):
+                    matrix[(1 + r) * n + i, column + k] += factor * work.p[i, k]
+    for kind in range(extra.rows.shape[0]):
+        of_row = tables.left[1 + kept_rows + kind] * right
+        for e in range(values.g.shape[0]):
+            tangent = to_u * work.tangents[kind, 0, e] + to_v * work.tangents[kind, 1, e]
+            tangent += to_a * work.tangents[kind, 2, e]
+            if tangent != 0:
+                row, source = p * n + kind * m + problem.g_columns[e], problem.g_rows[e]
+                factor = of_row * tangent
+                for k in range(m):
+                    matrix[row, column + k] += factor * work.p[source, k]
 
 
 @_inline
@@ -747,9 +758,11 @@ def _take_norms(work, norms, s, settled):
     """
     all_done = True
     for b in range(work.now.shape[0]):
-        if settled >= 2 and (work.done[b] != 0 or work.now[b] >= work.last[b]):
+        if settled < 2:
+            work.done[b] = 0
+        elif work.now[b] >= work.last[b]:
             work.done[b] = 1
-        else:
+        if work.done[b] == 0:
             all_done = False
             norms[s, b] = work.now[b]
         work.last[b] = work.now[b]
@@ -874,22 +887,21 @@ def _march(
         work = _allocate_constraining(problem, tables, state, extra, norms.shape[1])
         rate, curvature, r, r_old, q = work.rate, work.curvature, work.r, work.r_old, work.q
         accelerations, shifted, p = fields[3], work.shifted, tables.kept.shape[0]
+        rated = extra.differentiated != 0 or extra.level > 0
     if compensated:
         t = number(t_start + first * h)
         evaluate(t, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old)
+        if extra is not None and rated:
+            derive(t, past[0], past[1], accelerations, ints, reals, rate, curvature, r_old, q)
 
     for s in range(norms.shape[0]):
         t = number(t_start + (first + s + 1) * h)
         _collect_history(problem, tables, past, history)
         if extra is not None:
-            before = number(t_start + (first + s) * h)
             if extra.stabilised != 0 and not compensated:
+                before = number(t_start + (first + s) * h)
                 evaluate(
                     before, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old
-                )
-            if compensated:
-                derive(
-                    before, past[0], past[1], accelerations, ints, reals, rate, curvature, r_old, q
                 )
             _begin_step(extra, g_old, work)
         _predict(tables, past, moving)
@@ -917,11 +929,11 @@ def _march(
                     for k in range(m):
                         shifted[k] = multipliers[k] - extra.penalty * phi[k]
                     evaluate(t, u, v, shifted, ints, reals, force, phi, x, y, g)
-                if extra.rows.shape[0] > 0:
+                if extra.differentiated != 0:
                     _form_acceleration(tables, state)
                     derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
                     _rate_of_constraints(problem, iterate, state, values, work)
-                    _assemble_constraints(problem, extra, state, values, work)
+                _assemble_constraints(problem, extra, state, values, work)
                 _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs)
                 _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
                 _assemble_jacobian_of_motion(tables.weights, blocks, values, system)
@@ -1028,18 +1040,20 @@ def _march(
             # G and Φ at the end of the step, whatever was applied last.
             evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
             _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
-            if extra is not None:
+            if extra is not None and rated:
                 derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
                 _rate_of_constraints(problem, iterate, state, values, work)
                 for k in range(m):
                     state.psi[k] = work.psi[k]
+                for e in range(r.shape[0]):
+                    r_old[e] = r[e]
             _carry_over(state, iterate, values, new_past)
         past[:] = new_past
         if kept < keeping.shape[0] and keeping[kept] == s:
             _keep(state, record, kept)
             if extra is not None and extra.total != 0:
                 for k in range(m):
-                    record.multipliers[kept, k] += state.impulse[k] / iterate.h
+                    record.multipliers[kept, k] += state.impulse[k] / extra.acting
             kept += 1
     return COMPLETED, norms.shape[0]
 

@@ -138,12 +138,20 @@ class March:
     def multipliers(self) -> Array:
         """(m,) λ as the scheme reports it; see `newmark_cli.newmark.formulation.REPORTED`."""
         if self._index_1:
-            u, v = np.asarray(self.state.fields[:2], float)
-            return self._index_1.accelerations(self.t, u, v)[1]
-        multipliers = self.state.multipliers.astype(float)
+            return self._recovered(self._index_1, self.t, self.state.fields)
+        multipliers = self.state.multipliers
         if self.scheme.total:
-            multipliers += self.state.impulse / self.scheme.h
-        return multipliers
+            acting = self.scheme.dtype(self.scheme.acting)
+            multipliers = multipliers + self.state.impulse / acting
+        return multipliers.astype(float)
+
+    def _recovered(self, index_1: Index1, t: float, fields: Array) -> Array:
+        """(m,) λ that u and v imply; NaN where they determine none."""
+        u, v = np.asarray(fields[:2], float)
+        try:
+            return index_1.accelerations(t, u, v)[1]
+        except np.linalg.LinAlgError:
+            return np.full(self.problem.m, np.nan)
 
     @property
     def seen(self) -> State:
@@ -173,8 +181,7 @@ class March:
             if self._index_1:
                 for k in range(reached):
                     t = self.problem.t0 + looks[k] * self.scheme.h
-                    u, v = np.asarray(record.fields[k, :2], float)
-                    record.multipliers[k] = self._index_1.accelerations(t, u, v)[1]
+                    record.multipliers[k] = self._recovered(self._index_1, t, record.fields[k])
             stretch = Stretch(
                 norms[:taken],
                 iterations[:taken],

@@ -12,28 +12,112 @@ from types import MappingProxyType
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.forms import ROWS, Form, eliminate
+from newmark_cli.newmark.forms import MULTIPLIERS, Form, eliminate
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS, Newmark
 from newmark_cli.newmark.scaling import Scaling
 
-UNKNOWNS = (*FIELDS, "lambda")
+UNKNOWNS = (*FIELDS, *MULTIPLIERS)
 
 #: Orders of u, v, a relative to a change of u through the update relations.
 _RATE_ORDERS = np.array([0, -1, -2])
+_INF = np.inf
 
-#: Orders of the blocks of J⁻¹ of the four-field system: unknown → (D, V, K, C).
-#: Its sub-tables are eqs. 23 and 34.
-INVERSE_ORDERS: Mapping[str, tuple[int, ...]] = MappingProxyType(
-    {"u": (2, 2, 0, 0), "v": (1, 0, -1, -1), "a": (0, 0, -2, -2), "lambda": (0, 0, -2, -2)}
-)
-#: The same without damping.  A perturbation of V reaches row D through Y alone:
-#: where Y = 0 it changes v and nothing else.
-UNDAMPED_INVERSE_ORDERS: Mapping[str, tuple[float, ...]] = MappingProxyType(
+
+@dataclass(frozen=True)
+class Inverse:
+    """Orders of the blocks of J⁻¹ of a formulation's four-field system.
+
+    A block may be smaller than in general position: where Y, X or ∂(Gᵀv)/∂u is zero
+    (at rest), where constraints are linear, and where P = M⁻¹G.
+
+    Attributes:
+        columns: Rows of the system, and so columns of J⁻¹.
+        general: Unknown → orders in general position.
+        undamped: The same where Y = 0.
+        special: Largest order that any of the special cases has.
+    """
+
+    columns: tuple[str, ...]
+    general: Mapping[str, tuple[float, ...]]
+    undamped: Mapping[str, tuple[float, ...]]
+    special: Mapping[str, tuple[float, ...]]
+
+
+def _inverse(columns: str, *tables: Mapping[str, str]) -> Inverse:
+    """Tables as text, in the order of `Inverse`; an unknown that is not named has the first's."""
+    read: list[Mapping[str, tuple[float, ...]]] = []
+    for table in tables:
+        rows = {name: tuple(map(float, row.split())) for name, row in table.items()}
+        read.append(MappingProxyType({**(read[0] if read else {}), **rows}))
+    return Inverse(tuple(columns.split()), *read)
+
+
+#: Orders of the blocks of J⁻¹ by formulation; sub-tables of the first are eqs. 23 and 34.
+#: Without damping a perturbation of V reaches row D of index 3 through Y alone: where
+#: Y = 0 it changes v and nothing else.
+INVERSES: Mapping[str, Inverse] = MappingProxyType(
     {
-        "u": (2, np.inf, 0, 0),
-        "v": (1, 0, -1, -1),
-        "a": (0, np.inf, -2, -2),
-        "lambda": (0, np.inf, -2, -2),
+        "index-3": _inverse(
+            "D V K C",
+            {"u": "2 2 0 0", "v": "1 0 -1 -1", "a": "0 0 -2 -2", "lambda": "0 0 -2 -2"},
+            {"u": "2 inf 0 0", "a": "0 inf -2 -2", "lambda": "0 inf -2 -2"},
+            {"u": "2 inf 0 0", "a": "0 inf -2 -2", "lambda": "0 inf -2 -2"},
+        ),
+        "index-2": _inverse(
+            "D V K Cv",
+            {"u": "2 1 0 1", "v": "1 0 0 0", "a": "0 -1 -1 -1", "lambda": "0 -1 -1 -1"},
+            {},
+            {"v": "1 0 inf 0", "a": "0 -1 inf -1", "lambda": "0 -1 inf -1"},
+        ),
+        "index-1": _inverse(
+            "D V K Ca",
+            {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"},
+            {},
+            {"u": "2 inf 0 2", "v": "1 0 inf 1", "a": "0 inf inf 0", "lambda": "0 inf inf 0"},
+        ),
+        "baumgarte": _inverse(
+            "D V K B",
+            {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"},
+            {},
+            {},
+        ),
+        "baumgarte rate_h": _inverse(
+            "D V K B",
+            {"u": "2 1 0 2", "v": "1 0 -1 1", "a": "0 -1 -2 0", "lambda": "0 -1 -2 0"},
+            {},
+            {},
+        ),
+        "ggl": _inverse(
+            "D V K C Cv",
+            {
+                "u": "2 1 0 0 1",
+                "v": "1 0 0 0 0",
+                "a": "0 -1 -1 -1 -1",
+                "lambda": "0 -1 -1 -1 -1",
+                "eta": "3 1 0 0 1",
+            },
+            {},
+            {
+                "u": "2 inf 0 0 inf",
+                "v": "1 0 inf inf 0",
+                "a": "0 -1 inf inf -1",
+                "lambda": "0 -1 inf inf -1",
+                "eta": "inf 1 0 0 1",
+            },
+        ),
+        "augmented-lagrangian": _inverse(
+            "D V K",
+            {"u": "2 2 0", "v": "1 0 -1", "a": "0 0 -2"},
+            {"u": "2 inf 0", "a": "0 inf -2"},
+            {"u": "2 inf 0", "a": "0 inf -2"},
+        ),
+        "augmented-lagrangian penalty": _inverse(
+            "D V K",
+            {"u": "2 2 0", "v": "1 0 1", "a": "0 0 0"},
+            {"u": "2 inf 0", "a": "0 inf 0"},
+            {"u": "2 inf 0", "a": "0 inf 0"},
+        ),
     }
 )
 
@@ -55,12 +139,21 @@ class FormOrders:
     """Orders of the unscaled system of a form.
 
     Attributes:
-        form: The form.
-        weights: (3, p) orders of W = ∂(u, v, a)/∂(kept).
-        jacobian: (rows, unknowns) orders of J (eqs. 21, 33).
-        inverse: (unknowns, rows) orders of J⁻¹ (eqs. 23, 34).
+        form: The form, with the rows and multipliers of its formulation.
+        weights: (3, p) orders of W = ∂(u, v, a)/∂(kept), and of a column for η where
+            there is one.
+        jacobian: (rows, solved) orders of J (eqs. 21, 33).
+        inverse: (solved, rows) orders of J⁻¹ (eqs. 23, 34).
         residual: (rows,) orders of the residual's perturbation: each row's
             largest term (eqs. 25, 36).
+        reactions: Unknown, eliminated or not → (rows,) orders of its row of the
+            four-field J⁻¹.  W times the kept corrections would overstate those of
+            eliminated fields where η cancels them.
+        special: (solved, rows) orders of J⁻¹ that its blocks may have at most, where
+            something is not in general position.
+        differenced: Whether rows V and K are differences of numbers as large as the
+            fields.  These are often exact, so that the residual is smaller than its terms.
+        penalty: Order of the penalty p of an augmented Lagrangian, and +∞ without.
     """
 
     form: Form
@@ -68,6 +161,10 @@ class FormOrders:
     jacobian: Array
     inverse: Array
     residual: Array
+    reactions: Mapping[str, Array]
+    special: Array
+    differenced: bool = True
+    penalty: float = _INF
 
     def corrections(self, scaling: Scaling | None = None) -> dict[str, float]:
         """Orders of the corrections of the unknowns (eqs. 26, 37, 40, 45).
@@ -76,22 +173,46 @@ class FormOrders:
             scaling: When given, of the scaled corrections q̄; the rows' factors
                 cancel, the unknowns' divide.
         """
-        orders = min_plus(self.inverse, self.residual)
+        physical = self.physical_corrections()
         return {
-            unknown: float(order - (scaling.right[unknown].order() if scaling else 0))
-            for unknown, order in zip(self.form.unknowns, orders, strict=True)
+            unknown: physical[unknown] - (scaling.right[unknown].order() if scaling else 0)
+            for unknown in self.form.unknowns
         }
 
     def physical_corrections(self) -> dict[str, float]:
-        """Orders of the corrections of u, v, a, λ in physical units.
+        """Orders of the corrections of u, v, a, λ, and η if any, in physical units.
 
-        The eliminated fields' follow from the weights.  No diagonal scaling
-        changes them.
+        No diagonal scaling changes them.
         """
-        kept = self.corrections()
-        fields = min_plus(self.weights, np.array([kept[f] for f in self.form.kept]))
-        orders = {f: float(order) for f, order in zip(FIELDS, fields, strict=True)}
-        return {**orders, "lambda": kept["lambda"]}
+        return {
+            unknown: self._reaction(unknown, self.residual)
+            for unknown in (*FIELDS, *self.form.multipliers)
+        }
+
+    @property
+    def bounded(self) -> dict[str, str]:
+        """Unknowns whose correction may fall faster with h than predicted, and why."""
+        if not self.differenced:
+            return {}
+        # Only what rows V and K contribute is uncertain.
+        sharp = np.where([row in "VK" for row in self.form.rows], _INF, self.residual)
+        found = {}
+        for unknown, order in self.physical_corrections().items():
+            if self._reaction(unknown, sharp) > order:
+                found[unknown] = "differences in rows V and K are often exact"
+        return found
+
+    def _reaction(self, unknown: str, residual: Array) -> float:
+        """Order of an unknown's correction for orders of the residual."""
+        if unknown in self.reactions:
+            return float(np.min(self.reactions[unknown] + residual))
+        # λ is updated by −pΦ, of which the residual in row D has the order.
+        return float(self.penalty + self._constraint)
+
+    @property
+    def _constraint(self) -> float:
+        """Order of the perturbation of Φ."""
+        return 0.0 if self.differenced else 1.0
 
     def condition(self, scaling: Scaling) -> float:
         """Order of C = ‖J̄‖·‖J̄⁻¹‖ of the scaled matrix (eqs. 24, 35, 42, 47)."""
@@ -101,7 +222,7 @@ class FormOrders:
     def scaled(self, scaling: Scaling) -> tuple[Array, Array]:
         """Orders of J̄ = D_L J D_R and of its inverse (eqs. 39, 44)."""
         left = np.array([scaling.left[row].order() for row in self.form.rows])
-        right = np.array([scaling.right[unknown].order() for unknown in self.form.unknowns])
+        right = np.array([scaling.right[unknown].order() for unknown in self.form.solved])
         return (
             self.jacobian + left[:, None] + right[None, :],
             self.inverse - right[:, None] - left[None, :],
@@ -111,53 +232,128 @@ class FormOrders:
 def form_orders(
     form: Form, damped: bool = True, stiff: bool = True, compensated: bool = False
 ) -> FormOrders:
-    """Orders of a form for any integrator of the family.
+    """Orders of a form for any integrator of the family, in any formulation.
 
     M and G, and X and Y where present, are taken to be O(1) and in general
     position: fewer constraints than coordinates, and M⁻¹Y neither tangent to the
-    constraints nor normal to them.  The fields and λ are O(1).  Corrections and
-    condition numbers are the same with and without X and Y; single blocks are not.
+    constraints nor normal to them; ∂(Gᵀv)/∂u likewise.  The fields and λ are O(1).
+    Corrections and condition numbers are the same with and without X and Y; single
+    blocks are not.
 
     Args:
-        form: The form.
+        form: The form, as `Formulation.applied` gives it.
         damped: Whether Y ≠ 0.
         stiff: Whether X ≠ 0.
         compensated: Whether residuals are evaluated in increments.  Their terms are
-            then as small as w, O(h²), and ν, O(h), and Φ changes by O(h) in a step.
+            then as small as w, O(h²), and ν, O(h), and Φ and its rate change by O(h)
+            in a step.
     """
+    formulation = Formulation.parse(form.formulation)
     # Which weights and row entries are there does not depend on h or on the
     # integrator's numbers; their orders are those of the rates.
     elimination = eliminate(form, Newmark(0.3, 0.6).relations(0.1))
     rates_of_kept = np.array([_RATE_ORDERS[FIELDS.index(f)] for f in form.kept])
-    weights = np.where(elimination.weights != 0, _RATE_ORDERS[:, None] - rates_of_kept, np.inf)
+    weights = np.where(elimination.weights != 0, _RATE_ORDERS[:, None] - rates_of_kept, _INF)
+    kept = weights
+    if "eta" in form.multipliers:
+        of_eta = np.where(elimination.eta != 0, _RATE_ORDERS, _INF)
+        weights = np.column_stack([weights, of_eta])
 
-    relation = {  # V: v − γh a,  K: u − βh² a
-        "V": np.array([np.inf, 0, 1]),
-        "K": np.array([0, np.inf, 2]),
-    }
-    dynamic = np.where([stiff, damped, True], 0.0, np.inf)  # X, Y, M
+    # Orders of each row's blocks, and of its blocks beside λ.
+    penalty = _penalty(formulation)
+    dynamic = np.where([stiff, damped, True], 0.0, _INF)  # X, Y, M
+    dynamic[0] = min(dynamic[0], penalty)
     blocks = {
-        "D": np.append(min_plus(dynamic[None, :], weights)[0], 0),
-        "C": np.append(weights[0], np.inf),
+        "D": dynamic,
+        "V": np.array([_INF, 0, 1]),  # v − γh a
+        "K": np.array([0, _INF, 2]),  # u − βh² a
+        **_CONSTRAINTS,
     }
-    # Residual: f and Gλ beside M times the kept fields in D; fields in V, K; Φ.
-    # Of w, ν and a, where the evaluation is in increments.
-    sizes = 2 + rates_of_kept if compensated else np.zeros(len(form.kept))
-    residual = {"D": min(0.0, np.min(weights[2] + sizes)), "C": 1.0 if compensated else 0.0}
-    for row in form.extra_rows:
-        in_kept = min_plus(relation[row][None, :], weights)[0]
-        blocks[row] = np.append(in_kept, np.inf)
-        residual[row] = float(np.min(in_kept + sizes))
+    if formulation.scheduled:
+        blocks["B"] = np.array([-2.0, -1.0, 0.0])  # α² Gᵀ, 2α Gᵀ, Gᵀ
+    jacobian = []
+    for row in form.rows:
+        in_kept = min_plus(blocks[row][None, :], weights)[0]
+        if form.constraint_rows:
+            in_kept = np.insert(in_kept, len(form.kept), 0 if row == "D" else _INF)
+        if row == "K" and "eta" in form.multipliers:
+            in_kept[-1] = min(in_kept[-1], 0.0)
+        jacobian.append(in_kept)
 
-    inverse = INVERSE_ORDERS if damped else UNDAMPED_INVERSE_ORDERS
-    columns = [ROWS.index(row) for row in form.rows]
+    residual = _residuals(form, formulation, kept, rates_of_kept, compensated)
+    inverse = INVERSES[_table(formulation)]
+    columns = [inverse.columns.index(row) for row in form.rows]
+    table = inverse.general if damped else inverse.undamped
     return FormOrders(
         form=form,
         weights=weights,
-        jacobian=np.array([blocks[row] for row in form.rows]),
-        inverse=np.array([inverse[u] for u in form.unknowns], float)[:, columns],
+        jacobian=np.array(jacobian),
+        inverse=np.array([table[u] for u in form.solved])[:, columns],
         residual=np.array([residual[row] for row in form.rows]),
+        reactions={unknown: np.array(row)[columns] for unknown, row in table.items()},
+        special=np.array([inverse.special[u] for u in form.solved])[:, columns],
+        differenced=not compensated,
+        penalty=penalty,
     )
+
+
+#: Orders of the blocks of the rows of constraints in u, v, a: Gᵀ; ∂(Gᵀv)/∂u, Gᵀ; and so on.
+_CONSTRAINTS: Mapping[str, Array] = {
+    "C": np.array([0, _INF, _INF]),
+    "Cv": np.array([0, 0, _INF]),
+    "Ca": np.zeros(3),
+    "B": np.zeros(3),
+}
+
+
+def _penalty(formulation: Formulation) -> float:
+    """Order of p: as inertia, h⁻², or fixed."""
+    if not formulation.kind.penalised:
+        return _INF
+    assert formulation.parameter is not None
+    return -2.0 if formulation.parameter[0] == "factor" else 0.0
+
+
+def _table(formulation: Formulation) -> str:
+    """Which of `INVERSES` a formulation has."""
+    if formulation.parameter is not None:
+        own = f"{formulation.method} {formulation.parameter[0]}"
+        if own in INVERSES:
+            return own
+    return formulation.method
+
+
+def _residuals(
+    form: Form, formulation: Formulation, weights: Array, rates: Array, compensated: bool
+) -> dict[str, float]:
+    """Orders of each row's largest term.
+
+    Args:
+        form: The form.
+        formulation: Its formulation.
+        weights: (3, p) orders of W, without a column for η, whose terms are never the largest.
+        rates: (p,) orders of the kept fields relative to u.
+        compensated: Whether terms are those of increments.
+    """
+    # Of w, ν and a, where the evaluation is in increments.
+    sizes = 2 + rates if compensated else np.zeros(len(rates))
+    u, v, a = (float(order) for order in np.min(weights + sizes, axis=1))
+    position = 1.0 if compensated else 0.0
+    # Φ and its rate are carried; Gᵀv' and κ are evaluated afresh, both O(1).
+    velocity = 1.0 if compensated else min(0.0, v)
+    acceleration = min(0.0, a) if compensated else min(0.0, v, a)
+    # f and Gλ beside M times the kept fields in D.
+    dynamic = min(0.0, a, _penalty(formulation) + position)
+    rate = -1.0 if formulation.scheduled else 0.0
+    return {
+        "D": dynamic,
+        "V": min(v, 1 + a),
+        "K": min(u, 2 + a),
+        "C": position,
+        "Cv": velocity,
+        "Ca": acceleration,
+        "B": min(acceleration, rate + velocity, 2 * rate + position),
+    }
 
 
 def derive_scaling(orders: FormOrders) -> tuple[dict[str, int], dict[str, int]]:
@@ -168,8 +364,10 @@ def derive_scaling(orders: FormOrders) -> tuple[dict[str, int], dict[str, int]]:
         −ord(J)_ij ≤ ℓ_i + r_j ≤ ord(J⁻¹)_ji,
 
     a system of difference constraints in ℓ and −r.  Row C keeps ℓ = 0 as in
-    Table 2, which fixes the common factor that a scaling is free to have; the
-    least solution is then found by relaxation, as longest paths are.
+    Table 2, which fixes the common factor that a scaling is free to have.  Where
+    other rows of constraints stand, that leaves a choice: the fields then keep the
+    powers of ∂u/∂u, ∂v/∂u and ∂a/∂u, as they have in Table 2.  The least solution is
+    found by relaxation, as longest paths are.
 
     Args:
         orders: Orders of a form.
@@ -180,10 +378,18 @@ def derive_scaling(orders: FormOrders) -> tuple[dict[str, int], dict[str, int]]:
     Raises:
         ValueError: When no powers do it.
     """
-    rows, unknowns = orders.form.rows, orders.form.unknowns
+    rows, unknowns = orders.form.rows, orders.form.solved
     low, high = -orders.jacobian, orders.inverse.T
-    left = np.array([0.0 if row == "C" else -np.inf for row in rows])
-    shrink = np.full(len(unknowns), -np.inf)  # −r
+    # −r in shrink.
+    if orders.form.constraint_rows == ("C",):
+        left = np.array([0.0 if row == "C" else -np.inf for row in rows])
+        shrink = np.full(len(unknowns), -np.inf)
+    else:
+        left = np.full(len(rows), -np.inf)
+        shrink = np.array(
+            [-_RATE_ORDERS[FIELDS.index(u)] if u in FIELDS else -np.inf for u in unknowns]
+        )
+    anchored_left, anchored_shrink = left, shrink
     for _ in range(len(rows) + len(unknowns) + 1):
         new_shrink = np.maximum(shrink, np.max(left[:, None] - high, axis=0))
         new_left = np.maximum(left, np.max(low + new_shrink[None, :], axis=1))
@@ -191,8 +397,12 @@ def derive_scaling(orders: FormOrders) -> tuple[dict[str, int], dict[str, int]]:
             break
         left, shrink = new_left, new_shrink
     powers = left[:, None] - shrink[None, :]
-    if left[rows.index("C")] != 0 or np.any(powers < low) or np.any(powers > high):
-        raise ValueError(f"no powers of h make the blocks of {orders.form.name} O(1)")
+    moved = any(
+        bool(np.any((before > -np.inf) & (after != before)))
+        for before, after in ((anchored_left, left), (anchored_shrink, shrink))
+    )
+    if moved or np.any(powers < low) or np.any(powers > high):
+        raise ValueError(f"no powers of h make the blocks of {orders.form.described} O(1)")
     return (
         {row: int(power) for row, power in zip(rows, left, strict=True)},
         {unknown: -int(power) for unknown, power in zip(unknowns, shrink, strict=True)},

@@ -140,6 +140,17 @@ class Scheme:
         return self.reported == TOTAL
 
     @property
+    def acting(self) -> float:
+        """Time for which an acceleration acts on the velocity within a step (s).
+
+        A change δ of the velocity in every step is worth an acceleration of δ over it: h,
+        but 2h/3 in BDF2, where a third of the last step's change comes again.
+        """
+        relations = self.relations
+        of_past = relations.v_past[: len(relations.advance)][relations.advance == FIELDS.index("a")]
+        return float(relations.v_from_a + of_past.sum())
+
+    @property
     def formulated(self) -> bool:
         """Whether anything but index 3, as the paper has it, is marched."""
         return self.formulation != CONSTRAINTS or self.projection.level > 0

@@ -25,7 +25,7 @@ from newmark_cli.newmark.march_data import (
 )
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.problems.problem import ConstraintRows, Problem, Values
 
 
 class _Step:
@@ -189,11 +189,11 @@ class _Formulated:
     def begin_step(self, t: float) -> None:
         """Set η = 0, and P and R to those at the beginning of the step."""
         u, v = self.state.past[:2]
-        self._done[:] = False
         self.eta = np.zeros(self.problem.m)
         g = self.problem.values(t, u, v, self.state.multipliers).g
         self.directions = self.constraining.directions(g)
-        self._r_old = self.problem.constraint_rows(t, u, v, self.state.fields[3]).r
+        if self.carried and self.constraining.rated:
+            self._r_old = self.problem.constraint_rows(t, u, v, self.state.fields[3]).r
         self._phi: Array | None = None
 
     def _push(self) -> Array:
@@ -211,9 +211,12 @@ class _Formulated:
         u, v, _, acceleration = self.state.fields
         g = self.problem.values(t, u, v, self.state.multipliers).g
         found = self.problem.constraint_rows(t, u, v, acceleration)
+        return self._rate(moving, g, found)
+
+    def _rate(self, moving: Array, g: Array, found: ConstraintRows) -> Array:
         along = self.constraining.along
         if not self.carried:
-            return found.rate + along(g, v)
+            return found.rate + along(g, self.state.fields[1])
         change = along(0.5 * (self.carried.g + g), moving[1])
         change += along(0.5 * (self._r_old + found.r), self.carried.shift(moving))
         return np.asarray(self.state.psi + change)
@@ -233,8 +236,6 @@ class _Formulated:
         tables = self.scheme.tables
         fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ step.past
         u, v, _, acceleration = fields
-        found = self.problem.constraint_rows(t, u, v, acceleration)
-        second = constraining.along(values.g, acceleration) + found.curvature
         rows = step.residual(moving, values.force)
         if constraining.stabilised:
             push = self._push()
@@ -243,7 +244,13 @@ class _Formulated:
             )
             for k, factor in enumerate(constraining.rows_eta):
                 rows[1 + k] = rows[1 + k] + factor * push
-        rows.extend(constraining.values(phi, self.rate(t, moving), second))
+        first, second, none = np.zeros_like(phi), np.zeros_like(phi), np.zeros_like(values.g)
+        found = ConstraintRows(first, second, none, none)
+        if constraining.differentiated:
+            found = self.problem.constraint_rows(t, u, v, acceleration)
+            first = self._rate(moving, values.g, found)
+            second = constraining.along(values.g, acceleration) + found.curvature
+        rows.extend(constraining.values(phi, first, second))
         tangents = Tangents(constraining.tangents(values.g, found.r, found.q), self.directions)
         return step.system.solve(values, step.right_hand_side(rows), tangents)
 
@@ -390,7 +397,7 @@ def march(
         t = problem.t0 + (first + s + 1) * scheme.h
         step = _Step(scheme, system, state.past.copy())
         if extra:
-            extra.begin_step(t - scheme.h)
+            extra.begin_step(problem.t0 + (first + s) * scheme.h)
         step.predict(moving)
         if carried:
             carried.take(moving)
@@ -444,19 +451,20 @@ def march(
         except np.linalg.LinAlgError:
             return SINGULAR, s
         if carried:
-            if extra:
+            if extra and extra.constraining.rated:
                 state.psi[:] = extra.rate(t, moving)
             carried.end_step(t, moving, new_past)
         state.past[:] = new_past
         if record is not None and s in places:
             record.fields[places[s]], record.multipliers[places[s]] = fields, multipliers
             if scheme.total:
-                record.multipliers[places[s]] += state.impulse / scheme.h
+                record.multipliers[places[s]] += state.impulse / scheme.acting
     return COMPLETED, len(norms)
 
 
 def _limit(scheme: Scheme, stop: Tolerance, state: State) -> float:
     """Norm of the scaled correction at which Newton stops."""
-    kept = state.fields[scheme.tables.kept] / scheme.right[:-1, None]
-    size = np.hypot(np.linalg.norm(kept), np.linalg.norm(state.multipliers / scheme.right[-1]))
+    p = len(scheme.tables.kept)
+    kept = state.fields[scheme.tables.kept] / scheme.right[:p, None]
+    size = np.hypot(np.linalg.norm(kept), np.linalg.norm(state.multipliers / scheme.right[p]))
     return float(stop.absolute + stop.relative * size)

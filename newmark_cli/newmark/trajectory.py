@@ -13,6 +13,7 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT
 from newmark_cli.newmark.march import March, Stretch
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
+from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
 
@@ -45,6 +46,7 @@ class _Carried:
         done: Steps since then.
         h: Step size (s).
         integrator: Label of the integrator, whose past vectors the state has.
+        enforced: Formulation and projection, which decide what of Φ and Φ' is left.
     """
 
     state: State
@@ -52,6 +54,7 @@ class _Carried:
     done: int
     h: float
     integrator: str
+    enforced: str
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +104,11 @@ class Step:
         )
 
 
+def enforced_by(scheme: Scheme) -> str:
+    """Formulation and projection of a scheme."""
+    return f"{scheme.formulation.label}, {scheme.projection.label}"
+
+
 def step_of(march: March, stretch: Stretch | None = None) -> Step:
     """Where a march stands.
 
@@ -114,8 +122,15 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
     iterations = int(stretch.iterations[-1]) if stretch and took else 0
     norms = stretch.norms[-1].tolist() if stretch and took else [0.0] * len(unknowns)
     state = State(*(array.copy() for array in march.state))
-    label = march.scheme.integrator.label
-    carried = _Carried(state, march.problem.t0, march.done, march.scheme.h, label)
+    scheme = march.scheme
+    carried = _Carried(
+        state,
+        march.problem.t0,
+        march.done,
+        scheme.h,
+        scheme.integrator.label,
+        enforced_by(scheme),
+    )
     return Step(
         t=march.t,
         u=here.fields[_ROWS["u"]],

@@ -19,6 +19,7 @@ from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import LOOKS, Legend, Panel, Sheet, Trace, from_zero, look, spread
 from newmark_cli.report.parts import OfParts, Part
+from newmark_cli.report.text import in_words
 from newmark_cli.report.verdicts import PASS, SHOWN
 from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall_times
 from newmark_cli.study import axes
@@ -372,7 +373,7 @@ def _spelled(axis: str, value: str) -> str:
         return "at the start" if value else "along the motion"
     if axis == "measure":
         return _words(value)
-    return symbol(value) if axis == "quantity" else value
+    return symbol(value) if axis == "quantity" else in_words(axis, value)
 
 
 def _words(measure: str) -> str:

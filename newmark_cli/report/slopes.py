@@ -20,13 +20,14 @@ from newmark_cli.arrays import Array, Mask
 from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.orders import UNKNOWNS
+from newmark_cli.newmark.formulation import REPORTED, STARTS, Formulation, Projection
 from newmark_cli.newmark.scheme import COMPENSATED, EVALUATIONS, PRECISIONS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import (
     FAILING,
     INCOMPLETE,
+    LEAST,
     MISS,
     NOT_ASYMPTOTIC,
     NOT_CONVERGING,
@@ -179,7 +180,7 @@ def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
         role = str(row["role"])
         if key.measure:
             slope = _slope(key, role, rows, int(most[rows.index[0]]), accepted, path)
-            found.append(_moved(slope, *moved.get(key.problem, ((), False))))
+            found.append(_moved(_resolved(slope), *moved.get(key.problem, ((), False))))
         elif not rows["status"].isin(accepted).all():
             found.append(_failed(key, role))
     return found
@@ -225,11 +226,15 @@ def _slope(
     values = record.drawn(rows)
     figures = tuple(_drawing(tuple(FIGURES)).get(key, ()))
     expected = _predicted(key, path)
+    exact = bool(np.isposinf(expected))
+    if exact:
+        expected = np.nan  # no order at all
     statuses = tuple(rows["status"])
     if not set(statuses) <= {"ok"} and set(statuses) <= set(accepted):
-        expected = np.nan  # a cell that was expected to end like this measured something else
+        # A cell that was expected to end like this measured something else.
+        expected, exact = np.nan, False
     tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
-    found = _judged(key, record, rows, values, expected, tolerance, points)
+    found = _judged(key, record, rows, values, expected, tolerance, points, exact)
     return Slope(
         figures=figures,
         key=key,
@@ -249,6 +254,24 @@ def _slope(
         and np.isnan(expected)
         and "not_converging" in accepted,
     )
+
+
+def _resolved(slope: Slope) -> Slope:
+    """The verdict in view of a fixed rate, whose orders are those of α h much below 1."""
+    parameter = Formulation.parse(slope.formulation).parameter
+    if slope.verdict != MISS or parameter is None or parameter[0] != "rate":
+        return slope
+    products = parameter[1] * slope.h
+    if np.count_nonzero(products <= _SLOW) >= LEAST:
+        return slope
+    reason = f"α h is {products.min():.2g} to {products.max():.2g}: orders show below {_SLOW:g}"
+    return replace(
+        slope, verdict=NOT_ASYMPTOTIC, reason="; ".join(filter(None, (slope.reason, reason)))
+    )
+
+
+#: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
+_SLOW = 0.1
 
 
 def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
@@ -273,6 +296,7 @@ def _judged(
     expected: float,
     tolerance: float,
     points: int,
+    exact: bool,
 ) -> Judgement:
     """The verdict on the rows of one series, its points in their order."""
     h = rows["h"].to_numpy(float)
@@ -300,10 +324,14 @@ def _judged(
         quantity=key.quantity,
         expected=expected,
         tolerance=tolerance,
-        damped=integrator.parse(key.integrator).damped,
+        damped=not record.alternates(key),
         unit=float(np.finfo(PRECISIONS[key.precision]).eps),
         coarse=record.coarse(key),
         compensated=key.evaluation == COMPENSATED,
+        floor=record.floor(key),
+        exact=exact,
+        bound=record.bounded(key),
+        lacking=record.lacking(key),
     )
     found = judge(evidence)
     fitted = np.empty(len(h), bool)
@@ -342,17 +370,18 @@ def _predicted(key: SeriesKey, path: Path) -> float:
     record = RECORDS[key.measure]
     try:
         integrator.parse(key.integrator)
+        Formulation.parse(key.formulation)
+        Projection.parse(key.projection)
         if key.form not in FORMS:
             raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
         for name, given, known in (
             ("precision", key.precision, PRECISIONS),
             ("evaluation", key.evaluation, EVALUATIONS),
+            ("multipliers", key.multipliers, REPORTED),
+            ("start", key.start, STARTS),
         ):
             if given not in known:
                 raise ResultsError(f"unknown {name} {given!r}{nearest(given, known)}")
-        if record.predicts and key.quantity not in (*UNKNOWNS, "jacobian"):
-            hint = nearest(key.quantity, UNKNOWNS)
-            raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
         if record.quantities and key.quantity not in record.quantities:
             hint = nearest(key.quantity, record.quantities)
             raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")

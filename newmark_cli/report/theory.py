@@ -6,18 +6,22 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.formulation import INDEX_3, Formulation
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.orders import FormOrders, derive_scaling, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 
-_SYMBOLS = {"lambda": "λ"}
+_SYMBOLS = {"lambda": "λ", "eta": "η"}
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def predict(
-    form: str, preconditioning: Preconditioning, evaluation: str = DIRECT
+    form: str,
+    preconditioning: Preconditioning,
+    evaluation: str = DIRECT,
+    formulation: str = INDEX_3,
 ) -> dict[str, Any]:
     """All orders of a form under a scaling; a structural zero has order None.
 
@@ -25,22 +29,26 @@ def predict(
         form: Name of a form.
         preconditioning: Variant or scaling of one's own.
         evaluation: How residuals are evaluated.
+        formulation: Label of a formulation.
 
     Raises:
         ScalingError: When the scaling does not fit the form.
+        FormulationError: When the formulation cannot be used.
     """
-    orders = form_orders(FORMS[form], compensated=evaluation == COMPENSATED)
-    scaling = preconditioning.scaling(FORMS[form])
+    described = _form(form, formulation)
+    orders = form_orders(described, compensated=evaluation == COMPENSATED)
+    scaling = preconditioning.scaling(described)
     jacobian, inverse = orders.scaled(scaling)
-    rows, unknowns = FORMS[form].rows, FORMS[form].unknowns
+    rows, unknowns = described.rows, described.solved
     residual = orders.residual + [scaling.left[row].order() for row in rows]
     physical = orders.physical_corrections()
     return {
         "form": form,
         "preconditioning": preconditioning.label,
         "evaluation": evaluation,
+        "formulation": described.formulation,
         "left": {row: scaling.left[row].order() for row in rows},
-        "right": {unknown: scaling.right[unknown].order() for unknown in unknowns},
+        "right": {unknown: scaling.right[unknown].order() for unknown in described.unknowns},
         "jacobian": _blocks(rows, unknowns, jacobian),
         "inverse": _blocks(unknowns, rows, inverse),
         "residual": {row: int(order) for row, order in zip(rows, residual, strict=True)},
@@ -48,36 +56,53 @@ def predict(
         "physical_correction": {
             field: {
                 "order": int(physical[field]),
-                "role": "recovered" if field in FORMS[form].eliminated else "primary",
+                "role": "recovered" if field in described.eliminated else "primary",
             }
-            for field in (*FIELDS, "lambda")
+            for field in (*FIELDS, *described.multipliers)
         },
+        "bounds": list(orders.bounded),
         "condition": int(orders.condition(scaling)),
     }
 
 
-def derive(form: str) -> dict[str, Any]:
-    """The least powers of h that balance a form, beside those of Table 2."""
-    orders: FormOrders = form_orders(FORMS[form])
+def _form(name: str, formulation: str) -> Form:
+    return Formulation.parse(formulation).applied(FORMS[name])
+
+
+def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
+    """The least powers of h that balance a form, beside those of Table 2.
+
+    Args:
+        form: Name of a form.
+        formulation: Label of a formulation.
+
+    Raises:
+        FormulationError: When the formulation cannot be used.
+    """
+    described = _form(form, formulation)
+    orders: FormOrders = form_orders(described)
     left, right = derive_scaling(orders)
-    table = named_scaling("optimal", FORMS[form])
+    table = named_scaling("optimal", described)
     return {
         "form": form,
+        "formulation": described.formulation,
         "left": left,
         "right": right,
         "table_2": {
             "left": {row: factor.order() for row, factor in table.left.items()},
-            "right": {unknown: factor.order() for unknown, factor in table.right.items()},
+            "right": {unknown: table.right[unknown].order() for unknown in described.solved},
         },
-        "in_paper": FORMS[form].in_paper,
+        "in_paper": described.in_paper,
     }
 
 
 def as_text(found: Mapping[str, Any]) -> str:
     """Orders of one form and scaling for a terminal."""
-    rows, unknowns = list(found["left"]), list(found["right"])
+    rows, unknowns = list(found["jacobian"]), list(found["inverse"])
     title = (
-        f"({', '.join(map(_symbol, unknowns))}) form, preconditioning {found['preconditioning']}"
+        f"({', '.join(map(_symbol, found['right']))}) form, "
+        + _formulation(found)
+        + f"preconditioning {found['preconditioning']}"
         + (f", {found['evaluation']} evaluation" if found["evaluation"] != DIRECT else "")
     )
     left = ", ".join(f"{row} {_power(power)}" for row, power in found["left"].items())
@@ -99,18 +124,26 @@ def as_text(found: Mapping[str, Any]) -> str:
         "perturbation of the residual  "
         + ", ".join(f"Δb̄_{row} {_big_o(residual[row])}" for row in rows),
         "corrections, scaled           "
-        + ", ".join(f"Δ{_symbol(u)}̄ {_big_o(correction[u])}" for u in unknowns),
+        + ", ".join(f"Δ{_symbol(u)}̄ {_big_o(order)}" for u, order in correction.items()),
         f"corrections, physical         {physical}",
         f"condition number              C {_big_o(found['condition'])}",
     ]
     if any(e["role"] == "recovered" for e in found["physical_correction"].values()):
         lines.append("(* eliminated, recovered from the kept fields)")
+    if found["bounds"]:
+        names = ", ".join(f"Δ{_symbol(unknown)}" for unknown in found["bounds"])
+        lines.append(
+            f"({names}: a lower bound of the order; differences in rows V and K are often exact)"
+        )
+    if "lambda" not in found["inverse"]:
+        lines.append("(λ is no unknown of the linear system: each iteration updates it by −pΦ)")
     return "\n".join(lines)
 
 
 def derived_as_text(found: Mapping[str, Any]) -> str:
     """A derived scaling for a terminal, one line a side."""
-    lines = [f"({', '.join(map(_symbol, found['right']))}) form"]
+    kind = _formulation(found).removesuffix(", ")
+    lines = [f"({', '.join(map(_symbol, found['right']))}) form" + (f", {kind}" if kind else "")]
     for side in ("left", "right"):
         powers = ", ".join(f"{_symbol(k)} {_power(p)}" for k, p in found[side].items())
         same = found[side] == found["table_2"][side]
@@ -118,6 +151,11 @@ def derived_as_text(found: Mapping[str, Any]) -> str:
         agrees = f"the powers of {table}" if same else f"NOT the powers of {table}"
         lines.append(f"  {side:<6} {powers:<32} {agrees}")
     return "\n".join(lines)
+
+
+def _formulation(found: Mapping[str, Any]) -> str:
+    """Formulation as part of a title; index 3 goes without saying."""
+    return "" if found["formulation"] == INDEX_3 else f"{found['formulation']}, "
 
 
 def _blocks(

@@ -42,6 +42,8 @@ _LOCAL = {"truncation": 0.25, "rounding": 0.6}
 #: How far above that an alternation which is not damped may carry it; and how far above
 #: the order of the middle the drift of λ may carry corrections and condition numbers.
 _FED, _DRIFT = 100.0, 10.0
+#: Rounding of a block that is zero, in units of roundoff and of balanced rows and unknowns.
+_LACKING = 1e4
 #: Relative error that is no longer a solution.
 _LOST = 0.3
 #: Rounding of a run of N steps, in units of roundoff: factor · N^power.  The powers are
@@ -69,6 +71,11 @@ class Evidence:
         reference_error: What the reference itself may be off by, relative.
         coarse: Orders that may show where h is too coarse, besides the predicted one.
         compensated: Whether the evaluation is compensated.
+        floor: Power of the number of steps with which rounding may grow; None where the
+            quantity says it.
+        exact: Whether theory predicts nothing but rounding, of an error or invariant.
+        bound: Why the predicted order is only a lower bound; empty where it is the order.
+        lacking: Order of the rounding of a value that may vanish; NaN where it cannot.
     """
 
     h: Array
@@ -83,6 +90,10 @@ class Evidence:
     reference_error: float = 0.0
     coarse: Collection[float] = ()
     compensated: bool = False
+    floor: float | None = None
+    exact: bool = False
+    bound: str = ""
+    lacking: float = math.nan
 
     @property
     def local_orders(self) -> Array:
@@ -93,7 +104,9 @@ class Evidence:
     def rounding(self) -> Array:
         """(points,) what rounding alone may amount to, for errors and invariants."""
         power = _ROUNDING_POWER.get(self.quantity, 1.0)
-        if self.compensated and self.quantity in ("lambda", "multiplier"):
+        if self.floor is not None:
+            power = self.floor
+        elif self.compensated and self.quantity in ("lambda", "multiplier"):
             power -= 1  # the floor of λ is ε/h, not ε/h²
         level = _ROUNDING_FACTOR * self.unit * np.maximum(self.steps, 1.0) ** power
         return np.asarray(np.maximum(level, 10 * self.reference_error))
@@ -134,12 +147,28 @@ def judge(given: Evidence) -> Judgement:
         return _truncation(given, everything)
     if math.isnan(given.expected):
         return _judged(given, SHOWN, everything)
+    if not math.isnan(given.lacking):
+        largest = _LACKING * given.unit * given.h**given.lacking
+        if bool(np.all(given.values <= largest)):
+            return _judged(given, PASS, everything, "rounding of 0: the problem lacks this block")
     usable = np.isfinite(given.values) & (given.values > 0)
     if np.count_nonzero(usable) < LEAST:
         zeros = int(np.count_nonzero(given.values == 0))
         reason = f"{zeros} of {len(given.h)} values are exactly 0" if zeros else ""
         return _judged(given, TOO_FEW, usable, reason)
-    return (_rounding if given.kind == "rounding" else _determined)(given, usable)
+    found = (_rounding if given.kind == "rounding" else _determined)(given, usable)
+    return _from_one_side(given, usable, found) if given.bound else found
+
+
+def _from_one_side(given: Evidence, usable: Mask, found: Judgement) -> Judgement:
+    """The verdict where theory gives a lower bound of the order: more passes, less does not."""
+    if found.verdict == PASS:
+        return found
+    fit = power_law(given.h[usable], given.values[usable])
+    if fit.slope < given.expected - given.tolerance:
+        return found
+    reason = f"at least order {format_order(given.expected)}, a bound: {given.bound}"
+    return Judgement(PASS, fit, usable, reason)
 
 
 def _judged(given: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:
@@ -181,6 +210,12 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
     if not np.all(np.isfinite(values)):
         return _judged(given, INCOMPLETE, everything, "no value at every step size")
     above = values > level
+    if given.exact:
+        where = int(np.argmax(values / level))
+        reason = f"{values[where]:.2g} at h = {h[where]:g}, rounding may reach {level[where]:.2g}"
+        if above.any():
+            return _judged(given, MISS, everything, f"more than rounding: {reason}")
+        return _judged(given, PASS, everything, f"rounding only: at most {reason}")
     if not above.any():
         size = f"at most {values.max():.2g}, rounding may reach {level.min():.2g}"
         predicted = not math.isnan(given.expected)

@@ -21,10 +21,10 @@ from newmark_cli.newmark.formulation import (
     CONSTRAINTS,
     INDEX_3,
     NEWTON,
-    RECOVERED,
     UNPROJECTED,
     Formulation,
     Projection,
+    reported,
 )
 from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.kept import Kept
@@ -298,9 +298,7 @@ class Cell:
     @property
     def reported(self) -> str:
         """Which multipliers are reported."""
-        if self.multipliers != AUTO:
-            return self.multipliers
-        return RECOVERED if self.projection.level else NEWTON
+        return reported(self.multipliers, self.projection)
 
     @property
     def formulated(self) -> Form:

@@ -20,14 +20,16 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, Form
-from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
+from newmark_cli.newmark.scaling import sensitivity as by_displacement
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, statistics
+from newmark_cli.newmark.truncation import March as Marched
 from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS
 
@@ -122,6 +124,13 @@ class Record:
         at_limit: Statistic that is drawn where a Krylov solver has stagnated, if another.
         at_end: Whether it is taken at t_end, so that all of a series must end together.
         coarse: Orders that a series may show while h is too coarse, from its key.
+        bounded: Why the predicted order is only a lower bound, from the key; empty where
+            it is the order.
+        lacking: Order of the rounding of a value that vanishes in some problems, from the
+            key; NaN where none does.
+        floor: Power of the number of steps with which rounding may grow, from the key;
+            None where the quantity says it.
+        alternates: Whether an error may alternate undamped from step to step, from the key.
         quantities: What the rows may be about, as in the CSV.
     """
 
@@ -140,6 +149,10 @@ class Record:
     at_limit: str | None = None
     at_end: bool = False
     coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
+    bounded: Callable[[SeriesKey], str] = lambda key: ""
+    lacking: Callable[[SeriesKey], float] = lambda key: np.nan
+    floor: Callable[[SeriesKey], float | None] = lambda key: None
+    alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
     quantities: tuple[str, ...] = ()
 
     def drawn(self, rows: "pd.DataFrame") -> Array:
@@ -295,14 +308,42 @@ def _scaling_of(key: SeriesKey) -> Any:
     return Preconditioning.parse(key.preconditioning).scaling(_form_of(key))
 
 
+@cache
+def _march_of(key: SeriesKey) -> Marched:
+    return Marched(
+        integrator.parse(key.integrator),
+        Formulation.parse(key.formulation),
+        Projection.parse(key.projection),
+        key.multipliers,
+        key.start,
+        key.evaluation == COMPENSATED,
+    )
+
+
+def _alternates(key: SeriesKey) -> bool:
+    """Whether an alternation stays: undamped, and not kept out by rows of accelerations."""
+    march = _march_of(key)
+    kept_out = {"Ca", "B"} & set(march.formulation.kind.rows)
+    return not (march.integrator.damped or march.projection.level or kept_out)
+
+
+def _saturates(key: SeriesKey) -> bool:
+    """Whether Newton ends where rounding stops it."""
+    return key.stop == SATURATION and _march_of(key).settles
+
+
+def _bound_of_correction(key: SeriesKey) -> str:
+    return _orders_of(key).bounded.get(key.quantity, "")
+
+
 def _order_of_correction(key: SeriesKey) -> float:
-    if key.stop != SATURATION:
+    if not _saturates(key):
         return np.nan
     return _orders_of(key).corrections(_scaling_of(key))[key.quantity]
 
 
 def _order_of_physical_correction(key: SeriesKey) -> float:
-    if key.stop != SATURATION:
+    if not _saturates(key):
         return np.nan
     return _orders_of(key).physical_corrections()[key.quantity]
 
@@ -319,6 +360,7 @@ CORRECTION = Measure(
             _order_of_correction,
             0.15,
             kind="rounding",
+            bounded=_bound_of_correction,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
         Record(
@@ -329,6 +371,7 @@ CORRECTION = Measure(
             _order_of_physical_correction,
             0.15,
             kind="rounding",
+            bounded=_bound_of_correction,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
     ),
@@ -417,7 +460,33 @@ class _Sensitivities(Observer):
 def _order_of_sensitivity(key: SeriesKey) -> float:
     form = _form_of(key)
     _, inverse = _orders_of(key).scaled(_scaling_of(key))
-    return float(inverse[form.unknowns.index(key.quantity), form.rows.index(key.row_block)])
+    return float(inverse[form.solved.index(key.quantity), form.rows.index(key.row_block)])
+
+
+def _bound_of_sensitivity(key: SeriesKey) -> str:
+    form, orders = _form_of(key), _orders_of(key)
+    place = form.solved.index(key.quantity), form.rows.index(key.row_block)
+    # In index 3 a block that may be smaller is 0 there.
+    if form.formulation == CONSTRAINTS.label or orders.special[place] == orders.inverse[place]:
+        return ""
+    return "blocks are smaller at rest, without damping, or with P = M⁻¹G"
+
+
+def _rounding_of_sensitivity(key: SeriesKey) -> float:
+    """Order of the rounding of a block that a problem may lack: in balanced units it has none."""
+    if not _bound_of_sensitivity(key):
+        return np.nan
+    form, orders, scaling = _form_of(key), _orders_of(key), _scaling_of(key)
+    place = form.solved.index(key.quantity), form.rows.index(key.row_block)
+    if np.isfinite(orders.special[place]):
+        return np.nan
+    balanced = by_displacement(form)
+    return float(
+        sum(
+            sign * (each.left[key.row_block].order() + each.right[key.quantity].order())
+            for sign, each in ((1, balanced), (-1, scaling))
+        )
+    )
 
 
 SENSITIVITY = Measure(
@@ -433,6 +502,8 @@ SENSITIVITY = Measure(
             0.15,
             0.05,
             may_vanish=True,
+            bounded=_bound_of_sensitivity,
+            lacking=_rounding_of_sensitivity,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
     ),
@@ -482,9 +553,21 @@ def errors(reference: "Reference | None", state: "State") -> list[Measurement]:
 
 
 def _order_of_error(key: SeriesKey) -> float:
-    method = integrator.parse(key.integrator)
-    # Without damping an odd–even mode of λ is left as rounding has fed it.
-    return float(method.order) if key.quantity != "lambda" or method.damped else np.nan
+    return _march_of(key).error(key.quantity)
+
+
+def _floor_of_error(key: SeriesKey) -> float | None:
+    """λ loses less to rounding where corrections of λ do, or where u and v imply it."""
+    march = _march_of(key)
+    if key.quantity != "lambda" or not march.formulated or march.alternates:
+        return None
+    if march.recovers:
+        return _POWER_OF_V
+    return max(_POWER_OF_V, -_orders_of(key).physical_corrections()["lambda"])
+
+
+#: Power of the number of steps with which rounding of v may grow, and of what follows from v.
+_POWER_OF_V = 1.5
 
 
 ERROR = Measure(
@@ -507,6 +590,7 @@ ERROR = Measure(
             at_end=True,
             # From rest λ of undamped integrators has the order too, until it alternates.
             coarse=lambda key: (float(integrator.parse(key.integrator).order),),
+            floor=_floor_of_error,
             quantities=("u", "v", "lambda"),
         ),
     ),
@@ -548,6 +632,13 @@ def invariants(samples: "Sequence[Mapping[str, Misfit]]") -> list[Measurement]:
     return found
 
 
+def _order_of_drift(key: SeriesKey) -> float:
+    march = _march_of(key)
+    if not march.formulated or key.stop != SATURATION:
+        return np.nan
+    return march.drift(key.quantity)
+
+
 INVARIANT = Measure(
     "invariant",
     "what an exact motion keeps, along the way: constraints, their rate, λ against what u and v "
@@ -558,6 +649,8 @@ INVARIANT = Measure(
             lambda key: f"invariant: {symbol(key.quantity)}",
             lambda key: f"largest error of the invariant: {symbol(key.quantity)}",
             "max",
+            _order_of_drift,
+            0.2,
             kind="truncation",
             quantities=("position", "velocity", "multiplier", "energy"),
         ),

@@ -3,7 +3,7 @@
 Mutations: one more power of h in every entry of Table 2, every weight of every
 form halved, every sign in the three assemblers turned; the coefficients of
 integrators, the updates of compensated evaluation and the derivatives of constraints
-changed. Each runs in a copy of the project, with the tests that should notice it.
+changed; those of formulations and projections too. Each runs in a copy of the project, with the tests that should notice it.
 
     python tests/verification/mutations.py
 """
@@ -269,6 +269,123 @@ def rows() -> Iterator[Mutation]:
     ))  # fmt: skip
 
 
+def formulations() -> Iterator[Mutation]:
+    """Signs, weights and factors of formulations, projections and what is reported."""
+    own = "tests/test_formulations.py"
+    literal = (own, "-k", "(equations and general) or weights or least or directions")
+    python = (own, "-k", "python_runs")
+    march = (own, "-k", "least or reported or projections or balances")
+    accuracy = ("tests/test_formulations_accuracy.py",)
+    yield from _changes(CORE / "formulation.py", "def weights", "#: Corrections", literal, (
+        ("/ (h if", "* (h if"), ("(1.0, 0.0, 0.0)", "(-1.0, 0.0, 0.0)"),
+        ("(0.0, 1.0, 0.0)", "(0.0, 2.0, 0.0)"), ("(0.0, 0.0, 1.0)", "(0.0, 1.0, 1.0)"),
+        ("rate**2", "rate"), ("2 * rate", "rate"), ("2 * rate, 1.0", "2 * rate, -1.0"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "forms.py", "def eliminate", "    return Elim", literal, (
+        ('"K": 1.0}', '"K": -1.0}'), ("rows_eta = rows @ eta - np", "rows_eta = rows @ eta + np"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "jacobian.py", "    del blocks", "def form_blocks", literal, (
+        ("terms.X + constraining", "terms.X - constraining"),
+        ("through - directions", "through + directions"),
+        ("through = sum(", "through = -sum("),
+    ))  # fmt: skip
+    yield from _changes(CORE / "constraints.py", "class Constraining", "def tables", literal, (
+        ("s0 * g + s1 * r", "s0 * g - s1 * r"), ("+ s2 * q, s1", "- s2 * q, s1"),
+        ("s1 * g + 2", "s1 * g - 2"), ("2 * s2 * r", "s2 * r"), ("s2 * self.inertia * g", "s2 * g"),
+        ("value * to_acceleration", "value"), ("terms.values * g", "g"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "constraints.py", "def projector", "class Constraining", literal, (
+        ("np.linalg.inv(part)", "part"), (" / unit\n", "\n"), ("return 1 / float", "return float"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "constraints.py", "def pushed", "def tangents_at", python, (
+        ("directions * eta", "directions / eta"), ("s0 * phi + s1", "s0 * phi - s1"),
+        ("+ s2 * second", "- s2 * second"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/sparse.py", "class _Products", "class SparseSystem", literal, (
+        ("constraining.penalty * weights", "-constraining.penalty * weights"),
+        ("weights[0, k])", "weights[-1, k])"), ("self._of_x, to_u)", "self._of_x, -to_u)"),
+        ("self._of_y, to_v)", "self._of_y, to_u)"), ("constraining.inertia * to_a", "to_a"),
+        ("in (to_u, to_v, to_a)", "in (to_v, to_u, to_a)"), ("[(eta, -1.0)]", "[(eta, 1.0)]"),
+        ("factors[first] * directions", "factors[first] / directions"),
+        ("values.g[first] * values", "values.g[first] + values"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scaling.py", "BESIDE_TABLE_2:", "#: Entries of Table 2 as", march, (
+        ('"beta*h/gamma"', '"beta*h^2"'), ('"Ca": "beta*h^2"', '"Ca": "beta*h"'),
+        ('"B": "beta*h^2"', '"B": "1"'), ('"eta": "1"', '"eta": "h"'),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _begin_step", "def _norms_of", python, (
+        ("extra.projector_values[e] * g", "g"), ("state.psi[k] if", "-state.psi[k] if"),
+        ("else work.rate[k]", "else 0"), ("half * (iterate.g_old[e] + v", "half * (v"),
+        ("half * (work.r_old[e] + work.r", "half * (work.r"),
+        ("mean_g * iterate.moving[1, i] +", "mean_g * iterate.moving[1, i] -"),
+        ("+= values.g[e] * state", "-= values.g[e] * state"),
+        ("value = s0 *", "value = -s0 *"), ("value += s1", "value -= s1"),
+        ("value += s2", "value -= s2"), ("+= s2 * (g * acc", "-= s2 * (g * acc"),
+        ("s0 * g + s1", "s0 * g - s1"), ("+ s2 * q", "- s2 * q"), ("s1 * g + two", "s1 * g - two"),
+        ("two * s2 * r", "s2 * r"), ("s2 * extra.inertia * g", "s2 * g"),
+        ("= -tables.left[1 + kept", "= tables.left[1 + kept"),
+        ("extra.inertia * extra.eta[2]", "extra.eta[2]"),
+        ("-= tables.left[0] * pushed", "+= tables.left[0] * pushed"),
+        ("-= tables.left[1 + r] * extra", "+= tables.left[1 + r] * extra"),
+        ("weights[0, k] * work.tan", "-weights[0, k] * work.tan"),
+        ("tangent += weights[1, k]", "tangent -= weights[1, k]"),
+        ("tangent += weights[2, k]", "tangent -= weights[2, k]"),
+        ("+= factor * tangent", "-= factor * tangent"), ("-= blocks.g_factor", "+= blocks.g_factor"),
+        ("product = extra.penalty *", "product = -extra.penalty *"),
+        ("of_dynamics * to_u * val", "-of_dynamics * to_u * val"),
+        ("of_dynamics * to_v * val", "-of_dynamics * to_v * val"),
+        ("of_dynamics * extra.inertia", "-of_dynamics"),
+        ("right * extra.rows_eta", "-right * extra.rows_eta"),
+        ("to_u * work.tangents[kind, 0, e] +", "to_u * work.tangents[kind, 0, e] -"),
+        ("tangent += to_a", "tangent -= to_a"), ("of_row * tangent", "-of_row * tangent"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _norms_of_blocks", "# -- at the end", python, (
+        ("change += tables.weights", "change -= tables.weights"),
+        ("multipliers[k] += tables", "multipliers[k] -= tables"),
+        ("work.eta[k] += tables.right[p + 1]", "work.eta[k] -= tables.right[p + 1]"),
+        ("moving[f, i] += extra.eta[f]", "moving[f, i] -= extra.eta[f]"),
+        ("= -misfit[k]", "= misfit[k]"), ("problem.mass_values[e] / extra", "-problem.mass_values[e] / extra"),
+        ("work.matrix[i, k] -= g", "work.matrix[i, k] += g"),
+        ("work.rhs[i] /= extra.unit", "work.rhs[i] *= extra.unit"),
+        ("work.rhs[n + k] *= extra", "work.rhs[n + k] /= extra"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "            else:\n                if extra.penalty",
+        "    return COMPLETED", python, (
+        ("multipliers[k] - extra.penalty", "multipliers[k] + extra.penalty"),
+        ("-extra.penalty * phi", "extra.penalty * phi"),
+        ("/ tables.right[p]) ** 2", "* tables.right[p]) ** 2"),
+        ("moving[0, i] += work.rhs", "moving[0, i] -= work.rhs"),
+        ("moving[1, i] += work.rhs", "moving[1, i] -= work.rhs"), ("work.rhs[n + k] = -curv", "work.rhs[n + k] = curv"),
+        ("accelerations[i] += diff", "accelerations[i] -= diff"),
+        ("moving[2, i] += diff", "moving[2, i] = work.rhs[i]"),
+        ("state.psi[k] = work.psi[k]", "pass"), ("r_old[e] = r[e]", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "record.multipliers[kept, k] +=", "COMPLETED", (
+        own, "-k", "same_bits and kernel and total",
+    ), (("+= state.impulse", "-= state.impulse"),))  # fmt: skip
+    yield from _changes(CORE / "scipy_march.py", "class _Formulated", "def march", python, (
+        ("0.5 * (self.carried.g + g)", "g"), ("0.5 * (self._r_old + found.r)", "found.r"),
+        ("self.state.psi + change", "change"), ("multipliers - constraining.penalty", "multipliers + constraining.penalty"),
+        ("constraining.inertia * constraining.eta", "constraining.eta"),
+        ("+ factor * push", "- factor * push"), ("+ found.curvature", "- found.curvature"),
+        ("update = -self", "update = self"), ("constraining.eta[field] * pushed", "pushed"),
+        ("self.eta += scheme", "self.eta -= scheme"),
+        ("+= constraining.eta[field] * self", "-= constraining.eta[field] * self"),
+        ("fields[0], -phi)", "fields[0], phi)"), ("wanted = -self", "wanted = self"),
+        ("fields[3] += difference", "fields[3] -= difference"),
+        ("moving[2] += difference", "moving[2] = implied"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scheme.py", "def acting", "def formulated", accuracy, (
+        ("relations.v_from_a + of_past.sum()", "relations.v_from_a"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "march.py", "def initial_state", "class Stretch", accuracy, (
+        ("index_1.rate(problem.t0, problem.u0, v)", "psi"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "march.py", "def multipliers", "def _recovered", march, (
+        ("multipliers + self.state", "multipliers - self.state"),
+    ))  # fmt: skip
+
+
 def _changes(
     file: Path, start: str, stop: str, tests: tuple[str, ...], changes: Changes
 ) -> Iterator[Mutation]:
@@ -312,7 +429,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="only mutations whose name has this text")
     options = parser.parse_args()
-    mutations = (*table_2(), *weights(), *signs(), *integrators(), *increments(), *rows())
+    mutations = (*table_2(), *weights(), *signs(), *integrators(), *increments(), *rows(), *formulations())
     chosen = [m for m in mutations if options.only in m.name]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:

@@ -1,0 +1,137 @@
+"""Orders of errors and of drift: what a formulation, a projection and a start leave of them.
+
+Exponents of h again, of the truncation error.  +∞ stands for what rounding alone disturbs,
+NaN for what theory says nothing of.
+"""
+
+import math
+from dataclasses import dataclass
+
+from newmark_cli.newmark.formulation import (
+    CONSTRAINTS,
+    CORRECTED,
+    NEWTON,
+    RECOVERED,
+    Formulation,
+    Projection,
+)
+from newmark_cli.newmark.integrator import Integrator, Newmark
+
+ROUNDING = math.inf
+UNKNOWN = math.nan
+
+
+@dataclass(frozen=True)
+class March:
+    """What decides the order of a march.
+
+    Attributes:
+        integrator: The integrator.
+        formulation: The formulation.
+        projection: What is projected after each step.
+        reported: Which multipliers are reported.
+        start: From which velocities it starts.
+        compensated: Whether the evaluation is compensated.
+    """
+
+    integrator: Integrator
+    formulation: Formulation
+    projection: Projection
+    reported: str
+    start: str
+    compensated: bool
+
+    @property
+    def order(self) -> int:
+        """Order of u and v.  The corrected start changes v by O(h²)."""
+        return self.integrator.order if self.start != CORRECTED else min(self.integrator.order, 2)
+
+    @property
+    def formulated(self) -> bool:
+        """Whether it is anything but index 3, as the paper has it."""
+        return self.formulation != CONSTRAINTS or self.projection.level > 0
+
+    @property
+    def recovers(self) -> bool:
+        """Whether u and v imply the λ that is reported."""
+        return self.reported == RECOVERED
+
+    @property
+    def by_position(self) -> bool:
+        """Whether Φ itself determines λ: index 3, and the augmented Lagrangian."""
+        return self.formulation.kind.rows == ("C",) or self.formulation.kind.penalised
+
+    @property
+    def settles(self) -> bool:
+        """Whether the augmented Lagrangian's iteration ends at Φ = 0, however small h is.
+
+        With a fixed penalty it contracts ever less as h falls, and ends at the cap.
+        """
+        parameter = self.formulation.parameter
+        return parameter is None or parameter[0] != "penalty"
+
+    @property
+    def alternates(self) -> bool:
+        """Whether v along G, and with it λ, may keep an error that alternates from step to step.
+
+        Φ = 0 at every step leaves it undamped without dissipation.  The projection of v
+        removes it, rows of derivatives do not let it in.
+        """
+        return self.by_position and not self.integrator.damped and not self.projection.level
+
+    @property
+    def corrected(self) -> bool:
+        """Whether the start leaves the trapezoidal rule no alternation; rounding still feeds it."""
+        return self.start == CORRECTED and self.integrator == Newmark()
+
+    def error(self, quantity: str) -> float:
+        """Order of the error of u, v or λ."""
+        if not self.settles:
+            return UNKNOWN
+        if quantity != "lambda":
+            return float(self.order)
+        return self._multipliers()
+
+    def _multipliers(self) -> float:
+        projected = self.projection.level > 0
+        if not projected:
+            if self.alternates and not (self.corrected and self.compensated):
+                # Recovering λ from v that alternates does not repair it.
+                return UNKNOWN
+            return float(self.order)
+        if self.recovers:
+            return float(self.order)
+        if self.projection.accelerations or self.formulation.scheduled:
+            return UNKNOWN
+        if not self.by_position:
+            # The projection's μ is O(h³): λ of Newton needs no correction, and μ/h does no harm.
+            return float(self.order)
+        if self.reported == NEWTON:
+            return 1.0  # the projection does part of λ's work
+        return float(self.order) if self.integrator.damped else UNKNOWN
+
+    def drift(self, invariant: str) -> float:
+        """Order of what Φ, Gᵀv + Φ_t and λ miss of what an exact motion keeps.
+
+        Args:
+            invariant: ``position``, ``velocity``, ``multiplier`` or ``energy``.
+        """
+        if not self.settles:
+            return UNKNOWN
+        rows = self.formulation.kind.rows
+        if invariant == "position":
+            if self.by_position or "C" in rows or self.projection.level == 2:
+                return ROUNDING
+            if self.formulation.scheduled:
+                # α² Φ with α = c/h keeps Φ an order below the rest.
+                plain = not self.projection.level and self.order == 2
+                return self.order + 1.0 if plain else UNKNOWN
+            return float(self.order)
+        if invariant == "velocity":
+            if "Cv" in rows or self.projection.level:
+                return ROUNDING
+            return UNKNOWN if self.alternates else float(self.order)
+        if invariant == "multiplier":
+            exact = self.recovers or (rows == ("Ca",) and not self.projection.level)
+            return ROUNDING if exact else UNKNOWN
+        return UNKNOWN

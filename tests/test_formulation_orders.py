@@ -1,0 +1,256 @@
+"""Orders of every formulation against exact arithmetic, block by block."""
+
+import random
+from dataclasses import replace
+from functools import cache
+
+import exact_orders
+import numpy as np
+import pytest
+from exact_orders import CONSTRAINTS, LAYOUT, ONE, ZERO, H, Measured, Number, System, random_system
+
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import METHODS, Formulation
+from newmark_cli.newmark.orders import derive_scaling, form_orders
+from newmark_cli.newmark.scaling import VARIANTS, named_scaling, sensitivity
+
+EVERY_FORM = pytest.mark.parametrize("form", FORMS)
+EVERY_FORMULATION = pytest.mark.parametrize("formulation", CONSTRAINTS)
+#: Y, X, ∂(Gᵀv)/∂u, ∂(Gᵀv')/∂u there or not, P = M⁻¹G or G: what may be special.
+SPECIAL = [
+    (y, x, a, q, p)
+    for y in (True, False)
+    for x in (True, False)
+    for a, q in ((True, True), (False, True), (False, False))
+    for p in (True, False)
+]
+FIXED, GROWING = "baumgarte rate=1000.0", "baumgarte rate_h=1.0"
+AL = "augmented-lagrangian factor=10.0"
+
+#: Formulation → form → orders of the corrections of u, v, a, λ, direct evaluation, from the
+#: derivation by hand; compensated, they are the same in all forms.
+CORRECTIONS = {
+    "index-3": dict.fromkeys(FORMS, (0, -1, -2, -2)),
+    "index-2": {
+        "u-lambda": (0, -1, -2, -2),
+        "v-lambda": (1, 0, -1, -1),
+        "a-lambda": (1, 0, -1, -1),
+        "u-v-a-lambda": (0, 0, -1, -1),
+    },
+    "index-1": {
+        "u-lambda": (0, -1, -2, -2),
+        "v-lambda": (1, 0, -1, -1),
+        "a-lambda": (2, 1, 0, 0),
+        "u-v-a-lambda": (0, 0, 0, 0),
+    },
+    FIXED: {"u-lambda": (0, -1, -2, -2), "a-lambda": (2, 1, 0, 0)},
+    GROWING: dict.fromkeys(FORMS, (0, -1, -2, -2)),
+    "ggl": {
+        "u-lambda": (0, -1, -2, -2, 0),
+        **dict.fromkeys(("v-lambda", "a-lambda", "u-v-a-lambda"), (0, 0, -1, -1, 0)),
+    },
+    AL: dict.fromkeys(FORMS, (0, -1, -2, -2)),
+}
+COMPENSATED = {
+    "index-3": (1, 0, -1, -1),
+    **dict.fromkeys(("index-2", "index-1", FIXED), (2, 1, 0, 0)),
+    GROWING: (1, 0, -1, -1),
+    "ggl": (1, 1, 0, 0, 1),
+    AL: (1, 0, -1, -1),
+}
+#: Formulation → orders of C by form, in the order of `FORMS`: none, left, right.
+CONDITION = {
+    "index-2": "-1-2-2 -2-2-2 -3-2-1 -2-1-1 -1+0-1 -1-2-2 -1-1-1",
+    "index-1": "+0-2-2 -1-2-2 -2-2+0 -1-1+0 +0+0+0 +0-2-2 +0-1-1",
+    FIXED: "+0-2-2 -1-2-2 -2-2+0 -1-1+0 +0+0+0 +0-2-2 +0-1-1",
+    GROWING: "-4-2-2 -4-2-2 -2-2+0 -1-1+0 +0+0+0 -4-2-2 -2-1-1",
+    "ggl": "-1-2-2 -2-2-2 -3-2-2 -2-2-2 -1-2-2 -1-2-2 -1-2-2",
+}
+
+
+def applied(formulation, form):
+    """A form with the rows of a formulation."""
+    return Formulation.parse(formulation).applied(FORMS[form])
+
+
+@cache
+def system(y=True, x=True, a=True, q=True, p=False, seed=0) -> System:
+    """A random system; p: P = M⁻¹G."""
+    found = random_system(random.Random(seed), y, x, a, p)
+    return found if q else replace(found, Q=[[ZERO] * found.n for _ in range(found.m)])
+
+
+def test_exact_numbers():
+    """Sums that cancel leave what is left; orders add in products."""
+    five = Number.of(5)
+    assert (five * H * H / H).order == 1
+    assert (five + H - five).order == 1
+    assert not (five + H - five - H).unit
+    assert (ONE / H + five).order == -1
+    assert ZERO.order == np.inf
+    matrix = [[H, five], [ONE, ONE / H]]
+    unit = exact_orders.product(matrix, exact_orders.inverse(matrix))
+    assert [[(x - y).order for x, y in zip(r, s, strict=True)] for r, s in zip(
+        unit, [[ONE, ZERO], [ZERO, ONE]], strict=True
+    )] == [[np.inf] * 2] * 2  # fmt: skip
+
+
+@EVERY_FORM
+@EVERY_FORMULATION
+@pytest.mark.parametrize(("y", "x"), [(True, True), (False, True), (True, False), (False, False)])
+def test_blocks(formulation, form, y, x):
+    """J, J⁻¹, the residual and all corrections in general position, with and without X and Y."""
+    measured = Measured(system(y, x), form, formulation)
+    for compensated in (False, True):
+        orders = form_orders(applied(formulation, form), damped=y, stiff=x, compensated=compensated)
+        assert (orders.form.rows, orders.form.solved) == (measured.rows, measured.unknowns)
+        np.testing.assert_array_equal(orders.jacobian, measured.jacobian)
+        np.testing.assert_array_equal(orders.inverse, measured.inverse)
+        residual = dict(zip(orders.form.rows, orders.residual, strict=True))
+        assert residual == measured.residual(compensated)
+        found = measured.corrections(random.Random(1), compensated)
+        physical = orders.physical_corrections()
+        assert {name: physical[name] for name in found} == found
+
+
+@EVERY_FORM
+@EVERY_FORMULATION
+def test_special_positions(formulation, form):
+    """Single blocks of J⁻¹ get smaller, to a limit; corrections and C stay what they are."""
+    orders = form_orders(applied(formulation, form))
+    reached = orders.inverse
+    whole = form == "u-v-a-lambda"
+    for kind in SPECIAL if whole else SPECIAL[1::7]:
+        measured = Measured(system(*kind), form, formulation)
+        assert np.all(measured.inverse >= orders.inverse), kind
+        assert np.all(measured.inverse <= orders.special), kind
+        reached = np.maximum(reached, measured.inverse)
+        physical = orders.physical_corrections()
+        for name, order in measured.corrections(random.Random(2)).items():
+            assert order == physical[name], (kind, name)
+        for variant in VARIANTS:
+            scaling = named_scaling(variant, orders.form)
+            powers = (
+                {block: factor.order() for block, factor in side.items()}
+                for side in (scaling.left, scaling.right)
+            )
+            assert measured.condition(*powers) == orders.condition(scaling), (kind, variant)
+    if whole:
+        np.testing.assert_array_equal(reached, orders.special)
+
+
+@EVERY_FORMULATION
+def test_inverse_of_a_form_is_part_of_the_four_field_inverse(formulation):
+    """Also where η stands in the eliminated relation K."""
+    whole = form_orders(applied(formulation, "u-v-a-lambda"))
+    for form in FORMS:
+        part = form_orders(applied(formulation, form))
+        for i, unknown in enumerate(part.form.solved):
+            for j, row in enumerate(part.form.rows):
+                there = whole.form.solved.index(unknown), whole.form.rows.index(row)
+                assert part.inverse[i, j] == whole.inverse[there]
+
+
+@pytest.mark.parametrize("formulation", CORRECTIONS)
+def test_corrections(formulation):
+    """Orders by hand, direct and compensated; eliminated fields are included."""
+    for form, expected in CORRECTIONS[formulation].items():
+        orders = form_orders(applied(formulation, form))
+        assert tuple(orders.physical_corrections().values()) == expected, form
+    for form in FORMS:
+        orders = form_orders(applied(formulation, form), compensated=True)
+        assert tuple(orders.physical_corrections().values()) == COMPENSATED[formulation], form
+
+
+def test_corrections_through_the_weights_alone_would_be_wrong():
+    """In GGL, compensated, (w − Pη)/β̃ cancels: a is −1 by its terms, and 0 in truth."""
+    orders = form_orders(applied("ggl", "u-lambda"), compensated=True)
+    physical = orders.physical_corrections()
+    terms = [orders.weights[2, 0] + physical["u"], orders.weights[2, 1] + physical["eta"]]
+    assert min(terms) == -1
+    assert physical["a"] == 0
+    assert Measured(system(), "u-lambda", "ggl").corrections(random.Random(3), True)["a"] == 0
+
+
+@EVERY_FORM
+def test_fixed_penalty(form):
+    """A penalty that does not grow leaves an ordinary differential equation, and λ as it is."""
+    orders = form_orders(applied("augmented-lagrangian penalty=5.0", form))
+    assert orders.physical_corrections()["lambda"] == 0
+    index_1 = form_orders(applied("index-1", form)).physical_corrections()
+    physical = orders.physical_corrections()
+    assert [physical[f] for f in "uva"] == [index_1[f] for f in "uva"]
+
+
+@EVERY_FORM
+@pytest.mark.parametrize("formulation", CONDITION)
+def test_condition_numbers(formulation, form):
+    """None, left and right as by hand; optimal O(1)."""
+    expected = CONDITION[formulation].split()[list(FORMS).index(form)]
+    orders = form_orders(applied(formulation, form))
+    found = [orders.condition(named_scaling(v, orders.form)) for v in ("none", "left", "right")]
+    assert found == [int(expected[i : i + 2]) for i in (0, 2, 4)]
+    assert orders.condition(named_scaling("optimal", orders.form)) == 0
+
+
+def test_partial_scaling():
+    """In (u, v, λ) of index 3 half of the cure: C from −3 to −1, λ̄ from −2 to −1."""
+    orders = form_orders(FORMS["u-v-lambda"])
+    partial = named_scaling("partial", FORMS["u-v-lambda"])
+    assert orders.condition(named_scaling("none", FORMS["u-v-lambda"])) == -3
+    assert orders.condition(partial) == -1
+    assert orders.corrections(partial) == {"u": 0, "v": -1, "lambda": -1}
+
+
+@EVERY_FORM
+@EVERY_FORMULATION
+def test_derived_scaling(formulation, form):
+    """Least powers are those of the optimal scaling, and every block of J̄ and J̄⁻¹ is O(1)."""
+    orders = form_orders(applied(formulation, form))
+    left, right = derive_scaling(orders)
+    for scaling in (named_scaling("optimal", orders.form), sensitivity(orders.form)):
+        assert left == {row: factor.order() for row, factor in scaling.left.items()}
+        assert right == {name: scaling.right[name].order() for name in orders.form.solved}
+        jacobian, inverse = orders.scaled(scaling)
+        assert np.min(jacobian) == np.min(inverse) == 0
+    measured = Measured(system(), form, formulation)
+    assert measured.condition(left, right) == 0
+
+
+def test_bounds():
+    """Only what rows V and K contribute alone may fall faster, and only in direct evaluation."""
+    found = {
+        formulation: {
+            form: "".join(form_orders(applied(formulation, form)).bounded) for form in FORMS
+        }
+        for formulation in CONSTRAINTS
+    }
+    reduced = {"u-v-a-lambda": "uv", "u-v-lambda": "u", "u-a-lambda": "u", "v-a-lambda": "v"}
+    for formulation in ("index-1", FIXED):
+        assert found[formulation] == {form: reduced.get(form, "") for form in FORMS}
+    index_2 = dict.fromkeys(("u-v-a-lambda", "u-v-lambda", "u-a-lambda"), "u")
+    assert found["index-2"] == {form: index_2.get(form, "") for form in FORMS}
+    for formulation in ("index-3", GROWING, "ggl", AL):
+        assert not any(found[formulation].values())
+    for formulation in CONSTRAINTS:
+        for form in FORMS:
+            assert not form_orders(applied(formulation, form), compensated=True).bounded
+
+
+@pytest.mark.parametrize("form", ["u-v-a-lambda", "u-a-lambda", "v-a-lambda"])
+def test_bounds_by_exact_arithmetic(form):
+    """Without perturbations of V and K, only bounded corrections get smaller."""
+    for formulation in CONSTRAINTS:
+        orders = form_orders(applied(formulation, form))
+        measured = Measured(system(), form, formulation)
+        without = measured.corrections(random.Random(4), rows="DCB")
+        physical = orders.physical_corrections()
+        smaller = {name for name, order in without.items() if order > physical[name]}
+        assert smaller == set(orders.bounded)
+
+
+def test_layouts_agree():
+    """The second writing has every form, and every formulation."""
+    assert set(LAYOUT) == set(FORMS)
+    methods = {Formulation.parse(label).method for label in CONSTRAINTS}
+    assert methods == set(METHODS)

@@ -1,0 +1,418 @@
+"""Theory of formulations as commands, verdicts and library calls."""
+
+import csv
+import itertools
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import test_slopes
+from conftest import QUICK
+
+import newmark_cli
+from newmark_cli.documents import DocumentError
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import (
+    CONSISTENT,
+    CORRECTED,
+    NEWTON,
+    RECOVERED,
+    TOTAL,
+    Formulation,
+    FormulationError,
+    Projection,
+)
+from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
+from newmark_cli.newmark.truncation import ROUNDING, March
+from newmark_cli.report import formulation_tables
+from newmark_cli.report.text import in_words
+from newmark_cli.report.verdicts import MISS, NOT_ASYMPTOTIC, PASS, Evidence, judge
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.measures import RECORDS
+
+TRAPEZOIDAL, DAMPED = Newmark(), GeneralizedAlpha(0.9)
+REDUCED = ("index-2", "index-1", "baumgarte", "baumgarte rate_h=1", "ggl")
+
+
+def march(formulation="index-3", projection="none", reported=NEWTON, **rest):
+    """A march, the trapezoidal rule's if nothing else is said."""
+    usual = {"integrator": TRAPEZOIDAL, "start": CONSISTENT, "compensated": False}
+    return March(
+        formulation=Formulation.parse(formulation),
+        projection=Projection.parse(projection),
+        reported=reported,
+        **(usual | rest),
+    )
+
+
+def same(found, expected):
+    """Whether two orders are the same; NaN is."""
+    return found == expected or (math.isnan(found) and math.isnan(expected))
+
+
+# -- orders of errors and drift -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("formulation", REDUCED)
+@pytest.mark.parametrize("integrator", [TRAPEZOIDAL, DAMPED], ids=["trapezoidal", "damped"])
+def test_reduced_index_has_the_order_of_the_integrator(formulation, integrator):
+    """u, v and λ, whichever λ is reported, with dissipation and without."""
+    for reported in (NEWTON, RECOVERED):
+        found = march(formulation, reported=reported, integrator=integrator)
+        assert [found.error(q) for q in ("u", "v", "lambda")] == [2, 2, 2]
+
+
+def test_multipliers_of_index_3():
+    """Order 2 with dissipation; without it none, unless the start is corrected."""
+    assert march(integrator=DAMPED).error("lambda") == 2
+    assert march(integrator=DAMPED, reported=RECOVERED).error("lambda") == 2
+    assert math.isnan(march().error("lambda"))
+    assert math.isnan(march(reported=RECOVERED).error("lambda"))
+    assert math.isnan(march(start=CORRECTED).error("lambda"))
+    assert march(start=CORRECTED, compensated=True).error("lambda") == 2
+    other = Newmark(0.3, 0.5)
+    assert math.isnan(march(start=CORRECTED, compensated=True, integrator=other).error("lambda"))
+    assert march().error("u") == march().error("v") == 2
+
+
+@pytest.mark.parametrize(
+    ("projection", "reported", "undamped", "damped"),
+    [
+        ("velocity", RECOVERED, 2, 2),
+        ("velocity", NEWTON, 1, 1),
+        ("velocity", TOTAL, math.nan, 2),
+        ("position-velocity", RECOVERED, 2, 2),
+        ("velocity accelerations", RECOVERED, 2, 2),
+        ("velocity accelerations", TOTAL, math.nan, math.nan),
+    ],
+)
+def test_projected_multipliers_of_index_3(projection, reported, undamped, damped):
+    """Recovered: order 2 always.  Newton's: 1.  The total: 2 with dissipation only."""
+    for integrator, expected in ((TRAPEZOIDAL, undamped), (DAMPED, damped)):
+        found = march(projection=projection, reported=reported, integrator=integrator)
+        assert same(found.error("lambda"), expected)
+        assert found.error("u") == found.error("v") == 2
+
+
+def test_augmented_lagrangian_is_as_index_3_or_unknown():
+    """A penalty that grows as inertia ends where index 3 does; a fixed one does not converge."""
+    for quantity, integrator in itertools.product(("u", "lambda"), (TRAPEZOIDAL, DAMPED)):
+        grows = march("augmented-lagrangian", integrator=integrator).error(quantity)
+        assert same(grows, march(integrator=integrator).error(quantity))
+        fixed = march("augmented-lagrangian penalty=3", integrator=integrator)
+        assert math.isnan(fixed.error(quantity))
+        assert math.isnan(fixed.drift("position"))
+
+
+@pytest.mark.parametrize(
+    ("formulation", "position", "velocity"),
+    [
+        ("index-3", ROUNDING, 2),
+        ("index-2", 2, ROUNDING),
+        ("index-1", 2, 2),
+        ("baumgarte", 2, 2),
+        ("baumgarte rate_h=1", 3, 2),
+        ("ggl", ROUNDING, ROUNDING),
+        ("augmented-lagrangian", ROUNDING, 2),
+    ],
+)
+def test_drift(formulation, position, velocity):
+    """What Φ and its rate keep; a projection leaves rounding of what it projects."""
+    found = march(formulation, integrator=DAMPED)
+    assert (found.drift("position"), found.drift("velocity")) == (position, velocity)
+    velocities = march(formulation, "velocity", RECOVERED, integrator=DAMPED)
+    assert velocities.drift("velocity") == ROUNDING
+    both = march(formulation, "position-velocity", RECOVERED, integrator=DAMPED)
+    assert (both.drift("position"), both.drift("velocity")) == (ROUNDING, ROUNDING)
+    assert both.drift("multiplier") == ROUNDING
+    assert math.isnan(found.drift("energy"))
+
+
+def test_rate_of_index_3_without_dissipation_is_unknown():
+    """It alternates; index 1 has no such error."""
+    assert math.isnan(march().drift("velocity"))
+    assert march("index-1").drift("velocity") == 2
+    assert march("index-1").drift("multiplier") == ROUNDING
+    assert math.isnan(march("index-2").drift("multiplier"))
+
+
+# -- predictions of series ------------------------------------------------------------------------
+
+
+def key(measure, quantity="lambda", **rest):
+    """Key of a series of (a, λ), ρ∞ = 0.9."""
+    usual = {
+        "study": "s", "problem": "andrews", "form": "a-lambda", "preconditioning": "none",
+        "integrator": DAMPED.label, "measure": measure, "quantity": quantity, "row_block": "",
+        "steps": 10,
+    }  # fmt: skip
+    return SeriesKey.of(usual | rest)
+
+
+def predicted(*args, **rest):
+    """Predicted order of a series."""
+    one = key(*args, **rest)
+    return RECORDS[one.measure].predicted(one)
+
+
+def test_predictions_follow_the_formulation():
+    """Corrections, condition numbers, sensitivities and errors of one form."""
+    found = {
+        formulation: (
+            predicted("physical_correction", formulation=formulation),
+            predicted("correction", formulation=formulation, preconditioning="optimal"),
+            predicted("condition", "jacobian", formulation=formulation),
+            predicted("error", formulation=formulation),
+        )
+        for formulation in ("index-3", *REDUCED, "augmented-lagrangian")
+    }
+    assert found == {
+        "index-3": (-2, 0, -2, 2),
+        "index-2": (-1, 1, -1, 2),
+        "index-1": (0, 2, 0, 2),
+        "baumgarte": (0, 2, 0, 2),
+        "baumgarte rate_h=1": (-2, 0, 0, 2),
+        "ggl": (-1, 1, -1, 2),
+        "augmented-lagrangian": (-2, 0, 0, 2),
+    }
+    assert predicted("correction", "eta", formulation="ggl") == 0
+    assert predicted("sensitivity", "eta", formulation="ggl", row_block="Cv") == 1
+    assert predicted("sensitivity", formulation="ggl", row_block="C") == -1
+
+
+def test_no_prediction_of_a_fixed_penalty():
+    """Its iteration ends at the cap."""
+    for measure in ("physical_correction", "correction", "error"):
+        assert math.isnan(predicted(measure, formulation="augmented-lagrangian penalty=7"))
+
+
+def test_drift_of_index_3_is_shown_not_judged():
+    """As before there were formulations; projected, it is judged."""
+    assert math.isnan(predicted("invariant", "position"))
+    assert predicted("invariant", "position", projection="velocity") == ROUNDING
+    assert predicted("invariant", "position", formulation="baumgarte rate_h=2") == 3
+    assert math.isnan(predicted("invariant", "position", formulation="ggl", stop="1e-8 q"))
+
+
+def test_floors():
+    """Rounding of λ may grow as its corrections do, and no less than what it follows from."""
+
+    def floor(**rest):
+        return RECORDS["error"].floor(key("error", **rest))
+
+    assert floor() is None
+    assert floor(formulation="index-1", form="u-lambda") == 2
+    assert floor(formulation="index-2") == 1.5
+    assert floor(projection="velocity", multipliers=RECOVERED) == 1.5
+    assert RECORDS["error"].floor(key("error", "u", formulation="ggl")) is None
+
+
+# -- verdicts --------------------------------------------------------------------------------
+
+H = np.array([1e-2, 1e-3, 1e-4, 1e-5])
+
+
+def bounded(order, **rest):
+    """Verdict on a series of rounding whose order is at least 0."""
+    given = {"kind": "rounding", "expected": 0.0, "tolerance": 0.15, "bound": "because"} | rest
+    return judge(Evidence(H, 1e-16 * H**order, 1 / H, **given))
+
+
+@pytest.mark.parametrize("kind", ["rounding", "determined"])
+def test_bounds_are_judged_from_one_side(kind):
+    """Falling faster passes and says why; falling slower, or growing, does not."""
+    found = bounded(0.7, kind=kind)
+    assert found.verdict == PASS
+    assert found.reason == "at least order 0, a bound: because"
+    assert found.fit.slope == pytest.approx(0.7)
+    assert bounded(0, kind=kind).reason == ""
+    assert bounded(-0.3, kind=kind).verdict == MISS
+    assert bounded(0.7, kind=kind, bound="").verdict == MISS
+
+
+def test_rounding_of_a_block_that_is_zero():
+    """As small as rounding in balanced units passes; anything larger is judged by its order."""
+    unit = 2.0**-52
+
+    def verdict(values):
+        return judge(
+            Evidence(H, values, 1 / H, "determined", expected=3.0, tolerance=0.15, lacking=2.0)
+        ).verdict
+
+    assert verdict(30 * unit * H**2) == PASS
+    assert verdict(1e6 * unit * H**2) == MISS
+    assert verdict(H**3) == PASS
+
+
+def test_exact_invariants():
+    """Rounding passes, whatever its trend; more than that does not."""
+    level = Evidence(H, H, 1 / H, "truncation").rounding
+
+    def judged(values):
+        return judge(Evidence(H, values, 1 / H, "truncation", exact=True))
+
+    assert judged(0.5 * level).verdict == PASS
+    assert judged(np.zeros(4)).verdict == PASS
+    found = judged(np.maximum(level / 9, H**2))
+    assert found.verdict == MISS
+    assert found.reason.startswith("more than rounding: 0.0001 at h = 0.01")
+
+
+@pytest.mark.parametrize(("rate", "expected"), [(1e3, NOT_ASYMPTOTIC), (1.0, MISS)])
+def test_a_rate_that_no_step_size_resolves_is_not_asymptotic(tmp_path, rate, expected):
+    """Orders of a fixed rate need α h below 0.1 at three step sizes; then a miss is one."""
+    values = {h: 1e-12 * h**1.5 for h in (1e-1, 1e-2, 1e-3, 1e-4)}
+    table = test_slopes.series(
+        values, measure="physical_correction", form="a-lambda",
+        formulation=f"baumgarte rate={rate!r}",
+    )  # fmt: skip
+    (found,) = test_slopes.found(tmp_path, table)
+    assert found.expected == 0
+    assert found.verdict == expected
+    assert ("α h is 0.1 to 1e+02" in found.reason) == (expected == NOT_ASYMPTOTIC)
+
+
+# -- commands --------------------------------------------------------------------------------
+
+
+def test_orders_of_a_formulation(cli):
+    """Rows, η, and what is only a bound, in text and as JSON."""
+    text = cli("orders", "--form", "u-v-lambda", "--formulation", "ggl", "--preconditioning",
+               "none").stdout  # fmt: skip
+    lines = [line.split() for line in text.splitlines()]
+    assert text.startswith("(u, v, λ, η) form, ggl, preconditioning none\n")
+    assert ["Cv", "O(h⁰)", "O(h⁰)", "0", "0"] in lines
+    assert ["η", "O(h³)", "O(h⁰)", "O(h⁰)", "O(h¹)"] in lines
+    assert "C O(h⁻²)" in text
+    given = ("orders", "--form", "u-v-a-lambda", "--formulation", "index-1")
+    assert "(Δu, Δv: a lower bound of the order;" in cli(*given).stdout
+    found = json.loads(cli(*given, "--json").stdout)
+    assert [entry["condition"] for entry in found] == [0, -2, -2, 0]
+    assert found[0]["formulation"] == "index-1"
+    assert found[0]["bounds"] == ["u", "v"]
+    assert found[0]["jacobian"]["Ca"] == {"u": 0, "v": 0, "a": 0, "lambda": None}
+
+
+def test_orders_of_an_augmented_lagrangian(cli):
+    """λ has a correction, but is no unknown of the linear system."""
+    text = cli("orders", "--form", "u-lambda", "--formulation", "augmented-lagrangian").stdout
+    assert "updates it by −pΦ" in text
+    (found, *_) = json.loads(
+        cli("orders", "--form", "u-lambda", "--formulation", "augmented-lagrangian",
+            "--json").stdout
+    )  # fmt: skip
+    assert found["jacobian"] == {"D": {"u": -2}}
+    assert found["correction"] == {"u": 0, "lambda": -2}
+    assert found["condition"] == 0
+
+
+@pytest.mark.parametrize(
+    "formulation", [*REDUCED, "augmented-lagrangian", "augmented-lagrangian penalty=3"]
+)
+def test_derive_a_formulation(cli, formulation):
+    """The powers of the project's factors, in every form."""
+    text = cli("orders", "--derive", "--formulation", formulation).stdout
+    assert "NOT" not in text
+    assert text.count("the powers of this project's factors") == 14
+    assert text.count(f"form, {formulation.split()[0]}") == 7
+
+
+def test_orders_of_a_config_with_formulations(cli):
+    """Each formulation of the config, once."""
+    cli.write("own.yaml", QUICK + "formulation: [ggl, {method: baumgarte, rate_h: 2}]\n")
+    found = json.loads(cli("orders", "--config", "own.yaml", "--json").stdout)
+    assert list(dict.fromkeys(entry["formulation"] for entry in found)) == [
+        "ggl",
+        "baumgarte rate_h=2.0",
+    ]
+
+
+def test_orders_refuses_formulations(cli):
+    """Unknown ones, wrong parameters, and a config besides."""
+    assert "did you mean 'ggl'" in cli.refused("orders", "--formulation", "gg")
+    assert "formulation ggl has no 'rate'; it has none" in cli.refused(
+        "orders", "--formulation", "ggl rate=1"
+    )
+    assert "rate = -1: must be positive" in cli.refused(
+        "orders", "--formulation", "baumgarte rate=-1"
+    )
+    assert "--config already names" in cli.refused(
+        "orders", "--formulation", "ggl", "--config", "x"
+    )
+
+
+def test_tables_of_formulations(cli):
+    """Markdown, CSV and LaTeX of every formulation and form, without any results."""
+    done = cli("tables", "--formulations")
+    assert "ggl                           (a, λ)        0    0    −1  −1  0" in done.stdout
+    folder = cli.folder / "results/tables"
+    assert {f.name for f in folder.iterdir()} == {f"formulations.{s}" for s in ("md", "csv", "tex")}
+    with (folder / "formulations.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    titles = formulation_tables.TITLES
+    corrections = [r for r in rows if r["table"] == "corrections"]
+    assert len(corrections) == 2 * 7 * (4 * len(titles) + 1)
+    assert len(rows) - len(corrections) == 5 * 7 * len(titles)
+    bounds = {(r["formulation"], r["form"], r["entry"]) for r in rows if r["bound"] == "yes"}
+    assert ("index-1", "u-v-a-lambda", "v") in bounds
+    assert not any(formulation in ("index-3", "ggl") for formulation, *_ in bounds)
+    text = (folder / "formulations.tex").read_text()
+    assert text.isascii()
+    labels = re.findall(r"label\{tab:(.*)\}", text)
+    assert labels == [
+        "formulations-direct", "formulations-compensated", "formulations-condition",
+        "formulations-factors",
+    ]  # fmt: skip
+    assert r"    index-1 & $(u, v, a, \lambda)$ & $\ge 0$ & $\ge 0$ & $0$ & $0$ & -- \\" in text
+    markdown = (folder / "formulations.md").read_text()
+    assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
+
+
+def test_values_of_the_new_axes_in_words():
+    """Projections, multipliers and starts say what they are of."""
+    assert in_words("projection", "none") == "no projection"
+    given = "velocity accelerations"
+    assert in_words("projection", given) == "velocity projection with accelerations"
+    assert in_words("multipliers", "newton") == "Newton's λ"
+    assert in_words("start", "corrected") == "corrected start"
+    assert in_words("formulation", "ggl") == "ggl"
+
+
+def test_the_docs_have_the_tables(cli):
+    """docs/theory.md ends its section with what the command writes."""
+    cli("tables", "--formulations")
+    text = (cli.folder / "results/tables/formulations.md").read_text()
+    docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
+    assert "`newmark-study tables --formulations` makes the tables" in docs
+    assert text.strip() in docs
+
+
+# -- the library -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_scaling_of_a_formulation(form):
+    """New rows as velocities and accelerations are scaled; η as displacements."""
+    found = newmark_cli.scaling(form, h=1e-2, formulation="ggl")
+    plain = newmark_cli.scaling(form, h=1e-2)
+    assert found.rows == (*plain.rows, "Cv")
+    assert found.unknowns == (*plain.unknowns, "eta")
+    assert found.left["Cv"] == pytest.approx(0.25 * 1e-2 / 0.5)
+    assert found.right["eta"] == 1
+    assert found.formulation == "ggl"
+    assert {row: found.left[row] for row in plain.rows} == dict(plain.left)
+    given = {"method": "baumgarte", "rate_h": 2}
+    other = newmark_cli.scaling(form, h=1e-2, formulation=given)
+    assert other.left["B"] == pytest.approx(0.25e-4)
+    assert other.formulation == "baumgarte rate_h=2.0"
+
+
+def test_scaling_refuses_formulations():
+    """Unknown text, and what is none at all."""
+    with pytest.raises(FormulationError, match="did you mean 'ggl'"):
+        newmark_cli.scaling("a-lambda", h=1e-2, formulation="gg")
+    with pytest.raises(DocumentError, match="formulation: must be a mapping"):
+        newmark_cli.scaling("a-lambda", h=1e-2, formulation=3)

@@ -1,0 +1,656 @@
+"""Formulations and projections: their Jacobians, and the engines held to each other."""
+
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from covering import covering
+from damped import damped
+from general import constraint, force, general, gradient
+from marching import EPS, copy, interpreted_march
+
+from newmark_cli.errors import InputError
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.newmark import compiled_march, scipy_march
+from newmark_cli.newmark.constraints import (
+    constraining_of,
+    least_inertia,
+    projector,
+)
+from newmark_cli.newmark.formulation import (
+    CORRECTED,
+    METHODS,
+    NEWTON,
+    RECOVERED,
+    REPORTED,
+    TOTAL,
+    Formulation,
+    FormulationError,
+    Projection,
+)
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.jacobian import form_blocks, scaling_factors
+from newmark_cli.newmark.linear.choice import Krylov
+from newmark_cli.newmark.linear.dense import condition_number
+from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.march import March
+from newmark_cli.newmark.march_data import COMPLETED, State
+from newmark_cli.newmark.scaling import VARIANTS, named_scaling
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme, Tolerance
+from newmark_cli.problems import python_problem
+from newmark_cli.problems.problem import Problem
+
+FORMULATIONS = [
+    "index-3",
+    "index-2",
+    "index-1",
+    "baumgarte rate=20",
+    "baumgarte rate_h=1",
+    "ggl",
+    "augmented-lagrangian factor=10",
+    "augmented-lagrangian penalty=50",
+]
+PROJECTIONS = [
+    "none",
+    "velocity",
+    "velocity accelerations",
+    "position-velocity",
+    "position-velocity accelerations",
+]
+INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.8), HHT(0.1), BDF2()]
+
+THROWN = """\
+points:
+  O: {fixed: [0, 0]}
+  P: {at: [1, 0], mass: 1.5, velocity: [0, 1]}
+bars:
+  rod: {from: O, to: P, length: 1}
+gravity: [0, -1]
+"""
+#: A crank whose angle is prescribed, and a link that hangs from it: Φ depends on time.
+DRIVEN = """\
+points:
+  O: {fixed: [0, 0]}
+  A: {at: [0.3, 0.4], mass: 2}
+  B: {at: [0.9, 1.2], mass: 1}
+bars:
+  arm: {from: O, to: A, length: 0.5}
+  link: {from: A, to: B, length: 1}
+motions: {crank: {point: A, x: {rate: 0.5, amplitude: 0.05, frequency: 3}}}
+gravity: [0, -9.81]
+project_velocities: true
+"""
+
+
+@cache
+def subject_of(name) -> Problem:
+    """A problem by name: a mechanism, or one of this file and its neighbours."""
+    if name in _OWN:
+        return _OWN[name]()
+    return problem(name)
+
+
+def _mechanism(text, name):
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.yaml"
+        path.write_text(text)
+        return planar.load(path, name)
+
+
+_OWN = {
+    "thrown": lambda: _mechanism(THROWN, "thrown"),
+    "driven": lambda: _mechanism(DRIVEN, "driven"),
+    "damped": damped,
+    "general": general,
+    "quadrics": lambda: general(hard=False),
+    "singular mass": lambda: general(singular=True),
+    "car axis": lambda: python_problem.load(
+        Path(__file__).parents[1] / "docs/examples/car_axis.py",
+        "car_axis",
+        {"compiled": True},
+        "car axis",
+    ),
+}
+#: Step sizes large enough that every block of J is seen in a correction.
+STEP = {
+    "thrown": 0.1,
+    "andrews": 1e-4,
+    "slider-crank": 5e-3,
+    "driven": 0.02,
+    "damped": 0.05,
+    "general": 0.05,
+    "quadrics": 0.05,
+    "singular mass": 0.05,
+    "car axis": 1e-2,
+}
+QUADRATIC = ["thrown", "andrews", "slider-crank", "quadrics"]
+OTHERS = ["driven", "general", "singular mass", "damped", "car axis"]
+
+
+def scheme_of(formulation, form="a-lambda", h=1e-2, integrator=None, **options):
+    """A scheme with a formulation and projection given by their labels."""
+    of = Formulation.parse(formulation)
+    form = of.applied(FORMS[form])
+    scaling = named_scaling(options.pop("scaling", "optimal"), form)
+    projection = Projection.parse(options.pop("projection", "none"))
+    return Scheme(
+        integrator or GeneralizedAlpha(0.9),
+        form,
+        scaling,
+        h,
+        formulation=of,
+        projection=projection,
+        **options,
+    )
+
+
+def march_of(subject, scheme, engine="kernel", **options) -> March:
+    """A march by one of the engines: the kernel, SciPy dense or sparse."""
+    march = March(subject, scheme, "sparse-lu" if engine == "sparse" else "dense-lu", **options)
+    if engine == "dense":
+        march._engine = partial(scipy_march.march, system=march.system)
+    if engine == "interpreted":
+        march._engine = lambda *given, record: interpreted_march(*given)
+    return march
+
+
+# -- Jacobians against residuals written down again -------------------------------------------
+
+
+class Literal:
+    """Rows of the four fields, of one step, from the page of equations; complex numbers."""
+
+    def __init__(self, subject, scheme, state, t):
+        self.subject, self.scheme, self.t = subject, scheme, t
+        relations = scheme.relations
+        self.beta, self.gamma = relations.u_from_a, relations.v_from_a
+        self.c = relations.acceleration[0]
+        self.u_hat, self.v_hat = relations.u_past @ state.past, relations.v_past @ state.past
+        self.d = relations.acceleration[1:] @ state.past
+        g = gradient(subject, state.fields[0], t)
+        regular = np.linalg.matrix_rank(subject.M, tol=1e-9) == subject.n
+        self.p = np.linalg.solve(subject.M, g) if regular else g
+
+    def fields(self, kept, push):
+        """U, v, a from the kept ones."""
+        given = dict(zip(self.scheme.form.kept, kept, strict=True))
+        u, v, a = (given.get(name) for name in "uva")
+        beta, gamma, u_hat, v_hat = self.beta, self.gamma, self.u_hat, self.v_hat
+        if a is None:
+            a = (v - v_hat) / gamma if v is not None else (u - u_hat - push) / beta
+        if v is None:
+            v = gamma * a + v_hat
+        if u is None:
+            u = beta * a + u_hat + push
+        return u, v, a
+
+    def second(self, u, v, w):
+        """Gᵀw + κ."""
+        reals, n, t = self.subject.reals, self.subject.n, self.t
+        found = []
+        for k in range(self.subject.m):
+            s = reals[1 + (2 + k) * n : 1 + (3 + k) * n]
+            e = 1 + k + np.arange(n)
+            turn, pull = (
+                reals[0, 1] * 2 * np.cos(2 * t + 0.3),
+                -4 * reals[0, 1] * np.sin(2 * t + 0.3),
+            )
+            found.append(
+                v @ s @ v + 2 * reals[0, 0] * np.sum(u * v * v) + 2 * turn * e @ v + pull * e @ u
+            )
+        return gradient(self.subject, u, t).T @ w + np.array(found)
+
+    def rate(self, u, v):
+        """Gᵀv + Φ_t."""
+        n, t = self.subject.n, self.t
+        turn = self.subject.reals[0, 1] * 2 * np.cos(2 * t + 0.3)
+        of_time = [turn * (1 + k + np.arange(n)) @ u for k in range(self.subject.m)]
+        return gradient(self.subject, u, t).T @ v + np.array(of_time)
+
+    def rows(self, z, multipliers):
+        """Rows of the form at its solved unknowns, one vector."""
+        subject, form, t = self.subject, self.scheme.form, self.t
+        formulation = self.scheme.formulation
+        n, m, p = subject.n, subject.m, len(form.kept)
+        kept = [z[k * n : (k + 1) * n] for k in range(p)]
+        rest = z[p * n :]
+        eta = rest[m:] if "eta" in form.solved else np.zeros(m)
+        push = self.p @ eta
+        u, v, a = self.fields(kept, push)
+        w = self.c * a + self.d
+        phi = constraint(subject, u, t)
+        if formulation.method == "augmented-lagrangian":
+            pull = multipliers - constraining_of(subject, self.scheme).penalty * phi
+        else:
+            pull = rest[:m]
+        rate = 1.0
+        if formulation.method == "baumgarte":
+            name, value = formulation.parameter
+            rate = value / self.scheme.h if name == "rate_h" else value
+        of_row = {
+            "D": lambda: subject.M @ w - force(subject, u, v, t) - gradient(subject, u, t) @ pull,
+            "V": lambda: v - self.gamma * a - self.v_hat,
+            "K": lambda: u - self.beta * a - self.u_hat - push,
+            "C": lambda: phi,
+            "Cv": lambda: self.rate(u, v),
+            "Ca": lambda: self.second(u, v, w),
+            "B": lambda: self.second(u, v, w) + 2 * rate * self.rate(u, v) + rate**2 * phi,
+        }
+        return np.concatenate([of_row[row]() for row in form.rows])
+
+
+@pytest.mark.parametrize("name", ["general", "quadrics", "singular mass"])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_jacobians_are_those_of_the_equations(formulation, form, name):
+    """Dense and sparse J, not scaled and scaled, are the derivative of the residual.
+
+    The residual is written down again from the equations and differentiated by a complex
+    step, which is exact to rounding.
+    """
+    subject, h, t = subject_of(name), 0.1, 0.2
+    scheme = scheme_of(formulation, form, h, GeneralizedAlpha(0.6))
+    n, m, p = subject.n, subject.m, len(scheme.form.kept)
+    random = np.random.default_rng(5)
+    multipliers = random.normal(size=m)
+    past = random.normal(size=(len(scheme.relations.u_past), n))
+    fields = np.array([subject.u0, *random.normal(size=(3, n))])
+    state = State(fields, past, multipliers, *np.zeros((4, 1)))
+    literal = Literal(subject, scheme, state, t)
+    # A state that meets V and K, at η = 0, so that all forms are at the same one.
+    kept = [fields["uva".index(name)] for name in scheme.form.kept]
+    u, v, a = literal.fields(kept, np.zeros(n))
+    w = literal.c * a + literal.d
+    literal.p = literal.p @ np.eye(m)
+    shift = multipliers
+    constraining = constraining_of(subject, scheme)
+    if scheme.formulation.kind.penalised:
+        shift = multipliers - constraining.penalty * constraint(subject, u, t)
+    z = np.concatenate([*kept, *([multipliers, np.zeros(m)][: len(scheme.form.constraint_rows)])])
+    step = 1e-30
+    expected = np.stack(
+        [literal.rows(z + 1j * step * unit, multipliers).imag / step for unit in np.eye(len(z))],
+        axis=1,
+    )
+    terms, values = subject.evaluate(t, u, v, shift), subject.values(t, u, v, shift)
+    tangents = None
+    if constraining:
+        tangents = constraining.tangents_at(t, u, v, w)
+        # P is that of the beginning of the step.
+        before = subject.values(t, state.fields[0], v, multipliers).g
+        tangents = tangents._replace(directions=constraining.directions(before))
+    found = np.block(form_blocks(scheme, terms, subject.M, constraining, tangents))
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=50 * EPS * size)
+
+    for variant in VARIANTS:
+        scaled = scheme_of(formulation, form, h, GeneralizedAlpha(0.6), scaling=variant)
+        left, right = scaling_factors(scaled, n, m)
+        wanted = left[:, None] * expected * right
+        system = SparseSystem(subject, scaled)
+        matrix = np.zeros_like(expected)
+        entries = system.scaled_entries(values, tangents)
+        np.add.at(matrix, (system.rows, system.columns), entries)
+        sizes = 50 * EPS * size * np.abs(left)[:, None] * right
+        assert np.all(np.abs(matrix - wanted) <= sizes), variant
+    assert p * n + m * len(scheme.form.constraint_rows) == len(z)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_optimal_scaling_balances_every_formulation(formulation):
+    """No block of J̄, and none of its inverse, grows as h falls: C is the same at all h."""
+    subject = subject_of("quadrics")
+    for form in FORMS:
+        found = []
+        for h in (1e-5, 1e-7):
+            scheme = scheme_of(formulation, form, h)
+            march = March(subject, scheme)
+            found.append(condition_number(subject, scheme, 0.0, march.state))
+        assert found[1] == pytest.approx(found[0], rel=1e-2), form
+
+
+def test_directions_are_those_of_least_change():
+    """P = M⁻¹G where M is regular, G where it is singular; also from sparse tables."""
+    for name in ("general", "andrews", "singular mass"):
+        subject = subject_of(name)
+        terms = projector(subject)
+        g = subject.values(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).g
+        found = np.zeros((subject.n, subject.m))
+        np.add.at(found, (terms.rows, terms.columns), terms.values * g[terms.sources])
+        full = subject.evaluate(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).G
+        expected = full if name == "singular mass" else np.linalg.solve(subject.M, full)
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["andrews", "slider-crank", "general"])
+def test_least_inertia_is_the_least_eigenvalue(name):
+    """Least eigenvalue of GᵀM⁻¹G at the start; p = factor · w_a over it."""
+    subject = subject_of(name)
+    g = subject.evaluate(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).G
+    least = np.linalg.eigvalsh(g.T @ np.linalg.solve(subject.M, g))[0]
+    assert least_inertia(subject) == pytest.approx(least, rel=1e-8)
+    scheme = scheme_of("augmented-lagrangian factor=3", h=1e-3, integrator=Newmark())
+    penalty = constraining_of(subject, scheme).penalty
+    assert penalty == pytest.approx(3 * 4 / 1e-6 / least, rel=1e-8)
+
+
+# -- engines held to each other ---------------------------------------------------------------
+
+ENGINES = ("kernel", "dense", "sparse")
+
+
+def balanced_difference(subject, scheme, one, other):
+    """Differences of u, v, a, λ in units of displacement, relative to what is there."""
+    symbols = scheme.integrator.symbols(scheme.h)
+    w_a = 1 / (symbols["beta"] * scheme.h**2)
+    w_v = symbols["gamma"] * w_a * scheme.h
+    pairs = [
+        (one.fields[0], other.fields[0], 1),
+        (one.fields[1], other.fields[1], w_v),
+        (one.fields[2], other.fields[2], w_a),
+        (one.fields[3], other.fields[3], w_a),
+        (one.multipliers, other.multipliers, w_a),
+    ]
+    differences = [np.abs(a - b).max() / w for a, b, w in pairs]
+    sizes = [np.abs(a).max() / w for a, _, w in pairs]
+    return max(differences), max(sizes)
+
+
+def assert_engines_agree(
+    name, formulation, form, integrator, variant, evaluation, projection, engines=ENGINES
+):
+    """One correction, two, and a whole step, from states along a run: equal to rounding.
+
+    Rounding of the balanced residual times the condition number of the balanced matrix;
+    what the solver loses in an unscaled one, Newton's iteration makes good, so that single
+    corrections are compared where the scaling is balanced.
+    """
+    subject = subject_of(name)
+    options = {"scaling": variant, "evaluation": evaluation, "projection": projection}
+    scheme = scheme_of(formulation, form, STEP[name], integrator, **options)
+    start = march_of(subject, scheme, engines[1])
+    start.advance(3)
+    balanced = scheme_of(formulation, form, STEP[name], integrator)
+    condition = condition_number(subject, balanced, start.t, start.state)
+    caps = (1, 2, 50) if variant in ("optimal", "optimal-printed") else (50,)
+    for cap in caps:
+        capped = scheme_of(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)
+        marches = [
+            march_of(subject, capped, engine, state=copy(start.state), done=start.done)
+            for engine in engines
+        ]
+        stretches = [march.advance(1) for march in marches]
+        assert [march.ending for march in marches] == [COMPLETED] * len(marches)
+        ours = marches[0].state
+        for march, stretch in zip(marches[1:], stretches[1:], strict=True):
+            difference, size = balanced_difference(subject, scheme, ours, march.state)
+            rounding = 100 * EPS * condition * size
+            assert difference <= rounding, (cap, condition)
+            # An impulse is an inertia times a change of velocities.
+            unit = rounding * np.abs(subject.mass_values).max() / scheme.h
+            assert np.abs(ours.impulse - march.state.impulse).max() <= 10 * unit
+            if cap < 3:
+                # The recorded norms are of corrections, not yet of rounding.
+                np.testing.assert_allclose(
+                    stretches[0].norms, stretch.norms,
+                    rtol=1e-6, atol=rounding / scheme.right.min(),
+                )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("formulation", "form", "evaluation", "name", "variant", "integrator", "projection"),
+    covering(FORMULATIONS, FORMS, EVALUATIONS, QUADRATIC, VARIANTS, INTEGRATORS, PROJECTIONS),
+    ids=lambda value: getattr(value, "label", value),
+)
+def test_engines_agree(formulation, form, evaluation, name, variant, integrator, projection):
+    """Kernel, dense and sparse SciPy march take the same step where Φ is quadratic."""
+    assert_engines_agree(name, formulation, form, integrator, variant, evaluation, projection)
+
+
+@pytest.mark.parametrize(
+    ("formulation", "form", "name", "variant", "integrator", "projection"),
+    covering(FORMULATIONS, FORMS, OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
+    ids=lambda value: getattr(value, "label", value),
+)
+def test_engines_agree_on_other_constraints(
+    formulation, form, name, variant, integrator, projection
+):
+    """The same where Φ depends on time or is not quadratic, and where M is singular."""
+    assert_engines_agree(name, formulation, form, integrator, variant, DIRECT, projection)
+
+
+@pytest.mark.parametrize(
+    ("formulation", "form", "name", "projection"),
+    covering(FORMULATIONS, FORMS, ["general", "quadrics"], PROJECTIONS),
+)
+def test_the_kernel_agrees_as_python_runs_it(formulation, form, name, projection):
+    """The kernel without numba takes the step of the SciPy march.
+
+    It is the same code; where it is changed to see whether a test notices, nothing has to be
+    compiled.
+    """
+    evaluation = COMPENSATED if name == "quadrics" else DIRECT
+    assert_engines_agree(
+        name, formulation, form, GeneralizedAlpha(0.8), "optimal", evaluation, projection,
+        engines=("interpreted", "dense"),
+    )  # fmt: skip
+
+
+def test_plain_functions_march_like_compiled_ones():
+    """The car axis in plain Python and compiled, Φ(u, t) and its derivatives by differences.
+
+    Two codings of the differences agree to their own rounding, about 1e-10.
+    """
+    path = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+    plain = python_problem.load(path, "car_axis", {"compiled": False}, "plain car axis")
+    for label in FORMULATIONS:
+        for projection in ("none", "position-velocity accelerations"):
+            scheme = scheme_of(label, "a-lambda", 1e-2, projection=projection)
+            compiled, slow = March(subject_of("car axis"), scheme), March(plain, scheme)
+            for march in (compiled, slow):
+                march.advance(5)
+            for field, size in zip(range(3), (1, 1e2, 1e4), strict=True):
+                np.testing.assert_allclose(
+                    slow.state.fields[field], compiled.state.fields[field],
+                    rtol=0, atol=1e-9 * size, err_msg=f"{label} {projection}",
+                )  # fmt: skip
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_the_kernel_computes_in_single_precision(formulation):
+    """Float32: the same motion to single rounding, and not to double."""
+    subject, h = subject_of("thrown"), 0.02
+    for evaluation in EVALUATIONS:
+        for projection in ("none", "position-velocity accelerations"):
+            options = {"projection": projection, "evaluation": evaluation}
+            found = {}
+            for precision in ("float64", "float32"):
+                scheme = scheme_of(formulation, "a-lambda", h, precision=precision, **options)
+                march = March(subject, scheme)
+                march.advance(10)
+                assert march.ending == COMPLETED
+                assert march.state.fields.dtype == scheme.dtype
+                found[precision] = march.here
+            one, other = found.values()
+            # One unit of rounding of u, and what the integrator makes of it in v.
+            unit = 2.0**-23
+            assert 0 < np.abs(one.fields[0] - other.fields[0]).max() < 30 * unit
+            assert np.abs(one.fields[1] - other.fields[1]).max() < 100 * unit / h
+
+
+@pytest.mark.parametrize("formulation", ["index-2", "index-1", "baumgarte rate_h=1", "ggl"])
+def test_krylov_solvers_take_formulations(formulation):
+    """GMRES takes the step that the factors take, to its tolerance."""
+    subject, h = subject_of("andrews"), 1e-5
+    for form in ("u-lambda", "a-lambda", "u-v-a-lambda"):
+        scheme = scheme_of(formulation, form, h, projection="velocity")
+        direct = March(subject, scheme)
+        krylov = March(subject, scheme, "gmres", Krylov(tolerance=1e-12))
+        for march in (direct, krylov):
+            march.advance(3)
+            assert march.ending == COMPLETED
+        difference, size = balanced_difference(subject, scheme, direct.state, krylov.state)
+        assert difference <= 1e-11 * size
+        assert krylov.system.iterations
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_steps_end_at_a_tolerance_in_both_engines(formulation):
+    """Newton stops at the first correction that meets it; both engines count alike."""
+    subject = subject_of("quadrics")
+    counts = {}
+    for relative in (0.0, 1e-7):
+        stop = Tolerance(1e-8, relative)
+        for form in ("a-lambda", "u-v-lambda"):
+            scheme = scheme_of(formulation, form, 0.02, stop=stop, iteration_cap=400)
+            for engine in ("kernel", "dense", "sparse"):
+                march = march_of(subject, scheme, engine)
+                stretch = march.advance(10)
+                assert np.all(stretch.iterations > 0)
+                # The last norms recorded are those of the correction that met it.
+                whole = np.linalg.norm(stretch.norms[:, : len(scheme.form.unknowns)], axis=1)
+                symbols, state = scheme.right, march.state
+                kept = state.fields[scheme.tables.kept] / symbols[: len(scheme.tables.kept), None]
+                of_lambda = state.multipliers / symbols[len(scheme.tables.kept)]
+                size = np.hypot(np.linalg.norm(kept), np.linalg.norm(of_lambda))
+                assert np.all(whole[-1] <= stop.absolute + relative * size)
+                counts[relative, form, engine] = stretch.iterations.tolist()
+            assert counts[relative, form, "kernel"] == counts[relative, form, "dense"]
+            assert counts[relative, form, "kernel"] == counts[relative, form, "sparse"]
+    fewer = sum(counts[1e-7, "a-lambda", "dense"])
+    assert fewer <= sum(counts[0.0, "a-lambda", "dense"])
+
+
+@pytest.mark.parametrize("engine", ["kernel", "dense"])
+@pytest.mark.parametrize("reported", REPORTED)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_march_goes_on_and_is_recorded_to_the_same_bits(formulation, reported, engine):
+    """In pieces, restarted from a state, with looks or without: one march, bit by bit."""
+    subject = subject_of("quadrics")
+    for evaluation in EVALUATIONS:
+        scheme = scheme_of(
+            formulation, "v-lambda", 0.02, projection="velocity accelerations",
+            evaluation=evaluation, reported=reported,
+        )  # fmt: skip
+        whole, halted = march_of(subject, scheme, engine), march_of(subject, scheme, engine)
+        (stretch,) = whole.recorded(12, [3, 5, 12])
+        seen = []
+        for stop in (3, 5):
+            halted.advance(stop - halted.done)
+            seen.append(halted.seen)
+        resumed = march_of(subject, scheme, engine, state=halted.state, done=halted.done)
+        resumed.advance(7)
+        seen.append(resumed.seen)
+        for one, other in zip(whole.state, resumed.state, strict=True):
+            np.testing.assert_array_equal(one, other)
+        for k, state in enumerate(seen):
+            np.testing.assert_array_equal(stretch.record.fields[k], state.fields)
+            np.testing.assert_array_equal(stretch.record.multipliers[k], state.multipliers)
+
+
+def test_what_is_reported_of_multipliers():
+    """Newton's λ; λ + μ/h; and what the index-1 system makes of u and v."""
+    subject, h = subject_of("quadrics"), 0.02
+    found = {}
+    for reported in REPORTED:
+        march = March(subject, scheme_of("index-3", h=h, projection="velocity", reported=reported))
+        march.advance(4)
+        found[reported] = march.seen.multipliers
+    state = march.state
+    impulse = state.impulse / h
+    assert np.abs(impulse).max() > 1e-4
+    np.testing.assert_allclose(found[TOTAL], found[NEWTON] + impulse, rtol=1e-13)
+    g = subject.evaluate(march.t, *state.fields[:2], np.zeros(2)).G
+    free = force(subject, state.fields[0], state.fields[1], march.t)
+    _, curvature = subject.constraint_derivatives(march.t, state.fields[0], state.fields[1])
+    inverse = np.linalg.inv(subject.M)
+    expected = np.linalg.solve(g.T @ inverse @ g, -(curvature + g.T @ inverse @ free))
+    np.testing.assert_allclose(found[RECOVERED], expected, rtol=1e-11)
+
+
+def test_projections_project():
+    """Φ and Φ' vanish after a step, the change has least size, v' is the index-1 system's."""
+    subject, h = subject_of("general"), 0.05
+    plain = March(subject, scheme_of("index-1", h=h))
+    plain.advance(1)
+    for projection in PROJECTIONS[1:]:
+        march = March(subject, scheme_of("index-1", h=h, projection=projection))
+        march.advance(1)
+        u, v, _, w = march.state.fields
+        g = subject.evaluate(h, u, v, np.zeros(2)).G
+        rows = subject.constraint_rows(h, u, v, w)
+        np.testing.assert_allclose(g.T @ v + rows.rate, 0, atol=1e-13)
+        missed = np.abs(subject.constraint_values(h, u)).max()
+        before = np.abs(subject.constraint_values(h, plain.state.fields[0])).max()
+        if projection.startswith("position"):
+            assert missed < 0.02 * before
+        else:
+            assert missed == before
+        if "accelerations" in projection:
+            np.testing.assert_allclose(g.T @ w + rows.curvature, 0, atol=1e-12)
+            # a has changed by as much as v'.
+            change = march.state.fields[2:] - plain.state.fields[2:]
+            np.testing.assert_allclose(change[0], change[1], rtol=1e-9, atol=1e-13)
+            assert np.abs(change).max() > 1e-6
+        if projection == "velocity":
+            change = v - plain.state.fields[1]
+            np.testing.assert_allclose(subject.M @ change, g @ march.state.impulse, atol=1e-13)
+
+
+# -- names ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("label", FORMULATIONS)
+def test_labels_are_read_back(label):
+    """A formulation's label says all of it; so does a projection's."""
+    found = Formulation.parse(label)
+    assert Formulation.parse(found.label) == found
+    assert found.method in METHODS
+    for projection in PROJECTIONS:
+        assert Projection.parse(projection).label == projection
+
+
+@pytest.mark.parametrize(
+    ("label", "words"),
+    [
+        ("index-4", "unknown formulation 'index-4'"),
+        ("ggl rate=1", "formulation ggl has no 'rate'; it has none"),
+        ("baumgarte penalty=1", "has no 'penalty'; it has rate or rate_h"),
+        ("baumgarte rate=-1", "rate = -1: must be positive"),
+        ("baumgarte rate=fast", "rate must be a number"),
+    ],
+)
+def test_bad_formulations_are_refused(label, words):
+    """In one line, with what is allowed."""
+    with pytest.raises(FormulationError, match=words):
+        Formulation.parse(label)
+
+
+def test_bad_projections_are_refused():
+    """In one line."""
+    for label, words in (
+        ("velocities", "unknown projection 'velocities'"),
+        ("none accelerations", "accelerations need velocities projected"),
+    ):
+        with pytest.raises(FormulationError, match=words):
+            Projection.parse(label)
+
+
+def test_weights_of_the_rows():
+    """s₀, s₁, s₂ as the page of equations has them."""
+    expected = {
+        "index-3": [[1, 0, 0]],
+        "index-2": [[0, 1, 0]],
+        "index-1": [[0, 0, 1]],
+        "baumgarte rate=20": [[400, 40, 1]],
+        "baumgarte rate_h=0.5": [[25, 10, 1]],
+        "ggl": [[1, 0, 0], [0, 1, 0]],
+    }
+    for label, rows in expected.items():
+        np.testing.assert_allclose(Formulation.parse(label).weights(0.1), rows, rtol=1e-15)
+    assert Formulation.parse("augmented-lagrangian").weights(0.1).shape == (0, 3)
