@@ -32,7 +32,7 @@ from newmark_cli.report.fits import format_order
 from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Panel, Sheet
 from newmark_cli.report.text import markdown
-from newmark_cli.report.verdicts import MISS
+from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.report.work import wall_times
 from newmark_cli.study import results
 from newmark_cli.study.axes import SeriesKey
@@ -161,7 +161,8 @@ def _tolerance(found: Evidence, cure: Cure) -> Cell:
     orders = [
         series.expected
         for unknown in ("a", "lambda", "eta")
-        if (series := found.series(_damped(keyed).curve(STUDY, PROBLEM, unknown, "correction")))
+        for one in (_damped(keyed), keyed)
+        if (series := found.series(one.curve(STUDY, PROBLEM, unknown, "correction")))
     ]
     known = [order for order in orders if np.isfinite(order)]
     least = min(known, default=np.nan)
@@ -208,10 +209,9 @@ def _error(problem: str) -> "Callable[[Evidence, Cure], Cell]":
         if slope is None:
             return Cell()
         value = _smallest(slope)
-        mark = GOOD if value < 1e-5 else HALF if value < 1e-2 else BAD
         # A corrected start ends at larger steps than the others.
-        if mark == HALF and np.isfinite(slope.fit.slope) and slope.fit.slope > 1.7:
-            mark = GOOD
+        falling = slope.verdict == PASS and value == np.min(slope.values)
+        mark = GOOD if value < 1e-5 or falling else HALF if value < 1e-2 else BAD
         return Cell(mark, _order(slope), _number(value), slope.verdict != MISS)
 
     return cell
@@ -245,7 +245,7 @@ def _drift(quantity: str) -> "Callable[[Evidence, Cure], Cell]":
             return Cell()
         value = float(np.max(slope.values))
         if value < 1e-11:
-            return Cell(GOOD, _order(slope) or "rounding", _number(value), slope.verdict != MISS)
+            return Cell(GOOD, _order(slope) or "eps", _number(value), slope.verdict != MISS)
         at_end = _smallest(slope)
         measured = f"{_fitted(slope)}, {_number(at_end)}"
         mark = HALF if slope.fit.slope > 1.5 else BAD
@@ -401,8 +401,11 @@ def as_latex(cells: Mapping[tuple[str, str], Cell]) -> str:
 _SHADES = {GOOD: "#CDE9DF", HALF: "#FBE8C4", BAD: "#F6D3C4", NONE: "#FFFFFF"}
 #: Inches: height of a line, width of the first column and of the others.
 _ROW, _FIRST = 0.155, 1.28
-_WIDTHS = {"GMRES": 0.78, "drift Φ": 0.8, "drift Gᵀv": 0.8, "needs": 0.82, "cost": 0.36, "C": 0.5}
-_OTHER = 0.64
+_WIDTHS = {
+    "tolerance": 0.66, "C": 0.56, "GMRES": 0.86, "λ, in motion": 0.6, "compensated": 0.6,
+    "drift Φ": 0.76, "drift Gᵀv": 0.76, "cost": 0.3, "needs": 1.0,
+}  # fmt: skip
+_OTHER = 0.56
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,8 @@ from newmark_cli.study.results import drift_path
 STUDY, TOLERANCE_STUDY, KRYLOV_STUDY, DRIFT_STUDY = (
     "cures", "cures-tolerance", "cures-krylov", "drift",
 )  # fmt: skip
+#: What the table reads.
+TABLED = (STUDY, TOLERANCE_STUDY, KRYLOV_STUDY)
 FORM = "a-lambda"
 DAMPED = GeneralizedAlpha(0.9).label
 #: Problems of the study, and how figures call them: one from rest, one in motion, and one
@@ -371,7 +373,7 @@ class CureWorkFigure:
 #: What Figure 18 shows: problem → step size (s).
 DRIFTING: Mapping[str, float] = MappingProxyType({"andrews": 1e-5, "shaken-pendulum": 1e-3})
 #: Least drift that is drawn (m, m/s): what is smaller is rounding, or exactly 0.
-_LEAST_DRIFT = 1e-19
+_LEAST_DRIFT = 1e-18
 _DRIFT_CURES = (
     Cure("index 3"),
     *(
@@ -449,7 +451,7 @@ class DriftFigure:
                         Trace(
                             cure.name,
                             drift.t,
-                            values,
+                            np.where(values < _LEAST_DRIFT, np.nan, values),
                             Look(ours.color, linestyle=ours.linestyle, linewidth=0.9),
                             said=f"{PROBLEMS[problem]}, {quantity}, {cure.name}: up to "
                             f"{np.max(values):.2g}",
@@ -462,7 +464,10 @@ class DriftFigure:
                         label,
                         f"{PROBLEMS[problem]}; h = {h:g} s" if quantity == "position" else "",
                         x_scale="linear",
-                        y_limits=(_LEAST_DRIFT, 10 * max(float(trace.y.max()) for trace in drawn)),
+                        y_limits=(
+                            0.1 * _LEAST_DRIFT,
+                            10 * max(float(np.nanmax(trace.y)) for trace in drawn),
+                        ),
                         tell_zeros=False,
                     )
                 )
