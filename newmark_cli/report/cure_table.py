@@ -46,6 +46,9 @@ PROBLEM, MOVING = "andrews", "slider-crank"
 #: What a cell comes to: cured, partly, not.
 GOOD, HALF, BAD, NONE = "+", "○", "–", ""
 
+#: |fitted − predicted| that contradicts an order, of however few points.
+_FAR = 0.5
+
 #: How to read the table.
 NOTE = "In each cell + cured, ○ partly, – not; predicted order in h → measured. ! not as predicted."
 
@@ -146,6 +149,12 @@ def _fitted(slope: "Slope") -> str:
     return f"{slope.fit.slope:.1f}".replace("-0.0", "0.0").replace("-", "−")
 
 
+def _agrees(slope: "Slope") -> bool:
+    """Whether a fit is near its order, however few its points are."""
+    far = abs(slope.fit.slope - slope.expected) > _FAR
+    return slope.verdict != MISS and not (far and np.isfinite(slope.expected))
+
+
 def _tolerance(found: Evidence, cure: Cure) -> Cell:
     keyed = Cure(cure.name, {k: v for k, v in cure.axes.items() if k != "start"})
     slope = found.series(
@@ -175,7 +184,7 @@ def _condition(found: Evidence, cure: Cure) -> Cell:
     if slope is None:
         return Cell()
     mark = GOOD if slope.fit.slope > -0.25 else HALF if slope.fit.slope > -1.5 else BAD
-    return Cell(mark, _order(slope), _fitted(slope), slope.verdict != MISS)
+    return Cell(mark, _order(slope), _fitted(slope), _agrees(slope))
 
 
 def _krylov(found: Evidence, cure: Cure) -> Cell:
@@ -232,7 +241,7 @@ def _floor(evaluation: str) -> "Callable[[Evidence, Cure], Cell]":
             if slope is not None:
                 fitted = slope.fit.slope
                 mark = GOOD if fitted > -0.3 else HALF if fitted > -1.5 else BAD
-                return Cell(mark, _order(slope), _fitted(slope), slope.verdict != MISS)
+                return Cell(mark, _order(slope), _fitted(slope), _agrees(slope))
         return Cell()
 
     return cell
