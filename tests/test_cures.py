@@ -123,7 +123,7 @@ def test_cost_is_from_the_record(tmp_path):
         factor = {1e-4: 9.0, 1e-5: 2.5, 1e-6: 2.0}[row["h"]] if row["formulation"] == "ggl" else 1
         cells = {name: row[name] for name in COLUMNS if row[name] != ""}
         told.append(cells | {"wall_seconds": factor * 1e-5 * row["steps"]})
-    (tmp_path / "cures.json").write_text(json.dumps({"cells": told}))
+    (tmp_path / "cures.json").write_text(json.dumps({"study": "cures", "cells": told}))
     cells = cure_table.build(given)
     assert cells["GGL", "cost"].text == "– 2.5"
     assert cells[PLAIN.name, "cost"].text == "+ 1.0"
