@@ -82,7 +82,31 @@ def _history(curve):
     return {1e-6: {"max": 9.97e4 if curve.evaluation == "compensated" else largest}}
 
 
+def _cures(curve):
+    """Order 2 in λ and u, but for what nothing cures with the trapezoidal rule."""
+    steps = [1e-4, 1e-5, 1e-6] if curve.problem == "andrews" else [1e-3, 3e-4, 1e-4]
+    found = {
+        h: (2e-8 if curve.problem == "andrews" else 1e-6) * (h / steps[-1]) ** 2 for h in steps
+    }
+    usual = (curve.formulation, curve.projection, curve.multipliers, curve.start)
+    if usual == ("index-3", "none", "newton", "consistent") and curve.integrator != DAMPED:
+        wrong = [1.4, 0.3, 3e2] if curve.problem == "andrews" else [52.0, 52.0, 52.0]
+        found = dict(zip(steps, wrong, strict=True))
+    statistics = ("rms", "max", "median", "last")
+    return {h: dict.fromkeys(statistics, value) for h, value in found.items()}
+
+
+def _drift(curve):
+    """Rounding of what a formulation enforces, and a drift of the rest."""
+    held = {"index-3": ["position"], "index-2": ["velocity"], "ggl": ["position", "velocity"]}
+    kept = curve.quantity in held.get(curve.formulation, [])
+    kept |= curve.projection == "velocity"
+    return {1e-5: {"max": 1e-15 if kept else 1e-6}}
+
+
 _POINTS = {
+    "cures": _cures,
+    "drift": _drift,
     "multipliers": _multipliers,
     "error": _error,
     "tolerance": _tolerance,
@@ -154,6 +178,32 @@ def write_history(folder, figure):
     columns = (*results.HISTORY_COLUMNS, "lambda_1", "lambda_2")
     path = results.history_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files.write(path, results.csv_text(columns, table))
+    return path
+
+
+def drifts(curve):
+    """Times (s), and misfits (2,) of the constraints and of their rate."""
+    t = np.linspace(0.01, 0.1, 10)
+    each = [curve.integrator, curve.formulation, curve.projection]
+    size = {"index-3": 1e-17, "ggl": 1e-17}.get(each[1], 1e-8) * (2 if each[2] != "none" else 1)
+    return t, np.column_stack([size * t, 1e3 * size * t])
+
+
+def write_drifts(folder, figure, steps):
+    """Write the drifts of a figure, h of each problem from `steps`; returns the file."""
+    may_have = ("formulation", "projection", "multipliers")
+    columns = (*results.HISTORY_COLUMNS, *may_have, "position", "velocity")
+    table = []
+    for curve in figure.curves:
+        if curve.quantity != "position":
+            continue
+        for step, (when, values) in enumerate(zip(*drifts(curve), strict=True), 1):
+            row = {column: getattr(curve, column, "") for column in columns[:-2]}
+            row |= {"h": steps[curve.problem], "step": step, "t": float(when)}
+            table.append(row | {"position": float(values[0]), "velocity": float(values[1])})
+    path = results.drift_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
     files.write(path, results.csv_text(columns, table))
     return path

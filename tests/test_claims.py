@@ -150,6 +150,36 @@ def test_claims_of_the_figures():
         ],
         "14": ["float32 / float64 / 2²⁹, every form, unknown, variant and h: 0.25 to 4"],
         "15": ["max |λ|, trapezoidal, direct / generalized-α, direct: at least 10"],
+        "16": [
+            *(
+                f"{name}{claimed}"
+                for name in ("index 2", "index 1", "GGL", "GGL + dissipation")
+                for claimed in (": slope 2 ± 0.15", ", h = 1e-06: at most 2e-07")
+            ),
+            "velocity projection: slope 2 ± 0.15",
+            "velocity projection, h = 1e-06: at most 1e-06",
+            "index 3, h = 1e-06: at least 10",
+            "slider-crank, index 3, every h: at least 1",
+            "slider-crank, corrected start: slope 2 ± 0.15",
+            "slider-crank, index 3 / corrected start, h = 0.0001: at least 1000",
+            "shaken pendulum, GGL: slope 2 ± 0.15",
+            "shaken pendulum, velocity projection: slope 2 ± 0.15",
+        ],
+        "18": [
+            *(
+                f"{problem}, {which}, every h: at most 1e-12"
+                for problem in ("andrews", "shaken-pendulum")
+                for which in (
+                    "position, index 3",
+                    "velocity, index 2",
+                    "position, GGL",
+                    "velocity, GGL",
+                    "velocity, velocity projection",
+                )
+            ),
+            "andrews, position, index 1, every h: at least 1e-10",
+            "shaken-pendulum, position, index 1, every h: at least 1e-10",
+        ],
     }
 
 

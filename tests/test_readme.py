@@ -36,13 +36,20 @@ def test_committed_results_are_complete(committed):
     assert {s.study for s in committed} >= {*config.REPRODUCED, *config.BEYOND}
     others = [s for s in committed if s.verdict not in (PASS, SHOWN)]
     assert not any(slope.fails for slope in others)
-    # The trapezoidal rule, which the study of errors is about: λ, and single step sizes.
-    assert {s.study for s in others} == {"error"}
-    assert {s.integrator for s in others} == {TRAPEZOIDAL}
+    # The trapezoidal rule, which studies of errors are about, single step sizes, and a floor.
+    assert {s.study for s in others} == {"error", "cures"}
+    damped = {
+        (s.problem, s.formulation.partition(" ")[0]) for s in others if s.integrator != TRAPEZOIDAL
+    }
+    assert damped <= {("shaken-pendulum", "index-3"), ("shaken-pendulum", "augmented-lagrangian")}
     assert {s.verdict for s in others} == {NOT_CONVERGING, TOO_FEW}
     judged = check.judge(committed)
     assert {entry.finding.verdict for entry in judged} == {PASS}
-    assert {entry.figure.study for entry in judged} == {*config.BEYOND} - {"integrators"}
+    assert {entry.figure.study for entry in judged} == {*config.BEYOND} - {
+        "integrators",
+        "cures-tolerance",
+        "cures-krylov",
+    }
     for number in FIGURES:
         for suffix in ("png", "svg"):
             assert (ROOT / f"results/figures/figure-{number}.{suffix}").stat().st_size > 5000

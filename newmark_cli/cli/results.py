@@ -171,18 +171,23 @@ def check(
     is_flag=True,
     help="Make the tables of all formulations, predicted only; they need no results.",
 )
-def tables(folder: Path, formulations: bool) -> int:
+@click.option("--cures", is_flag=True, help="Tabulate which cure cures what, see Figure 19.")
+def tables(folder: Path, formulations: bool, cures: bool) -> int:
     """Make Tables 1 and 2 of the paper, predicted and measured.
 
     Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
     and .tex.  Exits with 1 if an entry is not as predicted.  With --formulations,
     writes DIR/tables/formulations likewise: predicted orders of corrections and
-    condition numbers, and the factors that formulations add to Table 2.
+    condition numbers, and the factors that formulations add to Table 2.  With --cures,
+    reads the CSVs of cures, cures-tolerance and cures-krylov, and writes
+    DIR/tables/cures; exits with 1 if a cell is not as predicted.
 
     \b
     Example:
       newmark-study tables
     """
+    if cures:
+        return show_cures(folder)
     if formulations:
         show_formulations(folder)
         return 0
@@ -377,6 +382,26 @@ def show_formulations(folder: Path) -> None:
         screen.lines(f"{wrapped(title)}\n\n{text_table(rows)}\n\n{wrapped(note)}\n")
     for file in formulation_tables.write(folder):
         screen.line(file)
+
+
+def show_cures(folder: Path) -> int:
+    """Print the table of cures, and write it; 1 when a cell is not as predicted."""
+    from newmark_cli.report import cure_table, slopes
+    from newmark_cli.report.cures import TABLED
+    from newmark_cli.report.kinds import Results
+    from newmark_cli.report.text import text_table, wrapped
+
+    given = [study for study in TABLED if (folder / f"{study}.csv").exists()]
+    cells = cure_table.build(Results(folder, slopes.collect(folder, given or TABLED)))
+    for title, grid in cure_table.grids(cells):
+        screen.lines(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")
+    for line in cure_table.notes():
+        screen.lines(wrapped(line))
+    screen.line()
+    for file in cure_table.write(folder, cells):
+        screen.line(file)
+    screen.line()
+    return 0 if all(cell.agrees for cell in cells.values()) else 1
 
 
 def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:

@@ -17,7 +17,7 @@ from newmark_cli.cli.options import (
     results_folder,
     running_options,
 )
-from newmark_cli.cli.results import show_claims, show_tables, verdict
+from newmark_cli.cli.results import show_claims, show_cures, show_tables, verdict
 
 if TYPE_CHECKING:
     from newmark_cli.cli.terminal import Counts
@@ -154,6 +154,8 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     screen.line(f"{len(files)} files in {folder / 'figures'}")
     screen.line()
     show_tables(folder, tabling.build(found))
+    if everything:
+        code = max(code, show_cures(folder))
     show_claims(found)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,
     # only about what was run.

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
+from newmark_cli.report import cure_table, cures
 from newmark_cli.report.claims import BoundClaim, RatioClaim, SlopeClaim, SpreadClaim, StatusClaim
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.kinds import (
@@ -184,6 +185,10 @@ _FIGURES: dict[str, Figure] = {
             "precision", "pendulum", "bdf2", "u-lambda", 4,
         ),
         _history(),
+        cures.error_figure(),
+        cures.work_figure(),
+        cures.drift_figure(),
+        cure_table.figure(),
     )
 }  # fmt: skip
 

@@ -9,7 +9,16 @@ from typing import Any
 import newmark_cli
 from newmark_cli import files
 from newmark_cli.errors import InputError, ResultsError
-from newmark_cli.report import check, contradictions, draw, paper_tables, plot, records, slopes
+from newmark_cli.report import (
+    check,
+    contradictions,
+    cure_table,
+    draw,
+    paper_tables,
+    plot,
+    records,
+    slopes,
+)
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import Drawing, rendered
@@ -120,6 +129,8 @@ def html(folder: Path) -> str:
         pictures=pictures(Results(folder, found)),
         tables=_tables(found),
         note=paper_tables.NOTE,
+        cures=_cures(Results(folder, found)),
+        cure_notes=cure_table.notes(),
         timings=records.timing_rows(provenance),
         runs=runs,
     )
@@ -180,6 +191,14 @@ def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
     except ResultsError:
         return []
     return [paper_tables.factors(), *paper_tables.grids(entries)]
+
+
+def _cures(found: Results) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """Which cure cures what; none without results of the study."""
+    try:
+        return cure_table.grids(cure_table.build(found))
+    except ResultsError:
+        return []
 
 
 def _run(study: str, record: Mapping[str, Any]) -> Run:

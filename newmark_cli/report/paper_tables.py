@@ -334,7 +334,7 @@ def _latex_orders(entries: Sequence[Entry]) -> str:
         rows.append(row)
     table, problem = entries[0].table, entries[0].problem
     caption = (
-        f"{_latex_text(_title(problem))}: {_SUBJECTS[table]}; predicted, and fitted "
+        f"{latex_text(_title(problem))}: {_SUBJECTS[table]}; predicted, and fitted "
         r"$\pm$ standard error, which is left out where it is below $5\cdot 10^{-7}$."
     )
     if any(entry.eliminated for entry in entries):
@@ -415,7 +415,8 @@ def latex_factor(text: str) -> str:
     return f"${' '.join(above)}{divisor}$"
 
 
-def _latex_text(text: str) -> str:
+def latex_text(text: str) -> str:
+    """Text that LaTeX prints as it is."""
     return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))
 
 

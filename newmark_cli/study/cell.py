@@ -11,6 +11,9 @@ STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed"
 #: Verdict on a series that a study may be about, besides statuses of its cells.
 NOT_CONVERGING = "not_converging"
 
+#: Columns of the file of drifts, besides what tells a row from others.
+DRIFTS = ("position", "velocity")
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -24,6 +27,7 @@ class Outcome:
         reason: Why, where the status is failed.
         met: Steps that met the tolerance; None where rounding stops Newton.
         history: Rows of the time series, see `newmark_cli.study.results.history_text`.
+        drift: Rows of the file of drifts, as those of ``history``.
         trajectory: Column → (k,) values of the steps that were kept: ``step``, ``t``,
             ``u[A.x]`` and so on; empty where none were to be.
         lacks: Why rows of the CSV are empty although the march reached its end: the
@@ -38,6 +42,7 @@ class Outcome:
     met: int | None = None
     history: Sequence[tuple[int, Array]] = ()
     lacks: tuple[str, ...] = ()
+    drift: Sequence[tuple[int, Array]] = ()
     trajectory: Mapping[str, Array | IndexArray] = field(default_factory=dict)
 
 

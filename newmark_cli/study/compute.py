@@ -75,5 +75,6 @@ def compute(
         status=march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok"),
         met=march.done - not_converged if cell.stop else None,
         history=[entry for observer in observers for entry in observer.history],
+        drift=[entry for observer in observers for entry in observer.drift],
         trajectory={name: at for each in observers for name, at in each.trajectory.items()},
     )

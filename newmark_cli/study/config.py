@@ -58,11 +58,14 @@ from newmark_cli.study.keys import (
     problem_of,
     scaling_of,
 )
-from newmark_cli.study.measures import HISTORY, MEASURES, TRAJECTORY, Measure
+from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
-BEYOND = ("integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history")
+BEYOND = (
+    "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
+    "cures", "cures-tolerance", "cures-krylov", "drift",
+)  # fmt: skip
 MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
@@ -152,6 +155,12 @@ class _Rules(StrictModel):
                 "samples",
                 f"history of {self.recorded} multipliers, at most {_MOST_RECORDED}; lower "
                 f"samples, given {self.samples}",
+            )
+        if self.drifted > _MOST_RECORDED:
+            yield misfit(
+                "samples",
+                f"drift of {self.drifted} numbers, at most {_MOST_RECORDED}; lower samples, given "
+                f"{self.samples}",
             )
         if self.kept_numbers > _MOST_RECORDED:
             yield misfit(
@@ -286,6 +295,11 @@ class _Rules(StrictModel):
         multipliers = sum(spec.traits().m for spec in self.problem)
         others = self.count // (len(self.h) * len(self.problem))
         return int(pairs * multipliers * others)
+
+    @property
+    def drifted(self) -> int:
+        """Most numbers in the file of drifts; 0 where none is measured."""
+        return 2 * self.count * self.samples if DRIFT.name in self.measure else 0
 
     @property
     def kept_numbers(self) -> int:

@@ -31,6 +31,7 @@ from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, statistics
 from newmark_cli.newmark.truncation import March as Marched
 from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
+from newmark_cli.study.cell import DRIFTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,6 +85,11 @@ class Observer:
     @property
     def history(self) -> list[tuple[int, Array]]:
         """Multipliers (m,) at recorded steps, for the file of time series."""
+        return []
+
+    @property
+    def drift(self) -> list[tuple[int, Array]]:
+        """Misfits (2,) of the constraints and their rate at sampled steps, for their file."""
         return []
 
     @property
@@ -657,6 +663,55 @@ INVARIANT = Measure(
 )
 
 
+# -- drift ------------------------------------------------------------------------------------
+
+
+class _Drift(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self.stops = _sampled(cell)
+        self._recorded: list[tuple[int, Array]] = []
+
+    @property
+    def drift(self) -> list[tuple[int, Array]]:
+        return self._recorded
+
+    def sees(self, march: "March") -> None:
+        from newmark_cli.newmark.invariants import invariants as misfits
+
+        found = misfits(march.problem, march.t, march.seen)
+        self._recorded.append((march.done, np.array([found[name].error for name in DRIFTS])))
+
+    def measured(self) -> list[Measurement]:
+        errors = np.array([values for _, values in self._recorded]).reshape(-1, len(DRIFTS))
+        return [
+            Measurement(name, "drift", "primary", statistics(errors[:, k]))
+            for k, name in enumerate(DRIFTS)
+        ]
+
+
+_LABELS_OF_DRIFT = {
+    "position": r"largest $|\Phi_k|/\|G_k\|$ (m)",
+    "velocity": r"largest $|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
+}
+
+DRIFT = Measure(
+    "drift",
+    "how far the constraints and their rate are missed over time, in m and m/s, into "
+    "`results/drift/<study>.csv`",
+    (
+        Record(
+            "drift",
+            lambda key: f"drift: {symbol(key.quantity)}",
+            lambda key: _LABELS_OF_DRIFT.get(key.quantity, key.quantity),
+            "max",
+            quantities=DRIFTS,
+        ),
+    ),
+    _Drift,
+    rows=_primary(*(("drift", name) for name in DRIFTS)),
+)
+
+
 # -- krylov -----------------------------------------------------------------------------------
 
 
@@ -859,7 +914,8 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 
 #: Measures by name, in the order of a cell's rows.
 MEASURES = _by_name(
-    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY, TRAJECTORY
+    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY, TRAJECTORY,
+    DRIFT,
 )  # fmt: skip
 
 #: Records by name, as the CSV's column ``measure`` has them.

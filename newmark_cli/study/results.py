@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from newmark_cli import files
+from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Statistics
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
-from newmark_cli.study.cell import Outcome
+from newmark_cli.study.cell import DRIFTS, Outcome
 
 #: Columns of what a cell found, besides its axes, and the version that brought each.
 _STATISTICS = tuple((0, each.name) for each in fields(Statistics))
@@ -76,19 +77,44 @@ def trajectory_path(folder: Path, study: str, parquet: bool = False) -> Path:
     return folder / "trajectory" / f"{study}.{'parquet' if parquet else 'csv'}"
 
 
+def drift_path(folder: Path, study: str) -> Path:
+    """File of a study's drifts."""
+    return folder / "drift" / f"{study}.csv"
+
+
 #: Folders of what cells record over time.
-SERIES_FOLDERS = ("history", "trajectory")
+SERIES_FOLDERS = ("history", "drift", "trajectory")
 
 
 def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
     recording = [
-        (cell, outcome) for cell, outcome in zip(cells, outcomes, strict=True) if outcome.history
+        (cell, outcome.history)
+        for cell, outcome in zip(cells, outcomes, strict=True)
+        if outcome.history
     ]
+    most = max((len(values) for _, recorded in recording for _, values in recorded), default=0)
+    return _over_time(study, recording, [f"lambda_{k + 1}" for k in range(most)])
+
+
+def drift_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
+    """CSV of the recorded drifts: a row for each cell and recorded step; or empty."""
+    recording = [
+        (cell, outcome.drift)
+        for cell, outcome in zip(cells, outcomes, strict=True)
+        if outcome.drift
+    ]
+    return _over_time(study, recording, DRIFTS)
+
+
+def _over_time(
+    study: str,
+    recording: Sequence[tuple[Cell, Sequence[tuple[int, Array]]]],
+    names: Sequence[str],
+) -> str:
+    """CSV of values of these names: a row for each cell and recorded step; or empty."""
     if not recording:
         return ""
-    most = max(len(values) for _, outcome in recording for _, values in outcome.history)
-    names = [f"lambda_{k + 1}" for k in range(most)]
     labels = [axes.labels(cell) for cell, _ in recording]
     columns = (*HISTORY_COLUMNS, *told_apart(labels), *names)
     # Row by row: there may be millions of values.
@@ -96,9 +122,9 @@ def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome])
         {"study": study}
         | label
         | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
-        | dict(zip(names, multipliers.tolist(), strict=False))
-        for label, (cell, outcome) in zip(labels, recording, strict=True)
-        for step, multipliers in outcome.history
+        | dict(zip(names, values.tolist(), strict=False))
+        for label, (cell, recorded) in zip(labels, recording, strict=True)
+        for step, values in recorded
     )
     return csv_text(columns, table)
 
@@ -203,6 +229,7 @@ def series_paths(path: Path) -> tuple[Path, ...]:
     """
     return (
         history_path(path.parent, path.stem),
+        drift_path(path.parent, path.stem),
         *(trajectory_path(path.parent, path.stem, parquet) for parquet in (False, True)),
     )
 

@@ -1,0 +1,284 @@
+"""The table of cures and its figures, against CSVs made by hand; drifts over time."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+import yaml
+
+from newmark_cli.errors import ResultsError
+from newmark_cli.report import cure_table, cures
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.kinds import Results
+from newmark_cli.report.slopes import study_slopes
+from newmark_cli.study import config
+from newmark_cli.study.reading import read_study
+from newmark_cli.study.results import COLUMNS, csv_text
+
+ROOT = Path(__file__).parents[1]
+STEPS = (1e-4, 1e-5, 1e-6)
+
+
+def rows_of(curve, values, column="last", status="ok", **more):
+    """Rows of a series made by hand: a value at each of `STEPS`."""
+    table = []
+    for h, value in zip(STEPS, values, strict=True):
+        row = dict.fromkeys(COLUMNS, "")
+        row |= {name: given for name, given in curve.key.named().items() if name in row}
+        row |= {
+            "h": h, "t_end": 0.03, "steps": round(0.03 / h), "role": "primary", "zeros": 0,
+            "not_converged": 0, "newton_iterations": 4.0, "status": status, column: value,
+        }  # fmt: skip
+        table.append(row | more)
+    return table
+
+
+def found(folder, *tables):
+    """Results of studies from rows, each study in its CSV."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = [row for table in tables for row in table]
+    slopes = []
+    for study in dict.fromkeys(row["study"] for row in rows):
+        path = folder / f"{study}.csv"
+        path.write_text(csv_text(COLUMNS, [row for row in rows if row["study"] == study]))
+        slopes += study_slopes(read_study(path), path)
+    return Results(folder, slopes)
+
+
+def cell(folder, name, symptom, *tables):
+    """One cell of the table."""
+    return cure_table.build(found(folder, *tables))[name, symptom]
+
+
+PLAIN, GGL = cures.named("index 3, trapezoidal"), cures.named("GGL")
+
+
+def error(cure, values, problem="andrews"):
+    """Errors of λ."""
+    return rows_of(cure.curve("cures", problem, "lambda", "error"), values)
+
+
+@pytest.mark.parametrize(
+    ("cure", "values", "text"),
+    [
+        (GGL, (1e-3, 1e-5, 1e-7), "+ 2 → 1e-7"),
+        (PLAIN, (1.4, 0.3, 2e3), "– 2e3"),
+        (cures.named("recovered λ"), (4e-3, 4e-5, 3e-4), "○ 0.0003"),
+    ],
+    ids=["order 2", "worse and worse", "a floor"],
+)
+def test_errors_in_the_table(tmp_path, cure, values, text):
+    """A cell has the error at the smallest step size, and the order that is predicted."""
+    assert cell(tmp_path, cure.name, "λ, from rest", error(cure, values)).text == text
+    assert cell(tmp_path, cure.name, "λ, in motion", error(cure, values)).measured == "n/a"
+
+
+@pytest.mark.parametrize(
+    ("values", "mark", "measured", "agrees"),
+    [((1e3, 1e4, 1e5), "○", "−1.0", True), ((1e5, 1e4, 1e3), "+", "1.0", False)],
+)
+def test_orders_in_the_table(tmp_path, values, mark, measured, agrees):
+    """GGL's condition number is predicted to grow like 1/h; another order is marked."""
+    curve = GGL.curve("cures", "andrews", "jacobian", "condition")
+    got = cell(
+        tmp_path, "GGL", "C", error(GGL, (1e-3, 1e-5, 1e-7)), rows_of(curve, values, "median")
+    )
+    assert (got.mark, got.predicted, got.measured, got.agrees) == (mark, "−1", measured, agrees)
+    assert got.text.endswith(" !") is not agrees
+
+
+def test_shares_and_iterations_in_the_table(tmp_path):
+    """Steps that meet the tolerance as a share of all; a limit that was reached has a >."""
+    damped = cures.Cure("x", {"integrator": cures.DAMPED})
+    tolerance = damped.curve(
+        "cures-tolerance", "andrews", "newton", "tolerance", stop="absolute 1e-08"
+    )
+    krylov = PLAIN.curve(
+        "cures-krylov", "random-chain(links=200)", "jacobian", "krylov_iterations",
+        linear_solver="gmres",
+    )  # fmt: skip
+    met = rows_of(tolerance, (300, 30, 0), "met", "not_converged", steps=300)
+    iterations = rows_of(krylov, (300, 400, 500), "median")
+    iterations[-1] |= {"status": "stagnated", "max": 600}
+    tables = [error(PLAIN, (1.4, 0.3, 2e3)), met, iterations]
+    got = cell(tmp_path, PLAIN.name, "tolerance", *tables)
+    assert (got.mark, got.measured) == ("–", "0 %")
+    got = cell(tmp_path, PLAIN.name, "GMRES", *tables)
+    assert (got.mark, got.measured) == ("–", "300 … >600")
+
+
+def test_cost_is_from_the_record(tmp_path):
+    """Wall time per step over that of index 3, the median of the three smallest step sizes."""
+    tables = []
+    for cure in (PLAIN, GGL):
+        tables += [error(cure, (1e-3, 1e-5, 1e-7))]
+        tables += [rows_of(cure.curve("cures", "andrews", "u", "error"), (1e-3, 1e-5, 1e-7))]
+    given = found(tmp_path, *tables)
+    told = []
+    for row in {(r["formulation"], r["h"]): r for table in tables for r in table}.values():
+        factor = {1e-4: 9.0, 1e-5: 2.5, 1e-6: 2.0}[row["h"]] if row["formulation"] == "ggl" else 1
+        cells = {name: row[name] for name in COLUMNS if row[name] != ""}
+        told.append(cells | {"wall_seconds": factor * 1e-5 * row["steps"]})
+    (tmp_path / "cures.json").write_text(json.dumps({"study": "cures", "cells": told}))
+    cells = cure_table.build(given)
+    assert cells["GGL", "cost"].text == "– 2.5"
+    assert cells[PLAIN.name, "cost"].text == "+ 1.0"
+
+
+def test_table_needs_its_study(tmp_path):
+    """One line says what to run; without any other study, cells are empty."""
+    with pytest.raises(ResultsError, match="run 'newmark-study run cures' first"):
+        cure_table.build(Results(tmp_path, []))
+
+
+def test_tables_of_cures(cli):
+    """Markdown, LaTeX and CSV have every cell; a cell that is not as predicted makes 1."""
+    folder = cli.folder / "results"
+    curve = GGL.curve("cures", "andrews", "jacobian", "condition")
+    good = error(GGL, (1e-3, 1e-5, 1e-7))
+    for values, code in (((1e3, 1e4, 1e5), 0), ((1e5, 1e4, 1e3), 1)):
+        found(folder, good, rows_of(curve, values, "median"))
+        cli("tables", "--cures", "--results", str(folder), code=code)
+    with (folder / "tables/cures.csv").open(encoding="utf-8") as file:
+        rows = {(row["cure"], row["symptom"]): row for row in csv.DictReader(file)}
+    assert len(rows) == len(cures.CURES) * len(cure_table.SYMPTOMS) == 21 * 11
+    assert rows["GGL", "C"] == {
+        "group": "other constraint rows", "cure": "GGL", "symptom": "C", "mark": "yes",
+        "predicted": "−1", "measured": "1.0", "agrees": "no",
+    }  # fmt: skip
+    markdown = (folder / "tables/cures.md").read_text(encoding="utf-8")
+    assert re.search(r"^\| GGL \| n/a \| \\?\+ −1 → 1\.0 \\?! \|", markdown, re.M)
+    latex = (folder / "tables/cures.tex").read_text(encoding="utf-8")
+    assert latex.count(r"\begin{table}") == latex.count(r"\end{tabular}}") == 3
+    assert "GGL & n/a & + −1 → 1.0 !" in latex
+
+
+def test_cures_are_cells_of_the_studies():
+    """Every series of Figures 16 and 19 is one of the shipped study, on every problem."""
+    keys = set()
+    for cell in config.load_shipped("cures").cells():
+        keys.add(
+            (
+                cell.problem.label,
+                cell.formulation.label,
+                cell.projection.label,
+                cell.reported,
+                cell.start,
+                cell.evaluation,
+                cell.integrator.label,
+                cell.preconditioning.label,
+            )
+        )
+    for curve in FIGURES["16"].curves:
+        assert (
+            curve.problem,
+            curve.formulation,
+            curve.projection,
+            curve.multipliers,
+            curve.start,
+            curve.evaluation,
+            curve.integrator,
+            curve.preconditioning,
+        ) in keys, curve.label
+    assert {len(group) for group in cures.GROUPS.values()} == {7}
+
+
+def test_errors_of_every_cure(tmp_path):
+    """Figure 16: a row for each problem, a column for each group, each trace its CSV's points."""
+    figure = FIGURES["16"]
+    path = synthetic.write(tmp_path, figure)
+    sheet = figure.sheet(Results(tmp_path, study_slopes(read_study(path), path)))
+    assert (sheet.columns, sheet.rows, len(sheet.panels)) == (3, 3, 9)
+    for place, panel in enumerate(sheet.panels):
+        problem = list(cures.PROBLEMS)[place // 3]
+        group = list(cures.GROUPS)[place % 3]
+        assert [trace.label for trace in panel.traces] == [c.name for c in cures.GROUPS[group]]
+        drawn = {c.label: c for c in figure.curves if c.problem == problem}
+        for trace in panel.traces:
+            rows = synthetic.rows_of(drawn[trace.label]) if trace.label in drawn else []
+            expected = sorted((row["h"], row["last"]) for row in rows)
+            assert list(zip(trace.x.tolist(), trace.y.tolist(), strict=True)) == expected
+            assert trace.look == cures.look_of(trace.label)
+        colours = [trace.look.color for trace in panel.traces]
+        assert len(set(colours)) == 7
+    # Compensated evaluation is not to be had where constraints depend on time.
+    assert [t.label for t in sheet.panels[6].traces if not len(t.x)] == [
+        "compensated", "dissipation + compensated",
+    ]  # fmt: skip
+
+
+def test_drifts_over_time(tmp_path):
+    """Figure 18 draws what the file has; values below rounding are left out."""
+    figure = FIGURES["18"]
+    path = synthetic.write(tmp_path, figure)
+    synthetic.write_drifts(tmp_path, figure, cures.DRIFTING)
+    sheet = figure.sheet(Results(tmp_path, study_slopes(read_study(path), path)))
+    assert (sheet.columns, len(sheet.panels)) == (2, 4)
+    curves = {(c.problem, c.label): c for c in figure.curves}
+    for place, panel in enumerate(sheet.panels):
+        problem = list(cures.DRIFTING)[place % 2]
+        assert len(panel.traces) == 7
+        for trace in panel.traces:
+            t, values = synthetic.drifts(curves[problem, trace.label])
+            expected = values[:, place // 2]
+            np.testing.assert_allclose(trace.x, t, rtol=1e-15)
+            np.testing.assert_array_equal(trace.y, np.where(expected < 1e-18, np.nan, expected))
+    file = tmp_path / "drift/drift.csv"
+    file.write_text(file.read_text().replace("index-2", "index-1"))
+    with pytest.raises(ResultsError, match="figure 18 needs andrews index 2"):
+        figure.require(Results(tmp_path, []))
+
+
+def test_measure_of_drift(cli):
+    """Its file has what the CSV's largest values are of; `verify` knows the file."""
+    (cli.folder / "mine.yaml").write_text(
+        "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
+        "formulation: [index-1, ggl]\nmeasure: drift\nh: 1e-2\nt_end: 0.5\nsamples: 10\n"
+    )
+    cli("run", "mine.yaml")
+    with (cli.folder / "results/drift/mine.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    with (cli.folder / "results/mine.csv").open() as file:
+        largest = {(r["formulation"], r["quantity"]): float(r["max"]) for r in csv.DictReader(file)}
+    assert [int(row["step"]) for row in rows] == [*range(5, 51, 5)] * 2
+    for formulation in ("index-1", "ggl"):
+        for name in ("position", "velocity"):
+            values = [float(r[name]) for r in rows if r["formulation"] == formulation]
+            assert max(values) == largest[formulation, name]
+    assert largest["ggl", "position"] < 1e-14 < 1e-6 < largest["index-1", "position"]
+    assert largest["ggl", "velocity"] < 1e-13 < 1e-6 < largest["index-1", "velocity"]
+    cli("verify", "--results", "results")
+    file = cli.folder / "results/drift/mine.csv"
+    file.write_text(file.read_text().replace("e-0", "e-1", 1))
+    cli("verify", "--results", "results", code=1)
+
+
+BLOCKS = [
+    "\n".join(line[4:] for line in block.group(0).splitlines())
+    for block in re.finditer(
+        r"(?:^    .*\n)+", (ROOT / "docs/formulations.md").read_text(encoding="utf-8"), re.M
+    )
+]
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.partition("\n")[0])
+def test_studies_of_the_docs(cli, block):
+    """Every config of docs/formulations.md is run, at its largest step, to the end."""
+    given = yaml.safe_load(block)
+    h = max(float(each) for each in given["h"])
+    given |= {"h": h, "t_end": 10 * h}
+    given["measure"] = [m for m in given.get("measure", ["correction"]) if m != "error"]
+    (cli.folder / "docs.yaml").write_text(yaml.safe_dump(given))
+    cli("run", "docs.yaml")
+
+
+def test_docs_have_the_table():
+    """The table of docs/what-scaling-cures.md is that of the committed results."""
+    text = (ROOT / "docs/what-scaling-cures.md").read_text(encoding="utf-8")
+    begin, end = "<!-- cures: begin -->\n", "<!-- cures: end -->"
+    table = (ROOT / "results/tables/cures.md").read_text(encoding="utf-8")
+    assert text.split(begin)[1].split(end)[0] == table
