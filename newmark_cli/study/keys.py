@@ -326,7 +326,9 @@ def _method_alone(data: Any) -> Any:
 
 
 def _or_method(methods: Iterable[str], schema: JsonSchema) -> JsonSchema:
-    return {"anyOf": [{"type": "string", "enum": list(methods)}, schema]}
+    # Without its title, by which it would become a definition of the name that this one has.
+    mapping = {key: value for key, value in schema.items() if key != "title"}
+    return {"anyOf": [{"type": "string", "enum": list(methods)}, mapping]}
 
 
 class FormulationConfig(StrictModel):
@@ -364,7 +366,7 @@ class FormulationConfig(StrictModel):
                 then = {"allOf": [then, {"not": {"allOf": [*map(given, kind.parameters)]}}]}
             rules.append({"if": is_it, "then": then})
         handler.resolve_ref_schema(reference)["allOf"] = rules
-        return _or_method(METHODS, reference)
+        return _or_method(METHODS, handler.resolve_ref_schema(reference))
 
     @property
     def _parameters(self) -> dict[str, float]:
@@ -412,7 +414,7 @@ class ProjectionConfig(StrictModel):
         is_none: JsonSchema = {"properties": {"method": {"const": "none"}}}
         plain: JsonSchema = {"properties": {"accelerations": {"const": False}}}
         handler.resolve_ref_schema(reference)["allOf"] = [{"if": is_none, "then": plain}]
-        return _or_method(PROJECTIONS, reference)
+        return _or_method(PROJECTIONS, handler.resolve_ref_schema(reference))
 
     @model_validator(mode="after")
     def _usable(self) -> "ProjectionConfig":
