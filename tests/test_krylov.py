@@ -33,6 +33,7 @@ SYMMETRIC = {
     ("u-lambda", "none"),
     ("u-lambda", "optimal"),
     ("u-lambda", "optimal-printed"),
+    ("u-lambda", "partial"),
     ("a-lambda", "left"),
     ("a-lambda", "optimal"),
     ("a-lambda", "optimal-printed"),

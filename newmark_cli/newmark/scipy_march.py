@@ -222,8 +222,10 @@ class _Formulated:
         change += along(0.5 * (self._r_old + found.r), self.carried.shift(moving))
         return np.asarray(self.state.psi + change)
 
-    def correction(self, step: _Step, t: float, moving: Array) -> Array:
-        """(N,) Newton's correction in the scaled unknowns."""
+    def linearised(
+        self, step: _Step, t: float, moving: Array
+    ) -> tuple[Values, list[Array], Tangents]:
+        """The problem at the iterate, the row blocks of b, and what J has of the formulation."""
         constraining, fields, multipliers = (
             self.constraining,
             self.state.fields,
@@ -253,7 +255,7 @@ class _Formulated:
             second = constraining.along(values.g, acceleration) + found.curvature
         rows.extend(constraining.values(phi, first, second))
         tangents = Tangents(constraining.tangents(values.g, found.r, found.q), self.directions)
-        return step.system.solve(values, step.right_hand_side(rows), tangents)
+        return values, rows, tangents
 
     def advance(
         self, step: _Step, correction: Array, t: float, moving: Array, norms: Array, settled: int
@@ -408,14 +410,16 @@ def march(
             carried.take(moving)
         previous, settled, solves = np.inf, 0, 0
         while solves < scheme.iteration_cap:
+            # Outside of `try`: errors of the problem's own functions are not the solver's.
+            tangents: Tangents | None = None
+            if extra:
+                values, rows, tangents = extra.linearised(step, t, moving)
+            else:
+                values = problem.values(t, fields[0], fields[1], multipliers)
+                phi = carried.phi(moving, values.g) if carried else values.phi
+                rows = [*step.residual(moving, values.force), phi]
             try:
-                if extra:
-                    correction = extra.correction(step, t, moving)
-                else:
-                    values = problem.values(t, fields[0], fields[1], multipliers)
-                    phi = carried.phi(moving, values.g) if carried else values.phi
-                    rows = [*step.residual(moving, values.force), phi]
-                    correction = system.solve(values, step.right_hand_side(rows))
+                correction = system.solve(values, step.right_hand_side(rows), tangents)
             except Stagnation:
                 return STAGNATED, s
             except np.linalg.LinAlgError:

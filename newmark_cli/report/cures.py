@@ -71,9 +71,8 @@ class Cure:
             axes: Values over those of the cure.
         """
         named = {"form": FORM, "preconditioning": "none", "integrator": TRAPEZOIDAL}
-        return Curve(
-            self.name, study, problem, quantity, measure, **(named | dict(self.axes) | axes)
-        )
+        every = {**named, **self.axes, **axes}
+        return Curve(self.name, study, problem, quantity, measure, **every)
 
     def fits(self, problem: str) -> bool:
         """Whether it is to be had for a problem: compensated evaluation is not for all."""
