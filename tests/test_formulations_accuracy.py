@@ -161,7 +161,7 @@ DRIFT = {
     "index-3": (None, 9.9e-7),
     "index-2": (8.0e-10, None),
     "index-1": (1.5e-9, 9.8e-7),
-    "baumgarte rate=1000": (9.3e-10, 1.1e-6),
+    "baumgarte rate=1000": (9.3e-10, 9.8e-7),
     "baumgarte rate_h=1": (2.0e-11, 9.9e-7),
     "ggl": (None, None),
 }

@@ -1070,6 +1070,11 @@ _compiling = threading.Lock()
 _compiled: dict = {}
 
 
+def is_compiled(dtype, formulated):
+    """Whether `march` is compiled, for numbers of a type, with or without a formulation."""
+    return (np.dtype(dtype), formulated) in _compiled
+
+
 def march(
     evaluate, derive, problem, tables, extra, state, compensated, t_start, h, first, cap,
     settled_below, absolute, relative, norms, iterations, record,

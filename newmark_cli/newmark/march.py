@@ -9,7 +9,7 @@ from heapq import merge
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.newmark import compiled_march, scipy_march
+from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
@@ -23,6 +23,19 @@ from newmark_cli.problems.starting import corrected_velocity
 _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
 #: Most numbers that are recorded between two halts.
 _MOST_RECORDED = 2_000_000
+
+
+def is_ready(problem: Problem, scheme: Scheme, solver: str) -> bool:
+    """Whether the first step of a march need not wait for the compiler.
+
+    Args:
+        problem, scheme: What marches, and how.
+        solver: Linear solver in use.
+    """
+    taken = solver == choice.DENSE and problem.compiled
+    return not taken or kernel.is_compiled(  # type: ignore[no-untyped-call]
+        scheme.dtype, scheme.formulated
+    )
 
 
 def initial_state(problem: Problem, scheme: Scheme) -> State:

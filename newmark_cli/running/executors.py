@@ -24,7 +24,7 @@ from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
-from newmark_cli.study.compute import compute
+from newmark_cli.study.compute import compute, prepare
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,8 @@ def perform(
 
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
+            prepare(task.cell)
+            start = time.perf_counter()
             outcome = compute(task.cell, task.reference, checked)
     except (_Stopped, InputError):
         raise

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from newmark_cli.newmark import march_data
-from newmark_cli.newmark.march import March
+from newmark_cli.newmark.march import March, is_ready
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
@@ -30,6 +30,17 @@ def scheme_of(cell: Cell) -> Scheme:
         cell.reported,
         cell.start,
     )
+
+
+def prepare(cell: Cell) -> None:
+    """Compile the kernel that a cell needs, unless it is: that is no time of the cell's.
+
+    Args:
+        cell: What is about to be computed.
+    """
+    problem, scheme = cell.problem.load(), scheme_of(cell)
+    if not is_ready(problem, scheme, cell.solver):
+        March(problem, scheme, cell.solver, cell.krylov).advance(0)
 
 
 def compute(
