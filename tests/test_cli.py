@@ -157,7 +157,7 @@ def test_own_scaling_is_predicted_and_measured(cli):
     """λ scaled by 1/h only, a partial cure: orders predicted and fitted without code."""
     cli.write(
         "own.yaml",
-        QUICK.replace("[none, optimal]", "{name: partial, right: {lambda: 1/h}}").replace(
+        QUICK.replace("[none, optimal]", "{name: mine, right: {lambda: 1/h}}").replace(
             "[1e-1, 1e-2]", "[1e-1, 1e-2, 1e-3]"
         ),
     )
@@ -372,7 +372,7 @@ def test_two_studies_with_one_name(cli, before):
 
 def test_unknown_figures_and_options(cli, before):
     """Usage errors are one line too."""
-    assert "unknown figure or study '17'" in cli.refused("plot", "17")
+    assert "unknown figure or study '20'" in cli.refused("plot", "20")
     assert "unknown figure or study 'x'" in cli.refused("plot", "x")
     assert "No such option" in cli.refused("plot", "--resluts", "x")
     assert "No such command" in cli.refused("polt")
@@ -405,7 +405,9 @@ DAMAGED = {
     "cut in a word": lambda text, lines: text[:-2],
     "cut at a line": lambda text, lines: "".join(lines[:57]),
     "twice": lambda text, lines: text + lines[-1],
-    "column twice": lambda text, lines: text.replace("\n", ",1\n").replace("met,1", "met,study"),
+    "column twice": lambda text, lines: text.replace("\n", ",1\n").replace(
+        "start,1", "start,study"
+    ),
     "long field": lambda text, lines: text + "x" * 200_000 + "\n",
     "h": lambda text, lines: text.replace(",0.1,3.0", ",-0.1,3.0"),
     "study": lambda text, lines: text.replace("pendulum-u,", "other,", 1),

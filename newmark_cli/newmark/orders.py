@@ -194,10 +194,6 @@ class FormOrders:
         """Unknowns whose correction may fall faster with h than predicted, and why."""
         if not self.differenced:
             return {}
-        if "B" in self.form.rows:
-            # Once u rests on a rounded number, a and λ make the sum vanish for that number.
-            why = "α²Φ changes by whole roundings of u, or not at all"
-            return dict.fromkeys(self.physical_corrections(), why)
         # Only what rows V and K contribute is uncertain.
         sharp = np.where([row in "VK" for row in self.form.rows], _INF, self.residual)
         found = {}

@@ -333,6 +333,9 @@ def _saturates(key: SeriesKey) -> bool:
 
 
 def _bound_of_correction(key: SeriesKey) -> str:
+    if "B" in _form_of(key).rows and key.evaluation != COMPENSATED:
+        # Once u rests on a rounded number, a and λ make the sum vanish for that number.
+        return "α²Φ changes by whole roundings of u, or not at all"
     return _orders_of(key).bounded.get(key.quantity, "")
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 
 import newmark_cli
 from newmark_cli.processors import usable
@@ -127,7 +126,7 @@ def blas() -> dict[str, Any]:
     """
     return {
         "numpy": _blas_of(np.show_config(mode="dicts")),
-        "scipy": _blas_of(scipy.show_config(mode="dicts")),
+        "scipy": _blas_of(importlib.import_module("scipy").show_config(mode="dicts")),
         "loaded": blas_loaded(),
         "kernel": blas_kernel(),
         "threads": {name: os.environ.get(name) for name in THREAD_VARIABLES},
