@@ -264,7 +264,7 @@ def test_exact_invariants():
 @pytest.mark.parametrize(("rate", "expected"), [(1e3, NOT_ASYMPTOTIC), (1.0, MISS)])
 def test_a_rate_that_no_step_size_resolves_is_not_asymptotic(tmp_path, rate, expected):
     """Orders of a fixed rate need α h below 0.1 at three step sizes; then a miss is one."""
-    values = {h: 1e-12 * h**1.5 for h in (1e-1, 1e-2, 1e-3, 1e-4)}
+    values = {h: 1e-12 * h**-1.5 for h in (1e-1, 1e-2, 1e-3, 1e-4)}
     table = test_slopes.series(
         values, measure="physical_correction", form="a-lambda",
         formulation=f"baumgarte rate={rate!r}",
