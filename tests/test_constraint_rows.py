@@ -118,7 +118,7 @@ def test_every_element_against_mpmath(constrained, seed, t):
         assert np.abs(part).max() > 1e-2
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "shaken-pendulum"])
 def test_shipped_problems_follow_from_their_gradients(name):
     """G is affine without laws of time: R and Q are its differences, at v and at w."""
     subject = problem(name)

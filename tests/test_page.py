@@ -115,9 +115,11 @@ def test_tables_of_verdicts_on_narrow_screens(folder, read):
 def test_every_figure_is_labelled(read):
     """Title and fitted slopes, for those who do not see it."""
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
-    assert [label.partition(".")[0] for label in labels] == [
-        FIGURES["6"].title, *(figure.title for figure in synthetic.CLAIMING)
-    ]  # fmt: skip
+    # Figure 18 needs time series, which are not here; 19 is the table of the cures.
+    made = [figure for figure in synthetic.CLAIMING if figure.name != "18"]
+    drawn = (FIGURES["6"], *made, FIGURES["19"])
+    found = [label.partition(".")[0] for label in labels]
+    assert sorted(found) == sorted(figure.title for figure in drawn)
     assert {attributes["role"] for attributes in read.attributes("svg")} == {"img"}
     assert "Δλ (physical), optimal, compensated: slope −1.00, predicted −1." in labels[1]
     assert "share of steps, none: 0.99 at h = 0.0001, 0 at h = 1e-07." in labels[3]
