@@ -21,6 +21,7 @@ STEP = {
     "double-pendulum": 1e-2,
     "four-bar": 1e-3,
     "slider-crank": 1e-3,
+    "shaken-pendulum": 1e-3,
 }
 INTEGRATORS = [
     Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.9), GeneralizedAlpha(0.0), HHT(0.1),
