@@ -285,8 +285,8 @@ def _chosen_orders(
     allow_code: bool,
 ) -> "list[tuple[str, Preconditioning, str, str]]":
     """Form, scaling, evaluation and formulation that the options of `orders` choose."""
-    from newmark_cli.newmark.forms import FORMS
-    from newmark_cli.newmark.formulation import INDEX_3, Formulation
+    from newmark_cli.newmark.forms import FORMS, INDEX_3
+    from newmark_cli.newmark.formulation import Formulation
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
     from newmark_cli.spelling import nearest
 

@@ -16,11 +16,10 @@ from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
-from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
     CORRECTED,
-    INDEX_3,
     REPORTED,
     STARTS,
     TOTAL,

@@ -8,8 +8,8 @@ from newmark_cli import documents
 from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import INDEX_3, Formulation
+from newmark_cli.newmark.forms import FORMS, INDEX_3
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 

@@ -15,17 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.problem import Problem, dense_matrix
 
 #: Most coordinates that M couples for which its inverse is formed, block by block.
 _LARGEST_BLOCK = 300
-#: Most unknowns n + m for which GᵀM⁻¹G is formed.
-_DENSE_UP_TO = 1_000
+#: Most constraints for which the inverse of GᵀM⁻¹G is formed.
+_DENSE_UP_TO = 300
 _SEED = 20061012
 
 
@@ -115,33 +116,19 @@ def least_inertia(problem: Problem) -> float:
     Raises:
         numpy.linalg.LinAlgError: When [[M, −G], [Gᵀ, 0]] is singular.
     """
-    n, m, pattern = problem.n, problem.m, problem.pattern
-    g = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(m)).g
-    unit = float(np.abs(problem.mass_values).max())
-    matrix = scipy.sparse.csc_array(
-        (
-            np.concatenate([problem.mass_values / unit, -g, g]),
-            (
-                np.concatenate([pattern.mass_rows, pattern.g_rows, n + pattern.g_columns]),
-                np.concatenate([pattern.mass_columns, n + pattern.g_columns, pattern.g_rows]),
-            ),
-        ),
-        shape=(n + m, n + m),
-    )
-    if n + m <= _DENSE_UP_TO:
-        right = np.zeros((n + m, m))
-        right[n:] = np.eye(m)
-        inverse = np.linalg.solve(matrix.toarray(), right)[n:]
-        return 1 / float(np.linalg.eigvalsh((inverse + inverse.T) / 2)[-1]) / unit
-    factors = splu(matrix)
+    m = problem.m
+    changed = Index1(problem).changes(problem.t0, problem.u0)
 
-    def solved(y: Array) -> Array:
-        return np.asarray(factors.solve(np.concatenate([np.zeros(n), np.ravel(y)]))[n:])
+    def impulse(wanted: Array) -> Array:
+        """(GᵀM⁻¹G)⁻¹ times (m,)."""
+        return changed(np.ravel(wanted))[1]
 
+    if m <= _DENSE_UP_TO:
+        inverse = np.column_stack([impulse(unit) for unit in np.eye(m)])
+        return 1 / float(np.linalg.eigvalsh((inverse + inverse.T) / 2)[-1])
     start = np.random.default_rng(_SEED).normal(size=m)
-    operator = LinearOperator((m, m), matvec=solved, dtype=float)
-    largest = eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0]
-    return 1 / float(largest) / unit
+    operator = LinearOperator((m, m), matvec=impulse, dtype=float)
+    return 1 / float(eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0])
 
 
 class Constraining:
@@ -194,16 +181,14 @@ class Constraining:
     def dense_directions(self, directions: Array) -> Array:
         """(n, m) P."""
         terms = self.projector
-        matrix = np.zeros((self.problem.n, self.problem.m))
-        np.add.at(matrix, (terms.rows, terms.columns), directions)
-        return matrix
+        return dense_matrix(terms.rows, terms.columns, directions, (self.problem.n, self.problem.m))
 
     def dense(self, entries: Array) -> Array:
         """(m, n) a matrix at the pattern of Gᵀ."""
         pattern = self.problem.pattern
-        matrix = np.zeros((self.problem.m, self.problem.n))
-        np.add.at(matrix, (pattern.g_columns, pattern.g_rows), entries)
-        return matrix
+        return dense_matrix(
+            pattern.g_columns, pattern.g_rows, entries, (self.problem.m, self.problem.n)
+        )
 
     def pushed(self, directions: Array, eta: Array) -> Array:
         """(n,) Pη."""
@@ -239,13 +224,6 @@ class Constraining:
         g = self.problem.values(t, u, v, np.zeros(self.problem.m)).g
         found = self.problem.constraint_rows(t, u, v, acceleration)
         return Tangents(self.tangents(g, found.r, found.q), self.directions(g))
-
-    def along(self, entries: Array, vector: Array) -> Array:
-        """(m,) a matrix at the pattern of Gᵀ times (n,)."""
-        pattern = self.problem.pattern
-        products = entries * vector[pattern.g_rows]
-        sums = np.bincount(pattern.g_columns, products, minlength=self.problem.m)
-        return np.asarray(sums, float)
 
     def tables(self) -> FormulationTables:
         """All of it as the numbers that the kernel reads, in the scheme's precision."""

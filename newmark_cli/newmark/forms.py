@@ -15,6 +15,8 @@ import numpy as np
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
 
+#: The formulation of the paper, which goes without saying.
+INDEX_3 = "index-3"
 #: Rows of constraints: Φ, its rate, its second derivative, and Baumgarte's sum of the three.
 CONSTRAINT_ROWS = ("C", "Cv", "Ca", "B")
 ROWS = ("D", "V", "K", *CONSTRAINT_ROWS)
@@ -43,7 +45,7 @@ class Form:
     rows: tuple[str, ...]
     in_paper: bool = True
     multipliers: tuple[str, ...] = ("lambda",)
-    formulation: str = "index-3"
+    formulation: str = INDEX_3
 
     def __post_init__(self) -> None:
         if self.kept != tuple(f for f in FIELDS if f in self.kept) or not self.kept:
@@ -78,10 +80,18 @@ class Form:
         """Update relations that stay in the system."""
         return tuple(r for r in self.rows if r in "VK")
 
+    def sizes(self, n: int, m: int) -> list[int]:
+        """Sizes of the blocks of the solved unknowns, and alike of the rows.
+
+        Args:
+            n, m: Numbers of coordinates and constraints.
+        """
+        return [n] * len(self.kept) + [m] * len(self.constraint_rows)
+
     @property
     def described(self) -> str:
         """Its name, and the formulation where that does not go without saying."""
-        return self.name if self.formulation == "index-3" else f"{self.name}, {self.formulation}"
+        return self.name if self.formulation == INDEX_3 else f"{self.name}, {self.formulation}"
 
 
 FORMS: Mapping[str, Form] = MappingProxyType(

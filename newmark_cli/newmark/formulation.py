@@ -18,7 +18,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.newmark.forms import Form
+from newmark_cli.newmark.forms import FORMS, INDEX_3, Form
 from newmark_cli.spelling import nearest
 
 
@@ -58,7 +58,7 @@ class Method:
 #: Formulations by name.
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
-        "index-3": Method("the constraints themselves, as in the paper", ("C",)),
+        INDEX_3: Method("the constraints themselves, as in the paper", ("C",)),
         "index-2": Method("their first derivative in their place", ("Cv",), derivatives=1),
         "index-1": Method("their second derivative in their place", ("Ca",), derivatives=2),
         "baumgarte": Method(
@@ -92,7 +92,6 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 )
 #: Parameter that a method has when none is given.
 DEFAULTS = {"baumgarte": ("rate", 1e3), "augmented-lagrangian": ("factor", 10.0)}
-INDEX_3 = "index-3"
 
 
 @dataclass(frozen=True)
@@ -189,6 +188,20 @@ class Formulation:
             "B": (rate**2, 2 * rate, 1.0),
         }
         return np.array([of_row[row] for row in self.kind.rows]).reshape(-1, 3)
+
+
+def formulated(form: str, label: str) -> Form:
+    """A form in a formulation, by their names in a CSV.
+
+    Args:
+        form: Name of a form.
+        label: `Formulation.label` of the formulation.
+
+    Raises:
+        FormulationError: When the label is none.
+        KeyError: When there is no such form.
+    """
+    return Formulation.parse(label).applied(FORMS[form])
 
 
 #: Corrections after a step.

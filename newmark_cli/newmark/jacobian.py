@@ -7,7 +7,6 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Constraining, Tangents
-from newmark_cli.newmark.forms import Form
 from newmark_cli.newmark.integrator import FIELDS, Relations
 from newmark_cli.newmark.scaling import sensitivity
 from newmark_cli.newmark.scheme import Scheme
@@ -108,20 +107,15 @@ def scaled_jacobian(
 
 def scaling_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """D_L and D_R, a factor for each row and each unknown."""
-    sizes = sizes_of_blocks(scheme.form, n, m)
+    sizes = scheme.form.sizes(n, m)
     return np.repeat(scheme.left, sizes), np.repeat(scheme.right[: len(sizes)], sizes)
-
-
-def sizes_of_blocks(form: Form, n: int, m: int) -> list[int]:
-    """Sizes of the blocks of the solved unknowns, and alike of the rows."""
-    return [n] * len(form.kept) + [m] * len(form.constraint_rows)
 
 
 def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """Factors that balance the blocks: by the sensitivities to displacement."""
     balanced = sensitivity(scheme.form)
     values = scheme.integrator.symbols(scheme.h)
-    sizes = sizes_of_blocks(scheme.form, n, m)
+    sizes = scheme.form.sizes(n, m)
     return (
         np.repeat([balanced.left[row](values) for row in scheme.form.rows], sizes),
         np.repeat([balanced.right[unknown](values) for unknown in scheme.form.solved], sizes),

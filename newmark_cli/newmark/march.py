@@ -25,6 +25,10 @@ _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINR
 _MOST_RECORDED = 2_000_000
 
 
+def _by_kernel(problem: Problem, solver: str) -> bool:
+    return solver == choice.DENSE and problem.compiled
+
+
 def is_ready(problem: Problem, scheme: Scheme, solver: str) -> bool:
     """Whether the first step of a march need not wait for the compiler.
 
@@ -32,8 +36,7 @@ def is_ready(problem: Problem, scheme: Scheme, solver: str) -> bool:
         problem, scheme: What marches, and how.
         solver: Linear solver in use.
     """
-    taken = solver == choice.DENSE and problem.compiled
-    return not taken or kernel.is_compiled(  # type: ignore[no-untyped-call]
+    return not _by_kernel(problem, solver) or kernel.is_compiled(  # type: ignore[no-untyped-call]
         scheme.dtype, scheme.formulated
     )
 
@@ -123,7 +126,7 @@ class March:
         self.problem, self.scheme = problem, scheme
         self.solver = choice.choose(linear_solver, problem, scheme.form)
         self.system = systems.system(self.solver, problem, scheme, krylov)
-        if self.solver == choice.DENSE and problem.compiled:
+        if _by_kernel(problem, self.solver):
             constraining = self.system.constraining
             extra = constraining.tables() if constraining else None
             self._engine = partial(compiled_march.march, extra=extra)

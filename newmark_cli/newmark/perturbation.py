@@ -8,7 +8,6 @@ times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.jacobian import sizes_of_blocks
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import State
@@ -52,7 +51,7 @@ def sensitivities(
     n, m = problem.n, problem.m
     jacobian = (system or DenseSystem(problem, scheme)).balanced(t, state)
     form = scheme.form
-    sizes = sizes_of_blocks(form, n, m)
+    sizes = form.sizes(n, m)
     ends = np.cumsum(sizes)
     found = {}
     for row, size, end in zip(form.rows, sizes, ends, strict=True):

@@ -11,7 +11,6 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import sizes_of_blocks
 from newmark_cli.newmark.linear.choice import Stagnation
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
@@ -74,7 +73,7 @@ class _Step:
     def blocks(self, correction: Array) -> list[Array]:
         """A correction (N,), block by block."""
         n, m = self.past.shape[1], self.system.problem.m
-        sizes = sizes_of_blocks(self.scheme.form, n, m)
+        sizes = self.scheme.form.sizes(n, m)
         return np.split(correction, np.cumsum(sizes)[:-1])
 
     def recover(self, moving: Array) -> None:
@@ -105,17 +104,14 @@ class _Step:
         threshold = scheme.settled_below * np.linalg.norm(state.fields[0])
         return norm == 0 or bool(displacement < threshold)
 
-    def advance(self, moving: Array, fields: Array, accelerations: Array | None = None) -> Array:
-        """(P, n) what the past vectors become; sets v', the last of the fields.
-
-        Args:
-            moving, fields: The iterate and the state.
-            accelerations: (n,) v', where it is not to follow from a.
-        """
-        scheme, tables = self.scheme, self.scheme.tables
+    def form_acceleration(self, fields: Array) -> None:
+        """Set v', the last of the fields, from the new a and the past."""
+        tables = self.scheme.tables
         fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ self.past
-        if accelerations is not None:
-            fields[3] = accelerations
+
+    def advance(self, moving: Array, fields: Array) -> Array:
+        """(P, n) what the past vectors become."""
+        scheme, tables = self.scheme, self.scheme.tables
         if scheme.compensated:
             increments = moving[:2]
         else:
@@ -151,10 +147,7 @@ class _Compensated:
 
     def phi(self, moving: Array, g: Array) -> Array:
         """(m,) Φ_n + G(u_n + Δ/2)ᵀ Δ; G is affine in u, so its value midway is the mean."""
-        pattern = self.problem.pattern
-        increase = 0.5 * (self.g + g) * self.shift(moving)[pattern.g_rows]
-        change = np.bincount(pattern.g_columns, increase, minlength=self.problem.m)
-        return np.asarray(self.state.phi + change)
+        return self.state.phi + self.problem.along(0.5 * (self.g + g), self.shift(moving))
 
     def end_step(self, t: float, moving: Array, new_past: Array) -> None:
         """Carry Φ, G and the rounding errors of u and v over to the next step."""
@@ -215,7 +208,7 @@ class _Formulated:
         return self._rate(moving, g, found)
 
     def _rate(self, moving: Array, g: Array, found: ConstraintRows) -> Array:
-        along = self.constraining.along
+        along = self.problem.along
         if not self.carried:
             return found.rate + along(g, self.state.fields[1])
         change = along(0.5 * (self.carried.g + g), moving[1])
@@ -236,8 +229,7 @@ class _Formulated:
                 _, self._phi = self._constraints(t, moving, multipliers)
             multipliers = multipliers - constraining.penalty * self._phi
         values, phi = self._constraints(t, moving, multipliers)
-        tables = self.scheme.tables
-        fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ step.past
+        step.form_acceleration(fields)
         u, v, _, acceleration = fields
         rows = step.residual(moving, values.force)
         if constraining.stabilised:
@@ -252,7 +244,7 @@ class _Formulated:
         if constraining.differentiated:
             found = self.problem.constraint_rows(t, u, v, acceleration)
             first = self._rate(moving, values.g, found)
-            second = constraining.along(values.g, acceleration) + found.curvature
+            second = self.problem.along(values.g, acceleration) + found.curvature
         rows.extend(constraining.values(phi, first, second))
         tangents = Tangents(constraining.tangents(values.g, found.r, found.q), self.directions)
         return values, rows, tangents
@@ -453,12 +445,12 @@ def march(
         try:
             if extra:
                 extra.project(t, moving)
-            new_past = step.advance(moving, fields)
+            step.form_acceleration(fields)
             if extra and scheme.projection.accelerations:
                 extra.project_accelerations(t, moving)
-                new_past = step.advance(moving, fields, fields[3].copy())
         except np.linalg.LinAlgError:
             return SINGULAR, s
+        new_past = step.advance(moving, fields)
         if carried:
             if extra and extra.constraining.rated:
                 state.psi[:] = extra.rate(t, moving)

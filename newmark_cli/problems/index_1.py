@@ -74,29 +74,14 @@ class Index1:
         Raises:
             numpy.linalg.LinAlgError: When the matrix is singular.
         """
-        u = u + self._onto_positions(self.problem.values(t, u, v, self._none))
+        u = u + self.least_change(t, u, -self.problem.values(t, u, v, self._none).phi)[0]
         return u, v + self.velocity_projection(t, u, v)[0]
 
     def rate(self, t: float, u: Array, v: Array) -> Array:
         """(m,) Φ' = Gᵀv + Φ_t at a time (s) and (n,) coordinates and velocities."""
         values = self.problem.values(t, u, v, self._none)
         rate, _ = self.problem.constraint_derivatives(t, u, v)
-        return self._along(values, v) + rate
-
-    def position_projection(self, t: float, u: Array) -> Array:
-        """Least change of the positions, in the norm of M, with Gᵀ δu = −Φ.
-
-        Args:
-            t: Time (s).
-            u: (n,) coordinates, close to the constraints.
-
-        Returns:
-            δu (n,): one step of Newton's method towards Φ(u + δu, t) = 0.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
-        """
-        return self._onto_positions(self.problem.values(t, u, self._zeros, self._none))
+        return self.problem.along(values.g, v) + rate
 
     def velocity_projection(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """Least change of the velocities, in the norm of M, that meets Φ' = 0.
@@ -111,28 +96,7 @@ class Index1:
         Raises:
             numpy.linalg.LinAlgError: When the matrix is singular.
         """
-        values = self.problem.values(t, u, v, self._none)
-        rate, _ = self.problem.constraint_derivatives(t, u, v)
-        return self._least_change(values, -(self._along(values, v) + rate))
-
-    def velocity_change(self, t: float, u: Array, v: Array, wanted: Array) -> Array:
-        """Least change of the velocities, in the norm of M, with Gᵀ δv as wanted.
-
-        Args:
-            t: Time (s).
-            u, v: (n,) coordinates and velocities.
-            wanted: (m,) Gᵀ δv.
-
-        Returns:
-            δv (n,).
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
-        """
-        return self._least_change(self.problem.values(t, u, v, self._none), wanted)[0]
-
-    def _onto_positions(self, values: Values) -> Array:
-        return self._least_change(values, -values.phi)[0]
+        return self.least_change(t, u, -self.rate(t, u, v))
 
     def least_change(self, t: float, u: Array, wanted: Array) -> tuple[Array, Array]:
         """Least change of positions or velocities, in the norm of M, with Gᵀδ as wanted.
@@ -148,18 +112,22 @@ class Index1:
         Raises:
             numpy.linalg.LinAlgError: When the matrix is singular.
         """
-        return self._least_change(self.problem.values(t, u, self._zeros, self._none), wanted)
+        return self.changes(t, u)(wanted)
 
-    def _least_change(self, values: Values, wanted: Array) -> tuple[Array, Array]:
-        """δ (n,) with Gᵀ δ as wanted, and μ (m,) with M δ = G μ."""
-        solution = self._solver(values)(np.concatenate([self._zeros, wanted]))
-        return solution[: self.problem.n], solution[self.problem.n :] * self._unit
+    def changes(self, t: float, u: Array) -> Callable[[Array], tuple[Array, Array]]:
+        """`least_change` at a time (s) and coordinates (n,), its matrix factorised once.
 
-    def _along(self, values: Values, v: Array) -> Array:
-        """(m,) Gᵀ v."""
-        pattern = self.problem.pattern
-        products: Array = values.g * v[pattern.g_rows]
-        return np.asarray(np.bincount(pattern.g_columns, products, minlength=self.problem.m))
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix is singular.
+        """
+        n = self.problem.n
+        solve = self._solver(self.problem.values(t, u, self._zeros, self._none))
+
+        def change(wanted: Array) -> tuple[Array, Array]:
+            solution = solve(np.concatenate([self._zeros, wanted]))
+            return solution[:n], solution[n:] * self._unit
+
+        return change
 
     def nearest(self, t: float, u: Array, most: int = 100) -> Array:
         """The position on the constraints that is nearest in the norm of M.

@@ -187,7 +187,7 @@ class Problem:
     @property
     def M(self) -> Array:
         """(n, n) mass matrix."""
-        return _dense(
+        return dense_matrix(
             self.pattern.mass_rows, self.pattern.mass_columns, self.mass_values, (self.n, self.n)
         )
 
@@ -210,9 +210,9 @@ class Problem:
         return Terms(
             force=values.force,
             phi=values.phi,
-            X=_dense(pattern.x_rows, pattern.x_columns, values.x, (n, n)),
-            Y=_dense(pattern.y_rows, pattern.y_columns, values.y, (n, n)),
-            G=_dense(pattern.g_rows, pattern.g_columns, values.g, (n, m)),
+            X=dense_matrix(pattern.x_rows, pattern.x_columns, values.x, (n, n)),
+            Y=dense_matrix(pattern.y_rows, pattern.y_columns, values.y, (n, n)),
+            G=dense_matrix(pattern.g_rows, pattern.g_columns, values.g, (n, m)),
         )
 
     def evaluate(self, t: float, u: Array, v: Array, multipliers: Array) -> Terms:
@@ -231,6 +231,17 @@ class Problem:
                 )
             arrays.append(np.ascontiguousarray(array, float))
         return self.dense(self.values(float(t), *arrays))
+
+    def along(self, entries: Array, vector: Array) -> Array:
+        """(m,) a matrix at the pattern of Gᵀ times (n,).
+
+        Args:
+            entries: Its values, where `pattern` has those of G.
+            vector: (n,).
+        """
+        products = entries * vector[self.pattern.g_rows]
+        sums = np.bincount(self.pattern.g_columns, products, minlength=self.m)
+        return np.asarray(sums, float)
 
     def constraint_values(self, t: float, u: Array) -> Array:
         """(m,) Φ."""
@@ -296,7 +307,10 @@ def _numbered(count: int) -> tuple[str, ...]:
     return tuple(map(str, range(1, count + 1)))
 
 
-def _dense(rows: IndexArray, columns: IndexArray, values: Array, shape: tuple[int, int]) -> Array:
+def dense_matrix(
+    rows: IndexArray, columns: IndexArray, values: Array, shape: tuple[int, int]
+) -> Array:
+    """Matrix from values at places; those of one place add up."""
     matrix = np.zeros(shape)
     np.add.at(matrix, (rows, columns), values)
     return matrix

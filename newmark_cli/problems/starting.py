@@ -66,7 +66,7 @@ def corrected_velocity(problem: Problem, h: float) -> Array:
         numpy.linalg.LinAlgError: When the index-1 matrix is singular.
     """
     wanted = -(h**2) / 12 * constraint_jerk(problem)
-    change = Index1(problem).velocity_change(problem.t0, problem.u0, problem.v0, wanted)
+    change, _ = Index1(problem).least_change(problem.t0, problem.u0, wanted)
     return np.asarray(problem.v0 + change)
 
 
@@ -81,10 +81,10 @@ def constraint_jerk(problem: Problem) -> Array:
     The last term vanishes where Φ is at most quadratic and free of t; elsewhere it is found
     by central differences.
     """
-    t, u, v, pattern = problem.t0, problem.u0, problem.v0, problem.pattern
+    t, u, v = problem.t0, problem.u0, problem.v0
     a, _ = Index1(problem).accelerations(t, u, v)
     _, curvature, r, _ = problem.constraint_rows(t, u, v, a)
-    turned = np.bincount(pattern.g_columns, r * a[pattern.g_rows], minlength=problem.m)
+    turned = problem.along(r, a)
     if problem.quadratic:
         return np.asarray(-3 * turned)
     steps = steps_along(u, v, LONGEST_STEP)

@@ -23,8 +23,8 @@ import numpy as np
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
 from newmark_cli.newmark import integrator
-from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import Formulation, Projection
+from newmark_cli.newmark.forms import Form
+from newmark_cli.newmark.formulation import Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS, INTEGRATORS
 from newmark_cli.newmark.linear.choice import AUTO, DENSE
 from newmark_cli.newmark.scaling import Preconditioning
@@ -429,7 +429,7 @@ def _of_corrections(segment: _Segment) -> Iterator[tuple[int, str]]:
 def _form(name: str, formulation: str) -> Form | None:
     """Form in a formulation by the words of a CSV; None where they cannot be read."""
     try:
-        return Formulation.parse(formulation).applied(FORMS[name])
+        return formulated(name, formulation)
     except (InputError, LookupError, ValueError):
         return None
 

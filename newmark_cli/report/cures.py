@@ -25,7 +25,7 @@ from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.history import Drift, read_drifts
 from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Look, Panel, Sheet, Trace, look, spread
-from newmark_cli.report.work import wall_times
+from newmark_cli.report.work import timed
 from newmark_cli.study.measures import symbol
 from newmark_cli.study.results import drift_path
 
@@ -314,19 +314,11 @@ class CureWorkFigure:
 
     def require(self, results: Results) -> None:
         """All series, and wall times of their cells."""
-        slopes = results.series(self)
-        times = wall_times(results.folder, slopes)
-        if not all(np.isfinite(times[slope.key]).any() for slope in slopes):
-            raise ResultsError(
-                f"{results.folder / self.study}.json: no wall times for figure {self.name}; "
-                f"run the study again"
-            )
+        timed(self, results)
 
     def sheet(self, results: Results) -> Sheet:
         """Points of a series joined from the largest step size to the smallest."""
-        self.require(results)
-        slopes = {slope.key: slope for slope in results.series(self)}
-        times = wall_times(results.folder, list(slopes.values()))
+        slopes, times = timed(self, results)
         panels = []
         for quantity in self.quantities:
             limits = spread([s.values for s in slopes.values() if s.quantity == quantity])

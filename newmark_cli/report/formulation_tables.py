@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from newmark_cli import files
-from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS, Form
-from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS
+from newmark_cli.newmark.formulation import formulated
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import BESIDE_TABLE_2, VARIANTS, named_scaling
@@ -44,10 +44,6 @@ COLUMNS = ("table", "formulation", "form", "evaluation", "entry", "predicted", "
 Grid = tuple[str, str, list[tuple[str, ...]]]
 
 
-def _applied(label: str, form: str) -> Form:
-    return Formulation.parse(label).applied(FORMS[form])
-
-
 def grids() -> list[Grid]:
     """The tables as text."""
     return [*map(_corrections, (DIRECT, COMPENSATED)), _conditions(), _factors()]
@@ -59,7 +55,7 @@ def _corrections(evaluation: str) -> Grid:
     bounds = False
     for label, title in TITLES.items():
         for form in FORMS:
-            orders = form_orders(_applied(label, form), compensated=evaluation == COMPENSATED)
+            orders = form_orders(formulated(form, label), compensated=evaluation == COMPENSATED)
             physical = orders.physical_corrections()
             bounds = bounds or bool(orders.bounded)
             cells = (
@@ -79,7 +75,7 @@ def _conditions() -> Grid:
     rows: list[tuple[str, ...]] = [("formulation", "form", *_SHOWN)]
     for label, title in TITLES.items():
         for name in FORMS:
-            form = _applied(label, name)
+            form = formulated(name, label)
             orders = form_orders(form)
             found = (orders.condition(named_scaling(variant, form)) for variant in _SHOWN)
             rows.append((title, _heading(name), *map(format_order, found)))
@@ -123,7 +119,7 @@ def _csv_rows() -> list[dict[str, object]]:
     found = []
     for label in TITLES:
         for name in FORMS:
-            form = _applied(label, name)
+            form = formulated(name, label)
             same: dict[str, object] = {"formulation": label, "form": name}
             for evaluation in (DIRECT, COMPENSATED):
                 orders = form_orders(form, compensated=evaluation == COMPENSATED)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import INDEX_3, Formulation
+from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.formulation import formulated
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.orders import FormOrders, derive_scaling, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, named_scaling
@@ -35,7 +35,7 @@ def predict(
         ScalingError: When the scaling does not fit the form.
         FormulationError: When the formulation cannot be used.
     """
-    described = _form(form, formulation)
+    described = formulated(form, formulation)
     orders = form_orders(described, compensated=evaluation == COMPENSATED)
     scaling = preconditioning.scaling(described)
     jacobian, inverse = orders.scaled(scaling)
@@ -65,10 +65,6 @@ def predict(
     }
 
 
-def _form(name: str, formulation: str) -> Form:
-    return Formulation.parse(formulation).applied(FORMS[name])
-
-
 def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
     """The least powers of h that balance a form, beside those of Table 2.
 
@@ -79,7 +75,7 @@ def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
     Raises:
         FormulationError: When the formulation cannot be used.
     """
-    described = _form(form, formulation)
+    described = formulated(form, formulation)
     orders: FormOrders = form_orders(described)
     left, right = derive_scaling(orders)
     table = named_scaling("optimal", described)

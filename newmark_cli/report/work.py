@@ -10,7 +10,7 @@ import numpy as np
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
 from newmark_cli.report import records, traces
-from newmark_cli.report.kinds import Results
+from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import Legend, Panel, Sheet, Trace, look, spread
 from newmark_cli.report.parts import OfParts
 from newmark_cli.study import axes
@@ -63,25 +63,35 @@ def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
+def timed(
+    figure: Figure, results: Results
+) -> tuple[Mapping[SeriesKey, "Slope"], Mapping[SeriesKey, Array]]:
+    """Series of a figure, and wall times of their cells.
+
+    Raises:
+        ResultsError: When a series is missing, or has no wall times.
+    """
+    slopes = {slope.key: slope for slope in results.series(figure)}
+    times = wall_times(results.folder, list(slopes.values()))
+    if not all(np.isfinite(times[key]).any() for key in slopes):
+        raise ResultsError(
+            f"{results.folder / figure.study}.json: no wall times for figure {figure.name}; "
+            f"run the study again"
+        )
+    return slopes, times
+
+
 @dataclass(frozen=True)
 class WorkPrecisionFigure(OfParts):
     """Errors of a study against the wall times of its cells, a point for each step size."""
 
     def require(self, results: Results) -> None:
         """All series, and wall times of their cells."""
-        slopes = results.series(self)
-        times = wall_times(results.folder, slopes)
-        if not all(np.isfinite(times[slope.key]).any() for slope in slopes):
-            raise ResultsError(
-                f"{results.folder / self.study}.json: no wall times for figure {self.name}; "
-                f"run the study again"
-            )
+        timed(self, results)
 
     def sheet(self, results: Results) -> Sheet:
         """Points of a series joined from the largest step size to the smallest."""
-        self.require(results)
-        slopes = {slope.key: slope for slope in results.series(self)}
-        times = wall_times(results.folder, list(slopes.values()))
+        slopes, times = timed(self, results)
         labels = list(dict.fromkeys(curve.label for curve in self.curves))
         limits = spread([slope.values for slope in slopes.values()])
         panels = []

@@ -15,7 +15,6 @@ import numpy as np
 from newmark_cli import apart, interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
-from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
@@ -451,7 +450,7 @@ def _cost(cell: Cell) -> int:
     # The longest start first.  Dense elimination takes unknowns cubed; the others grow
     # with the unknowns, and are as fast where `AUTO` goes over to them.
     problem = cell.problem.load()
-    unknowns = len(FORMS[cell.form].kept) * problem.n + problem.m
+    unknowns = sum(cell.formulated.sizes(problem.n, problem.m))
     per_unknown = unknowns if cell.solver == DENSE else DENSE_UP_TO
     return cell.weight * unknowns * per_unknown**2
 

@@ -15,11 +15,10 @@ from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli.newmark.forms import FORMS, Form
+from newmark_cli.newmark.forms import FORMS, INDEX_3, Form
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
     CONSTRAINTS,
-    INDEX_3,
     NEWTON,
     UNPROJECTED,
     Formulation,

@@ -1,7 +1,7 @@
 """What each key of a study config may be, as types that pydantic checks."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -36,9 +36,8 @@ from newmark_cli.json_schema import JsonSchema, Shown, also, given
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, PythonFactory, Shipped, Sized
-from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS
+from newmark_cli.newmark.forms import FORMS, INDEX_3, MULTIPLIERS, ROWS
 from newmark_cli.newmark.formulation import (
-    INDEX_3,
     METHODS,
     PROJECTIONS,
     REPORTED,
@@ -228,6 +227,26 @@ def _example(method: str) -> str:
     return f"{{method: {method}{given}}}"
 
 
+def _rules_of_methods(
+    model: type[StrictModel], methods: Mapping[str, tuple[tuple[str, ...], list[JsonSchema]]]
+) -> list[JsonSchema]:
+    """Rules of a model whose key `method` decides which others there may be.
+
+    Args:
+        model: The model.
+        methods: Method → its parameters, and what must hold of them.
+    """
+    rules: list[JsonSchema] = []
+    for method, (allowed, conditions) in methods.items():
+        is_it: JsonSchema = {"properties": {"method": {"const": method}}}
+        if method != model.model_fields["method"].default:
+            is_it["required"] = ["method"]
+        absent = [name for name in model.model_fields if name not in ("method", *allowed)]
+        then: JsonSchema = {"properties": {name: {"type": "null"} for name in absent}}
+        rules.append({"if": is_it, "then": {"allOf": [then, *conditions]}})
+    return rules
+
+
 class IntegratorConfig(StrictModel):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
@@ -251,17 +270,16 @@ class IntegratorConfig(StrictModel):
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchema:
         reference = handler(schema)
-        rules = []
-        for method, integrator in INTEGRATORS.items():
-            is_it: JsonSchema = {"properties": {"method": {"const": method}}}
-            if method != cls.model_fields["method"].default:
-                is_it["required"] = ["method"]
-            absent = [
-                name for name in cls.model_fields if name not in ("method", *parameters(method))
-            ]
-            needed = [f.name for f in fields(integrator) if f.default is MISSING]
-            then = {"properties": {name: {"type": "null"} for name in absent}}
-            rules.append({"if": is_it, "then": {"allOf": [then, *map(given, needed)]}})
+        rules = _rules_of_methods(
+            cls,
+            {
+                method: (
+                    parameters(method),
+                    [given(f.name) for f in fields(integrator) if f.default is MISSING],
+                )
+                for method, integrator in INTEGRATORS.items()
+            },
+        )
         handler.resolve_ref_schema(reference)["allOf"] = rules
         return reference
 
@@ -355,16 +373,18 @@ class FormulationConfig(StrictModel):
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchema:
         reference = handler(schema)
-        rules = []
-        for method, kind in METHODS.items():
-            is_it: JsonSchema = {"properties": {"method": {"const": method}}}
-            if method != INDEX_3:
-                is_it["required"] = ["method"]
-            absent = [n for n in cls.model_fields if n not in ("method", *kind.parameters)]
-            then: JsonSchema = {"properties": {name: {"type": "null"} for name in absent}}
-            if len(kind.parameters) > 1:
-                then = {"allOf": [then, {"not": {"allOf": [*map(given, kind.parameters)]}}]}
-            rules.append({"if": is_it, "then": then})
+        rules = _rules_of_methods(
+            cls,
+            {
+                method: (
+                    tuple(kind.parameters),
+                    [{"not": {"allOf": [*map(given, kind.parameters)]}}]
+                    if len(kind.parameters) > 1
+                    else [],
+                )
+                for method, kind in METHODS.items()
+            },
+        )
         handler.resolve_ref_schema(reference)["allOf"] = rules
         return _or_method(METHODS, handler.resolve_ref_schema(reference))
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import integrator
-from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, Form
-from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection
+from newmark_cli.newmark.forms import MULTIPLIERS, Form
+from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
@@ -285,9 +285,7 @@ def _rows_of_corrections(form: Form) -> list[RowName]:
     return [(measure, quantity, role, "") for quantity, measure, role in (*scaled, *physical)]
 
 
-@cache
-def _form(name: str, formulation: str) -> Form:
-    return Formulation.parse(formulation).applied(FORMS[name])
+_form = cache(formulated)
 
 
 def _form_of(key: SeriesKey) -> Form:
@@ -681,7 +679,7 @@ class _Drift(Observer):
     def sees(self, march: "March") -> None:
         from newmark_cli.newmark.invariants import invariants as misfits
 
-        found = misfits(march.problem, march.t, march.seen)
+        found = misfits(march.problem, march.t, march.here)
         self._recorded.append((march.done, np.array([found[name].error for name in DRIFTS])))
 
     def measured(self) -> list[Measurement]:

@@ -255,12 +255,12 @@ def rows() -> Iterator[Mutation]:
         ("_product(change(v, t), v)", "2 * _product(change(v, t), v)"),
         ("return change(w, t)", "return change(v, t)"),
     ))  # fmt: skip
-    yield from _changes(problems / "index_1.py", "def position_projection", "def nearest", (
+    yield from _changes(problems / "index_1.py", "def projected", "def nearest", (
         own, "-k", "projection",
     ), (
-        ("-(self._along(values, v) + rate)", "self._along(values, v) + rate"),
-        ("-(self._along(values, v) + rate)", "-self._along(values, v)"),
-        ("-values.phi", "values.phi"), ("* self._unit", "/ self._unit"),
+        ("-self.rate(t, u, v)", "self.rate(t, u, v)"),
+        ("problem.along(values.g, v) + rate", "problem.along(values.g, v)"),
+        ("* self._unit", "/ self._unit"),
     ))  # fmt: skip
     yield from _changes(problems / "starting.py", "def corrected_velocity", "def _projected", (
         "tests/test_corrected_start.py", "-k", "jerk or order_two",

@@ -44,7 +44,7 @@ def choose(linear_solver: str, problem: Counted, form: Form) -> str:
     Raises:
         InputError: When a dense matrix is asked for that no memory holds.
     """
-    unknowns = len(form.kept) * problem.n + len(form.constraint_rows) * problem.m
+    unknowns = sum(form.sizes(problem.n, problem.m))
     if linear_solver == AUTO:
         return DENSE if unknowns <= DENSE_UP_TO else SPARSE
     if linear_solver == DENSE and unknowns > _DENSE_AT_MOST:

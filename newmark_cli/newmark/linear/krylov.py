@@ -20,7 +20,7 @@ import scipy.sparse.linalg
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.constraints import Tangents
-from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors, sizes_of_blocks
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem
 from newmark_cli.newmark.march_data import State
@@ -132,7 +132,7 @@ def _is_symmetric(system: SparseSystem) -> bool:
         accelerations, _ = Index1(problem).accelerations(*start)
         tangents = system.constraining.tangents_at(*start, accelerations)
     matrix = _matrix(system, values, _turn(system), tangents)
-    sizes_of = sizes_of_blocks(system.scheme.form, problem.n, problem.m)
+    sizes_of = system.scheme.form.sizes(problem.n, problem.m)
     block = np.repeat(np.arange(len(sizes_of)), sizes_of)
 
     def largest(entries: scipy.sparse.csr_array) -> Array:

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors, sizes_of_blocks
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
@@ -255,7 +255,7 @@ class SparseSystem:
         n, m, pattern, relations = problem.n, problem.m, problem.pattern, scheme.relations
         kept = len(scheme.form.kept)
         constraint_rows = len(scheme.form.constraint_rows)
-        self.size = kept * n + constraint_rows * m
+        self.size = sum(scheme.form.sizes(n, m))
         self.mass = mass_matrix(problem)
         self._x = _Merged(pattern.x_rows, pattern.x_columns, n)
         self._y = _Merged(pattern.y_rows, pattern.y_columns, n)
@@ -300,7 +300,7 @@ class SparseSystem:
                     behind += len(self._g)
             self._products = _Products(self.constraining, problem)
             terms += self._products.terms(scheme, behind, scheme.elimination.weights)
-        ends = np.cumsum(sizes_of_blocks(scheme.form, n, m)).tolist()
+        ends = np.cumsum(scheme.form.sizes(n, m)).tolist()
         for row, start in zip(scheme.form.rows, [0, *ends], strict=False):
             for field, (rows, columns, sources) in full[row].items():
                 for k, weight in enumerate(scheme.elimination.weights[FIELDS.index(field)]):
