@@ -15,6 +15,8 @@ def test_sampled_states(monkeypatch, samples, steps):
     times = []
 
     class Recorder:
+        constraining = None
+
         def balanced(self, time, state):
             times.append(time)
             return self

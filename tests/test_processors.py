@@ -127,7 +127,7 @@ def test_jobs_are_the_processors_that_may_be_used(monkeypatch):
     monkeypatch.setattr("newmark_cli.cli.options.usable", lambda: 23)
     given = []
     monkeypatch.setattr(
-        "newmark_cli.cli.running._run", lambda studies, folder, how, shard: given.append(how) or 0
+        "newmark_cli.cli.running._run", lambda studies, folder, how, *others: given.append(how) or 0
     )
     for words in (["run", "pendulum-u"], ["run", "pendulum-u", "--jobs", "5"]):
         command_line.main(words, standalone_mode=False)

@@ -444,4 +444,11 @@ def test_files_of_a_study_stand_in_one_place():
     """Every one of them is replaced with the others, and read with them."""
     path = Path("results/a.csv")
     names = [file.relative_to("results").as_posix() for file in results.study_paths(path)]
-    assert names == ["a.csv", "a.json", "history/a.csv", "trajectory/a.csv", "trajectory/a.parquet"]
+    assert names == [
+        "a.csv",
+        "a.json",
+        "history/a.csv",
+        "drift/a.csv",
+        "trajectory/a.csv",
+        "trajectory/a.parquet",
+    ]
