@@ -228,6 +228,10 @@ def rows() -> Iterator[Mutation]:
         ("-turn * turn * cosine", "turn * turn * cosine"), ("- faster * sine", "+ faster * sine"),
         ("a * wx + b * wy", "a * wx - b * wy"), ("a * wy - b * wx", "a * wy + b * wx"),
         ("a * ax + b * ay", "a * ax - b * ay"), ("a * ay - b * ax", "a * ay + b * ax"),
+    ))  # fmt: skip
+    yield from _changes(elements, "def constraint_derivatives", "def potential", (
+        own, "-k", "overwritten",
+    ), (
         ("rate_values[g + k] = zero", "pass"), ("acceleration_values[g + k] = zero", "pass"),
     ))  # fmt: skip
     yield from _changes(elements, "def constraint_derivatives", "def potential", (
