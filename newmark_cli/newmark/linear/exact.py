@@ -59,7 +59,9 @@ def solve(
             (places, [value * outer[i] * inner[j] for j, value in zip(places, values, strict=True)])
             for i, (places, values) in enumerate(_rows(matrix))
         ]
-        target = [Decimal(value) * factor for value, factor in zip(rhs.tolist(), outer, strict=True)]
+        target = [
+            Decimal(value) * factor for value, factor in zip(rhs.tolist(), outer, strict=True)
+        ]
         scaled = scipy.sparse.csc_array(
             scipy.sparse.diags_array(rows) @ matrix @ scipy.sparse.diags_array(columns)
         )
