@@ -160,7 +160,8 @@ def export(
         done = collection.write(cells, out, choice, force, watcher)
     finally:
         watcher.close()
-    screen.line(f"{done.systems} systems of {done.marches} marches -> {out / collection.INDEX}")
+    marches = "1 march" if done.marches == 1 else f"{done.marches} marches"
+    screen.line(f"{done.systems} systems of {marches} -> {out / collection.INDEX}")
     for reason in done.left_out:
         screen.complain(f"warning: {reason}")
     for ended in done.ended:

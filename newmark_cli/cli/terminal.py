@@ -4,7 +4,7 @@ import contextlib
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from newmark_cli import interrupts
 from newmark_cli.cli import screen
@@ -140,7 +140,8 @@ def _bar(counts: Sequence[str], total: int) -> "Progress":
         redirect_stdout=False,  # which would make it stderr
         redirect_stderr=False,
     )
-    display.add_task("", total=total, **dict.fromkeys(counts, 0))
+    fields: dict[str, Any] = dict.fromkeys(counts, 0)
+    display.add_task("", total=total, **fields)
     return display
 
 

@@ -334,7 +334,7 @@ def _entry(name: str, cell: Cell, system: NewtonSystem) -> dict[str, Any]:
         "step": system.step,
         "iteration": system.iteration,
         "iterations": system.iterations,
-        "unknown_count": len(system.rhs),
+        "size": len(system.rhs),
         "nonzeros": int(system.matrix.nnz),
         "rows": blocks(system.rows, system.left, scaling.left),
         "unknowns": blocks(system.unknowns, system.right, scaling.right),

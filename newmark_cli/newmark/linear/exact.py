@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from decimal import Decimal
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse
@@ -100,10 +101,7 @@ def _rows(matrix: scipy.sparse.csc_array) -> _Rows:
     by_row.sort_indices()
     places, values = by_row.indices.tolist(), [*map(Decimal, by_row.data.tolist())]
     starts = by_row.indptr.tolist()
-    return [
-        (places[begin:end], values[begin:end])
-        for begin, end in zip(starts, starts[1:], strict=False)
-    ]
+    return [(places[begin:end], values[begin:end]) for begin, end in pairwise(starts)]
 
 
 def _balanced(matrix: scipy.sparse.csc_array, rows: Array, columns: Array) -> tuple[Array, Array]:
