@@ -12,6 +12,8 @@ that readers see all of the old contents or all of the new, whenever a writer is
 
 import contextlib
 import errno
+import fcntl
+import glob
 import json
 import os
 import re
@@ -219,7 +221,8 @@ def new_folder(
     """A folder to be filled, which takes the place of another when the context ends well.
 
     Until then it stands next to the other under a temporary name; after an exception it is
-    removed, and the other is as it was.
+    removed, and the other is as it was.  What a process that was killed has left of such a
+    folder goes when another takes its place.
 
     Args:
         target: The folder: not there, empty, or of entries that may be replaced.
@@ -238,6 +241,7 @@ def new_folder(
         place.parent.mkdir(parents=True, exist_ok=True)
         _not_ours(place, is_ours, force)
         folder = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
+    held = _held(folder)
     try:
         with _told(target, "cannot be written"):
             os.chmod(folder, 0o777 & ~_umask())
@@ -247,8 +251,11 @@ def new_folder(
                 _merge(folder, place, last, is_ours)
             else:
                 _swap(folder, place)
+            _remove_left(place, is_ours)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+        if held is not None:
+            os.close(held)
 
 
 def _not_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> list[Path]:
@@ -268,6 +275,32 @@ def _not_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> lis
             "--force to leave what is there and add to it",
         )
     return theirs
+
+
+def _held(folder: Path) -> int | None:
+    """Descriptor that tells others that a folder is in use; None where it is, or none can tell."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _remove_left(target: Path, is_ours: Callable[[Path], bool]) -> None:
+    """Remove what processes that were killed have left next to a folder."""
+    for folder in sorted(target.parent.glob(f".{glob.escape(target.name)}.*")):
+        match = _TEMPORARY.fullmatch(folder.name)
+        if not (match and match[1] == target.name) or (held := _held(folder)) is None:
+            continue
+        with contextlib.suppress(OSError):
+            if all(map(is_ours, folder.iterdir())):
+                shutil.rmtree(folder)
+        os.close(held)
 
 
 def _swap(folder: Path, target: Path) -> None:

@@ -157,7 +157,7 @@ def export(
     ]
     watcher = Exporting()
     try:
-        done = collection.write(cells, out, choice, force, watcher)
+        done = collection.write(cells, out, choice, force, watcher=watcher)
     finally:
         watcher.close()
     marches = "1 march" if done.marches == 1 else f"{done.marches} marches"

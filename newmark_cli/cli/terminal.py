@@ -10,7 +10,7 @@ from newmark_cli import interrupts
 from newmark_cli.cli import screen
 from newmark_cli.errors import visible
 from newmark_cli.running.runner import Planned, Watcher, weight
-from newmark_cli.study import axes, collection
+from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 
@@ -163,8 +163,8 @@ def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
         told.close()
 
 
-class Exporting(collection.Watcher):
-    """Tells of an export: a display on a terminal only."""
+class Exporting:
+    """Tells of an export (`newmark_cli.study.collection.Watcher`): a display on a terminal only."""
 
     def __init__(self) -> None:
         self._stack = contextlib.ExitStack()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.io
@@ -114,8 +114,8 @@ class Exported:
     ended: list[str] = field(default_factory=list)
 
 
-class Watcher:
-    """Is told how an export goes on; this one does not listen."""
+class Watcher(Protocol):
+    """Is told how an export goes on."""
 
     def planned(self, steps: int) -> None:
         """Steps that will be marched."""
@@ -164,7 +164,8 @@ def write(
     folder: Path,
     choice: Choice,
     force: bool = False,
-    watcher: Watcher | None = None,
+    *,
+    watcher: Watcher,
 ) -> Exported:
     """Write the systems of marches into a folder, all or nothing.
 
@@ -179,7 +180,7 @@ def write(
         InputError: When there is nothing to export, or steps are not to be had.
         ResultsError: When the folder holds other files or cannot be written.
     """
-    watcher, exported = watcher or Watcher(), Exported()
+    exported = Exported()
     chosen = {cell: choice.of(cell) for cell in marches(cells, exported)}
     least = sum(map(len, chosen.values()))
     if least > MOST:
