@@ -389,6 +389,10 @@ def test_problems_in_python(cli):
         (("pendulum", "--form", "w"), "command line: form[1]: unknown form 'w'"),
         (("pendulum", "--steps", "9", "--t-end", "1e-3"), "step 9 is behind the last: the march"),
         (("pendulum", "--every", "1", "--t-end", "1"), "systems of 20202000 steps are more than"),
+        (
+            ("pendulum", "--h", "1e-200"),
+            "nothing to export: pendulum u-lambda none h=1e-200 steps=100",
+        ),
         (("pendulum", "--out", "file"), "file: cannot be written: it is not a folder"),
         (("pendulum", "--out", "file/new"), "file/new: cannot be written: "),
         (("pendulum", "--out", "link"), "link: cannot be written: it is a symbolic link"),

@@ -258,19 +258,21 @@ def _observed(
     ending: list[str],
 ) -> Iterator[NewtonSystem]:
     """Systems of a cell; how the march ended goes into ``ending``, if it ended early."""
+    march: March | None = None
     try:
         with np.errstate(all="ignore"):
             march = March(problem, scheme_of(cell), cell.linear_solver, cell.krylov)
+        found = newton_systems(march, steps, every_iteration, on_steps)
+        while True:
+            with np.errstate(all="ignore"):  # not of whoever takes the systems
+                system = next(found, None)
+            if system is None:
+                break
+            yield system
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        ending.append(f"the march cannot start: {error}")
+        where = f"in step {march.done + 1}" if march else "at the start"
+        ending.append(f"no march {where}: {error}")
         return
-    found = newton_systems(march, steps, every_iteration, on_steps)
-    while True:
-        with np.errstate(all="ignore"):
-            system = next(found, None)
-        if system is None:
-            break
-        yield system
     if march.ending != COMPLETED:
         ending.append(f"{ENDINGS[march.ending]} in step {march.done + 1}")
 
