@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.studies import plot, run, slopes, trajectories
+    from newmark_cli.library.systems import linear_systems
     from newmark_cli.newmark.formulation import FormulationError
     from newmark_cli.newmark.integrator import IntegratorError
+    from newmark_cli.newmark.newton_systems import NewtonSystem
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
     from newmark_cli.problems.problem import Problem, ProblemError
@@ -37,12 +39,14 @@ _HOMES = {
     "InputError": "errors",
     "IntegratorError": "newmark.integrator",
     "NewmarkError": "errors",
+    "NewtonSystem": "newmark.newton_systems",
     "Problem": "problems.problem",
     "ProblemError": "problems.problem",
     "ScalingError": "newmark.scaling",
     "Step": "newmark.trajectory",
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
+    "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
     "problem": "library.problems",
@@ -62,6 +66,7 @@ __all__ = [
     "InputError",
     "IntegratorError",
     "NewmarkError",
+    "NewtonSystem",
     "Problem",
     "ProblemError",
     "ScalingError",
@@ -69,6 +74,7 @@ __all__ = [
     "Steps",
     "Trajectory",
     "__version__",
+    "linear_systems",
     "march",
     "plot",
     "problem",
