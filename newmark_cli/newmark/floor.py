@@ -39,6 +39,7 @@ from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
 
 #: Units in the last place by which the first of the iterates is off, so that the second
@@ -212,9 +213,12 @@ class _Model:
         #: What Newton iterates on: the fields, or their increments over a step.
         self.moving = self.fields.copy()
         if scheme.compensated:
-            marched, past = scheme.marched, state.past.astype(float)
-            self.moving[0] = marched.u_from_a * fields[2] + marched.u_past @ past
-            self.moving[1] = marched.v_from_a * fields[2] + marched.v_past @ past
+            # Where a alternates from step to step, increments do not.
+            u, v = self.fields[:2]
+            smooth = Index1(problem).accelerations(t, u, v)[0]
+            marched, past = scheme.marched, scheme.relations.start @ np.array([u, v, smooth])
+            self.moving[0] = marched.u_from_a * smooth + marched.u_past @ past
+            self.moving[1] = marched.v_from_a * smooth + marched.v_past @ past
         #: Fields that are formed in every iteration, so that they round then.
         self.formed = [f for f in range(3) if scheme.compensated or f not in self.kept]
         self.shift = scheme.h * self.fields[1] + self.moving[0]
@@ -358,7 +362,10 @@ class _Model:
         """(N,) ρ, the rounding error of the residual, but for what does not change."""
         n, p = self.problem.n, len(self.kept)
         parts = np.split(off, self.ends[:-1])
-        force, change, rows = self._roundings_of_functions(parts[:p], parts[p])
+        push = np.zeros(n)
+        if self.constraining and self.constraining.stabilised:
+            push = self.constraining.pushed(self._directions, parts[p + 1])
+        force, change, rows = self._roundings_of_functions(parts[:p], parts[p], push)
         errors = np.zeros(self.jacobian.size)
         moved = [factor * parts[k][columns] for k, factor, columns in self._of_dynamics]
         errors[:n] = self.sums[0].errors(_joined(moved), change) - force
@@ -425,13 +432,14 @@ class _Model:
         return total
 
     def _roundings_of_functions(
-        self, of_fields: list[Array], of_multipliers: Array
+        self, of_fields: list[Array], of_multipliers: Array, push: Array
     ) -> tuple[Array, Array, Array]:
         """Rounding errors of f + Gλ (n,), its change, and errors of the rows of constraints.
 
         Args:
             of_fields: (n,) each, how far the kept unknowns are off.
             of_multipliers: (m,) how far λ is.
+            push: (n,) Pη, by which eliminated fields are off.
         """
         problem, pattern, scheme = self.problem, self.problem.pattern, self.scheme
         change = np.zeros((3, problem.n))
@@ -439,6 +447,8 @@ class _Model:
         for f in range(3):
             for k, off in enumerate(of_fields):
                 change[f] += self.weights[f, k] * off
+            if f not in self.kept:
+                change[f] += scheme.elimination.eta[f] * push
             moved = change[f].copy()
             for k, off in enumerate(of_fields):
                 if (f, k) in self._of_products:
