@@ -47,6 +47,8 @@ from newmark_cli.problems.problem import ConstraintRows, Problem, Values
 _UNITS_OFF = 8
 #: Units in the last place between the exact fields of a draw and the state, at most.
 _UNITS_ASIDE = 16
+#: Largest relative change of G within a step of which one state can tell the increments.
+_MOST_TURNED = 0.25
 #: Corrections of a draw, at most; the march has a cap as well.
 _MOST_CORRECTIONS = 50
 _SEED = 20061012
@@ -55,6 +57,9 @@ _SEED = 20061012
 @dataclass(frozen=True)
 class Floor:
     """Expected size of the last Newton correction; see `newmark_cli.newmark.floor`.
+
+    NaN where the evaluation is compensated and G changes by more than a quarter within the
+    step: its increments cannot be told from one state then.
 
     Attributes:
         scaled: Unknown → rms of the 2-norm of its correction, as the solver sees it.
@@ -213,7 +218,7 @@ class _Model:
         #: What Newton iterates on: the fields, or their increments over a step.
         self.moving = self.fields.copy()
         if scheme.compensated:
-            # Where a alternates from step to step, increments do not.
+            # Those of the step that ends here: even where a alternates, they do not.
             u, v = self.fields[:2]
             smooth = Index1(problem).accelerations(t, u, v)[0]
             marched, past = scheme.marched, scheme.relations.start @ np.array([u, v, smooth])
@@ -221,7 +226,8 @@ class _Model:
             self.moving[1] = marched.v_from_a * smooth + marched.v_past @ past
         #: Fields that are formed in every iteration, so that they round then.
         self.formed = [f for f in range(3) if scheme.compensated or f not in self.kept]
-        self.shift = scheme.h * self.fields[1] + self.moving[0]
+        #: Δ = h v_n + w of the step that ends at the state.
+        self.shift = scheme.h * (self.fields[1] - self.moving[1]) + self.moving[0]
         self.values = self._values(*self._machine(self.fields, self.acceleration, self.multipliers))
         self.entries = Values(*(array.astype(float) for array in self.values))
         if scheme.compensated or self.constraining:
@@ -230,6 +236,10 @@ class _Model:
 
     def draws(self, samples: int) -> Array:
         """(samples, blocks) norms of the blocks that the march would record."""
+        if self.scheme.compensated:
+            turned = np.linalg.norm(self._by_shift)
+            if turned > _MOST_TURNED * np.linalg.norm(self.entries.g):
+                return np.full((samples, len(self.scheme.recorded)), np.nan)
         random = np.random.default_rng(_SEED)
         return np.array([self._draw(random) for _ in range(samples)])
 

@@ -20,8 +20,8 @@ from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import (
     LOOKS,
     Legend,
+    Look,
     Panel,
-    Reference,
     Sheet,
     Trace,
     from_zero,
@@ -88,7 +88,7 @@ class SeriesFigure(OfParts):
                 for panel, part in zip(panels, self.parts, strict=True)
             ]
         panels = [
-            replace(panel, references=(*panel.references, *_floors(some)))
+            replace(panel, traces=(*panel.traces, *_floors(some)))
             for panel, some in zip(panels, floors, strict=True)
         ]
         fitted = any(not np.isnan(slope.expected) for slope in series.values())
@@ -124,14 +124,17 @@ class SeriesFigure(OfParts):
         return panel
 
 
-def _floors(slopes: Iterable["Slope | None"]) -> list[Reference]:
+#: Predicted floors lie on what they predict.
+_FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
+
+
+def _floors(slopes: Iterable["Slope | None"]) -> list[Trace]:
     """The predicted floors of measured series."""
-    found = []
-    for slope in slopes:
-        if slope is not None:
-            order = np.argsort(slope.h)
-            found.append(Reference(slope.h[order], slope.values[order], label="predicted floor"))
-    return found
+    found = [slope for slope in slopes if slope is not None]
+    return [
+        traces.trace(slope, "predicted floor", _FLOOR, fit="", name="predicted floor")
+        for slope in found
+    ]
 
 
 def _trace(slope: "Slope", label: str, place: int, panel: str) -> Trace:
