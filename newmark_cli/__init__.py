@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from newmark_cli.documents import DocumentError
     from newmark_cli.errors import ArgumentError, InputError, NewmarkError
+    from newmark_cli.library.advising import Advice, advise
+    from newmark_cli.library.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
 #: Public name → module that it comes from.
 _HOMES = {
+    "Advice": "library.advising",
     "ArgumentError": "errors",
     "Definition": "problems.python_problem",
     "DocumentError": "documents",
@@ -36,6 +39,7 @@ _HOMES = {
     "FormulationError": "newmark.formulation",
     "InputError": "errors",
     "IntegratorError": "newmark.integrator",
+    "JacobianAdvice": "library.jacobians",
     "NewmarkError": "errors",
     "Problem": "problems.problem",
     "ProblemError": "problems.problem",
@@ -43,6 +47,8 @@ _HOMES = {
     "Step": "newmark.trajectory",
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
+    "advise": "library.advising",
+    "advise_jacobian": "library.jacobians",
     "march": "library.marching",
     "plot": "library.studies",
     "problem": "library.problems",
@@ -54,6 +60,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Advice",
     "ArgumentError",
     "Definition",
     "DocumentError",
@@ -61,6 +68,7 @@ __all__ = [
     "FormulationError",
     "InputError",
     "IntegratorError",
+    "JacobianAdvice",
     "NewmarkError",
     "Problem",
     "ProblemError",
@@ -69,6 +77,8 @@ __all__ = [
     "Steps",
     "Trajectory",
     "__version__",
+    "advise",
+    "advise_jacobian",
     "march",
     "plot",
     "problem",
