@@ -16,7 +16,7 @@ from newmark_cli.library.advice_text import plain, titled
 from newmark_cli.library.linearised import MOST_UNKNOWNS, array_of
 from newmark_cli.library.scalings import integrator_or_newmark
 from newmark_cli.matrices import MatrixError
-from newmark_cli.newmark.balance import Inverted, equilibrium
+from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.monomial import Monomial
@@ -29,6 +29,8 @@ OTHER = "none of the four"
 _EQUAL = 1e-6
 #: How far a measured order may be from that of a scaling.
 _NEAR = 0.3
+#: How many times better conditioned is worth another factor.
+_MUCH = 100.0
 
 
 @dataclass(frozen=True)
@@ -168,15 +170,16 @@ def advise_jacobian(
     factors = [_factors(form, left, right, method, step, counts) for step in steps]
     condition, balanced = zip(
         *(
-            _conditions(matrix, *both)
+            _conditions(matrix, counts, *both)
             for matrix, both in zip(several.values(), factors, strict=True)
         ),
         strict=True,
     )
-    findings = _findings(found, measured, implied, condition, balanced)
+    further = _further(list(several.values())[-1], counts, factors[-1], balanced[-1])
+    findings = (*_findings(found, measured, implied, condition, balanced), *further)
     return JacobianAdvice(
         form.name, sizes, tuple(steps), found, measured, implied, orders, left, right,
-        condition, balanced, tuple(findings),
+        condition, balanced, findings,
     )  # fmt: skip
 
 
@@ -375,7 +378,7 @@ def _formulas(
         )
         return left, right
     sizes = np.array([[_size(block) for block in row] for row in blocks])
-    rows, columns = equilibrium(sizes)
+    rows, columns = block_factors(sizes)
     return (
         dict(zip(form.rows, map(repr, rows.tolist()), strict=True)),
         dict(zip(form.unknowns, map(repr, columns.tolist()), strict=True)),
@@ -393,12 +396,35 @@ def _factors(
     )
 
 
-def _conditions(matrix: Array, left: Array, right: Array) -> tuple[float, float]:
+def _conditions(
+    matrix: Array, counts: Sequence[int], left: Array, right: Array
+) -> tuple[float, float]:
     try:
-        inverted = Inverted(matrix)
+        inverted = Inverted(matrix, counts)
     except np.linalg.LinAlgError:
         return math.inf, math.inf
     return inverted.condition(), inverted.condition(left, right)
+
+
+def _further(
+    matrix: Array, counts: Sequence[int], factors: tuple[Array, Array], balanced: float
+) -> Iterator[str]:
+    """Where blocks are of very different size in spite of the factors: what would mend that."""
+    if not math.isfinite(balanced):
+        return
+    left, right = factors
+    even = left[:, None] * matrix * right[None, :]
+    rows, columns = block_factors(block_sizes(even, counts))
+    better = Inverted(matrix, counts).condition(
+        left * np.repeat(rows, counts), right * np.repeat(columns, counts)
+    )
+    if better * _MUCH < balanced:
+        shown = ", ".join(f"{value:.3g}" for value in (*rows, *columns))
+        yield (
+            f"its blocks are of very different size all the same, because of units or of another "
+            f"scaling in it: with the further factors {shown} of its rows and columns C = "
+            f"{better:.3g}"
+        )
 
 
 def _findings(
