@@ -16,7 +16,10 @@ import scipy.io
 import newmark_cli as newmark
 from newmark_cli import matrices
 from newmark_cli.library.advising import Equilibration
+from newmark_cli.library.scalings import integrator_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
+from newmark_cli.newmark.noise import carried
+from newmark_cli.problems.index_1 import Index1
 
 EXAMPLE = Path(__file__).parents[1] / "docs/examples/matrices.py"
 #: Table 2 at β = 0.3, γ = 0.6, h = 1e-3, typed again as numbers.
@@ -653,3 +656,50 @@ def test_text_of_the_command(cli):
         assert f"{value:.4g}" in text
     assert "left = np.repeat([beta*h**2, 1], [n, m])" in text
     assert "grows like  h^-4" in text
+
+
+# -- noise of λ ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("integrator", "factor"), [
+    ("generalized-alpha rho=0.9", 156.0), ("generalized-alpha rho=0.5", 8 * 2**0.5),
+    ("hht alpha=0.1", 30.25), ("bdf1", 6**0.5),
+])  # fmt: skip
+def test_noise_that_is_carried_on(integrator, factor):
+    """Independent roundings of u add up to this multiple in λ; a march of them agrees."""
+    found = carried(integrator_of(integrator))
+    assert found == pytest.approx(factor, rel=1e-3)
+    relations = integrator_of(integrator).relations(1.0)
+    random, past, seen = np.random.default_rng(3), np.zeros(len(relations.u_past)), []
+    for u in random.normal(size=20_000):
+        a = (u - relations.u_past @ past) / relations.u_from_a
+        v = relations.v_from_a * a + relations.v_past @ past
+        true = relations.acceleration @ [a, *past]
+        new = [u, v, a, true, u - past[0] - past[1], v - past[1]]
+        past = np.array([new[k] for k in relations.advance])
+        seen.append(true)
+    alone = relations.acceleration[0] / relations.u_from_a
+    assert np.std(seen[500:]) / alone == pytest.approx(factor, rel=0.1)
+
+
+@pytest.mark.parametrize("integrator", ["trapezoidal", "generalized-alpha rho=1.0"])
+def test_noise_adds_up_without_dissipation(integrator):
+    """The trapezoidal rule by any name."""
+    assert carried(integrator_of(integrator)) == np.inf
+
+
+@pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-5), ("slider-crank", 1e-6)])
+@pytest.mark.parametrize("integrator", ["generalized-alpha rho=0.9", "bdf2"])
+def test_noise_of_multipliers_is_that_of_a_march(name, h, integrator):
+    """λ less what u and v imply, rms over 6000 steps: within a factor of three of predicted."""
+    problem = newmark.problem(name)
+    swing = newmark.march(problem, h=h, steps=6000, every=60, integrator=integrator)
+    of_state = Index1(problem)
+    implied = [of_state.accelerations(t, u, v)[1]
+               for t, u, v in zip(swing.t, swing.u, swing.v, strict=True)]  # fmt: skip
+    measured = np.sqrt(np.mean(np.sum((swing.multipliers - implied)[20:] ** 2, axis=1)))
+    advice = newmark.advise(problem, h=h, integrator=integrator, t_end=6000 * h)
+    # The noise of λ grows like h⁻², and is all of λ at that step size.
+    (own,) = [one for one in advice.noise if one.cure == ""]
+    predicted = advice.multipliers * (own.carried[1.0] / h) ** 2
+    assert measured / 3 < predicted < 3 * measured

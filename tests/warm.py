@@ -24,6 +24,8 @@ MODULES = (
     "newmark.compiled_march",
     "study.compute",
     "running.runner",
+    "library.advising",
+    "library.jacobians",
     "report.check",
     "report.plot",
 )

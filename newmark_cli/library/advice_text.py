@@ -52,13 +52,19 @@ def sections(advice: "Advice") -> Iterable[str]:
             _tolerance_rows(advice),
         )
     if advice.noise:
+        fractions = [f"{fraction:.0%}" for fraction in advice.noise[0].one_step]
+        kinds = ("in one step", "carried on")
         yield titled(
-            f"Step size below which rounding of one step moves λ by a part of ‖λ‖ = "
+            "Step size below which rounding moves λ by a part of its size, ‖λ‖ = "
             f"{advice.multipliers:.3g}",
             [
-                ["", *(f"{fraction:.0%}" for fraction in advice.noise[0].below)],
+                ["", *(f"{fraction} {kind}" for kind in kinds for fraction in fractions)],
                 *(
-                    [one.cure or "as it is", *map(_below, one.below.values())]
+                    [
+                        one.cure or "as it is",
+                        *map(_below, one.one_step.values()),
+                        *map(_below, (one.carried or dict.fromkeys(fractions, None)).values()),
+                    ]
                     for one in advice.noise
                 ),
             ],
@@ -66,9 +72,11 @@ def sections(advice: "Advice") -> Iterable[str]:
     yield "\n".join(f"- {text}" for text in advice.findings)
 
 
-def _below(h: float) -> str:
+def _below(h: float | None) -> str:
+    if h is None:
+        return "not predicted"
     if h == 0:
-        return "below 1e-10"
+        return "below 1e-9"
     return "at any h" if math.isinf(h) else f"{h:.2g}"
 
 

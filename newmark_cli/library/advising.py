@@ -1,8 +1,9 @@
 """Advice for somebody's own code: factors, tolerances that can be met, believable multipliers."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from newmark_cli.library.linearised import Subject, subject_of
 from newmark_cli.library.scalings import (
     Factors,
     formulation_of,
+    integrator_of,
     integrator_or_newmark,
     preconditioning_of,
 )
@@ -27,6 +29,7 @@ from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.jacobian import scaling_factors
+from newmark_cli.newmark.noise import carried, multiplier_noise
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Scheme
@@ -35,10 +38,12 @@ from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISI
 LARGE = 1e6
 #: Fractions of ‖λ‖ that the noise of λ is compared with.
 FRACTIONS = (0.01, 1.0)
+#: The integrator that is set next to one that does not damp.
+_DAMPING = "generalized-alpha rho=0.9"
 #: Most unknowns for which all forms are compared.
 _MOST_COMPARED = 150
-#: Step sizes at which the noise of λ is predicted: two a decade, from 0.1 s to 1e-10 s.
-_GRID = np.logspace(-1, -10, 19)
+#: Step sizes (s) at which the noise of λ is predicted; it follows powers of h between them.
+_GRID = np.array([1e-1, 1e-3, 1e-5, 1e-7, 1e-9])
 
 
 @dataclass(frozen=True)
@@ -65,16 +70,20 @@ class Smallest:
 
 @dataclass(frozen=True)
 class Noise:
-    """From which step size on rounding of one step moves λ by a part of itself.
+    """Step sizes below which rounding moves λ by a part of itself.
 
     Attributes:
         cure: What is changed; empty for the scheme as it was asked about.
-        below: Fraction of ‖λ‖ → step size (s) below which the predicted correction of λ
-            exceeds it; 0 if it does not above 1e-10 s, infinite if it does at 0.1 s.
+        one_step: Fraction of ‖λ‖ → step size (s) below which the predicted last correction of λ
+            exceeds it: what a single step cannot know.
+        carried: The same of the noise that stays from step to step; infinite where the
+            integrator does not damp it.  None for other formulations than index 3, where it
+            is not predicted.  0 stands for less than 1e-9 s, infinity for more than 0.1 s.
     """
 
     cure: str
-    below: Mapping[float, float]
+    one_step: Mapping[float, float]
+    carried: Mapping[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -412,24 +421,35 @@ def _tolerances(about: Subject, schemes: _Schemes, steps: Sequence[float]) -> li
     found = []
     for h in steps:
         for precision in PRECISIONS:
-            floors = about.floors(schemes.but(precision=precision).at(h))
+            scheme = schemes.but(precision=precision).at(h)
+            floors = about.floors(scheme)
             if not floors:
                 return []
-            for unknown in floors[0].scaled:
-                scaled, physical = (largest(floors, unknown, k) for k in ("scaled", "physical"))
-                found.append(Smallest(h, precision, unknown, scaled, physical))
-            found.append(Smallest(h, precision, ALL, largest(floors, ALL, "scaled"), None))
+            for unknown in (*floors[0].scaled, ALL):
+                scaled, physical = (
+                    largest(floors, unknown, kind, scheme) for kind in ("scaled", "physical")
+                )
+                found.append(
+                    Smallest(h, precision, unknown, scaled, None if unknown == ALL else physical)
+                )
     return found
 
 
 def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
-    """Noise of λ as asked, and under each cure that the model can predict."""
+    """Noise of λ as asked, and under each cure that can be predicted."""
     size = about.multipliers
-    if not size:
+    if not size or not about.floors(schemes.at(float(_GRID[0])), typical=True):
         return ()
+    damping = integrator_of(_DAMPING)
     tried: dict[str, _Schemes] = {"": schemes}
+    index_3 = schemes.formulation.method == INDEX_3
+    if index_3 and not schemes.integrator.damped:
+        tried[_DAMPING] = schemes.but(integrator=damping)
     if schemes.evaluation == DIRECT and about.quadratic is not False:
-        tried["compensated evaluation"] = schemes.but(evaluation=COMPENSATED)
+        tried["compensated"] = schemes.but(evaluation=COMPENSATED)
+        if index_3 and not schemes.integrator.damped:
+            both = schemes.but(evaluation=COMPENSATED, integrator=damping)
+            tried[f"{_DAMPING}, compensated"] = both
     if about.formulations:
         for name in ("index-2", "ggl", "index-1"):
             if schemes.formulation.method != name:
@@ -437,27 +457,44 @@ def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
                     formulation=Formulation(name), form="a-lambda"
                 )
     other = next(name for name in PRECISIONS if name != schemes.precision)
-    tried[f"{other} arithmetic"] = schemes.but(precision=other)
-    return tuple(Noise(cure, _crossings(about, tries, size)) for cure, tries in tried.items())
+    tried[other] = schemes.but(precision=other)
+    return tuple(
+        Noise(cure, _crossings(partial(_of_one_step, about, tries), size),
+              _crossings(partial(_carried, about, tries), size)
+              if tries.formulation.method == INDEX_3 else None)
+        for cure, tries in tried.items()
+    )  # fmt: skip
 
 
-def _crossings(about: Subject, schemes: _Schemes, size: float) -> dict[float, float]:
-    """Fraction of ‖λ‖ → largest step size at which the floor of λ exceeds it."""
-    parts = []
-    for h in _GRID:
-        (floor,) = about.floors(schemes.at(float(h)), typical=True)
-        parts.append(floor.physical["lambda"] / size)
-    return {fraction: _crossing(np.array(parts), fraction) for fraction in FRACTIONS}
+def _of_one_step(about: Subject, schemes: _Schemes, h: float) -> float:
+    (found,) = about.floors(schemes.at(h), typical=True)
+    return found.physical["lambda"]
+
+
+def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
+    grown = carried(schemes.integrator)
+    scheme = schemes.but(form="u-lambda").at(h)
+    rounded = about.rounded(scheme)
+    if math.isinf(grown) or rounded is None:
+        return math.inf
+    eps = float(np.finfo(scheme.dtype).eps)
+    return grown * multiplier_noise(about.jacobian(scheme, typical=True), *rounded, eps)
+
+
+def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float]:
+    """Fraction of ‖λ‖ → largest step size at which its noise exceeds it."""
+    parts = np.array([noise(float(h)) for h in _GRID]) / size
+    return {fraction: _crossing(parts, fraction) for fraction in FRACTIONS}
 
 
 def _crossing(parts: Array, fraction: float) -> float:
     above = np.flatnonzero(parts >= fraction)
     if len(above) == 0:
         return 0.0
-    if (k := int(above[0])) == 0:
+    if (k := int(above[0])) == 0 or np.isinf(parts[k]):
         return math.inf
-    low, high = np.log(parts[k - 1 : k + 1])
-    place = (math.log(fraction) - low) / (high - low)
+    before, after = np.log(np.maximum(parts[k - 1 : k + 1], np.finfo(float).tiny))
+    place = (math.log(fraction) - before) / (after - before)
     return float(_GRID[k - 1] * (_GRID[k] / _GRID[k - 1]) ** place)
 
 
@@ -530,11 +567,16 @@ def _findings(
         yield (
             "no scaling changes the noise of λ: it changes the units in which corrections are read"
         )
-        if not schemes.integrator.damped and not schemes.formulation.kind.derivatives:
+        if schemes.formulation.method == INDEX_3:
+            grown = carried(schemes.integrator)
             yield (
-                f"{schemes.integrator.label} does not damp an alternating error of λ, which adds "
-                "up from step to step: generalized-alpha with rho below 1 does, and leaves the "
-                "noise of a single step as it is"
+                f"{schemes.integrator.label} carries noise of λ on from step to step: "
+                + (
+                    "it does not damp it, so that it adds up at any h; an error of λ that "
+                    "alternates may be there from the start, too"
+                    if math.isinf(grown)
+                    else f"it adds up to {grown:.3g} times that of one step"
+                )
             )
     for found in equilibrations:
         yield (

@@ -69,18 +69,18 @@ class Tests:
         return cls(tolerances, tested, residual, residual_tested)
 
 
-def largest(floors: Sequence[Floor], unknown: str, kind: str) -> float:
+def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) -> float:
     """Largest floor of an unknown, or of `ALL`, among those of several states.
 
     Args:
         floors: Of the states.
         unknown: Its name, or `ALL`.
         kind: ``"scaled"`` or ``"physical"``.
+        scheme: Whose floors they are.
     """
+    names = scheme.form.solved if unknown == ALL else (unknown,)
     found: list[Mapping[str, float]] = [getattr(floor, kind) for floor in floors]
-    if unknown == ALL:
-        return max(math.hypot(*of.values()) for of in found)
-    return max(of[unknown] for of in found)
+    return max(math.hypot(*(of[name] for name in names)) for of in found)
 
 
 def diagnosed(
@@ -118,7 +118,7 @@ def _of_correction(
     floors: Mapping[float, Sequence[Floor]],
 ) -> str:
     name = "all unknowns" if unknown == ALL else _SYMBOLS.get(unknown, unknown)
-    reached = {h: largest(found, unknown, tested) for h, found in floors.items()}
+    reached = {h: largest(found, unknown, tested, schemes[h]) for h, found in floors.items()}
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
     verdict = _verdict(test, tolerance, reached)
     if max(reached.values()) < tolerance:
@@ -127,7 +127,7 @@ def _of_correction(
     scheme, of_all = schemes[least], floors[least]
     worst = unknown
     if unknown == ALL:
-        worst = max(scheme.form.solved, key=lambda one: largest(of_all, one, tested))
+        worst = max(scheme.form.solved, key=lambda one: largest(of_all, one, tested, scheme))
     factor = scheme.scaling.right.get(worst)
     symbol = _SYMBOLS.get(worst, worst)
     if factor is None or factor.order() >= 0:
@@ -139,7 +139,7 @@ def _of_correction(
         return f"{verdict}. Rounding of u itself is larger than the tolerance"
     return (
         f"{verdict}. {symbol} is tested after unscaling: test {factor**-1} · {symbol} instead, "
-        f"whose last correction is {largest(of_all, worst, 'scaled'):.2g} at h = {least:g}"
+        f"whose last correction is {largest(of_all, worst, 'scaled', scheme):.2g} at h = {least:g}"
     )
 
 

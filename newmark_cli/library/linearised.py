@@ -16,7 +16,7 @@ from newmark_cli.library.marching import march
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
 from newmark_cli.newmark.constraints import constraining_of
-from newmark_cli.newmark.floor import Floor, Linearisation, floor, floor_at
+from newmark_cli.newmark.floor import Floor, Linearisation, floor, floor_at, unpredicted
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import form_blocks
@@ -32,7 +32,7 @@ MOST_UNKNOWNS = 1_500
 #: Most unknowns n + m for which a motion is marched to look at more states than the start.
 _MOST_MARCHED = 300
 #: States along the motion, and steps between two of them.
-_STATES, _STEPS_BETWEEN = 8, 50
+_STATES, _STEPS_BETWEEN = 5, 80
 _DAMPED = "generalized-alpha rho=0.9"
 
 
@@ -96,6 +96,12 @@ class OfMatrices:
         """Unknowns where ‖λ‖ is typical."""
         given = self.given
         return _unknowns(scheme, (given.u, given.v, given.a), given.multipliers)
+
+    def rounded(self, scheme: Scheme) -> tuple[Array, Array] | None:
+        """G, and what is rounded in a step, where ‖λ‖ is typical; None without a state."""
+        given = self.given
+        moved = scheme.h * given.v if scheme.compensated else given.u
+        return (given.G, moved) if self.has_state else None
 
     def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
         """Floors at the states."""
@@ -176,8 +182,16 @@ class OfProblem:
         at, (a, multipliers) = self.states[self._typical], self._accelerations[self._typical]
         return _unknowns(scheme, (at.u0, at.v0, a), multipliers)
 
+    def rounded(self, scheme: Scheme) -> tuple[Array, Array] | None:
+        """G, and what is rounded in a step, where ‖λ‖ is typical."""
+        at = self.states[self._typical]
+        moved = scheme.h * at.v0 if scheme.compensated else at.u0
+        return at.evaluate(at.t0, at.u0, at.v0, np.zeros(self.m)).G, moved
+
     def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
         """Floors at the states."""
+        if unpredicted(scheme):
+            return []
         states = [self.states[self._typical]] if typical else self.states
         return [floor_at(at, scheme, at.t0, initial_state(at, scheme)) for at in states]
 

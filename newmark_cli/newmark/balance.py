@@ -116,6 +116,10 @@ class Inverted:
             raise np.linalg.LinAlgError("Singular matrix")
         self._inverse = np.linalg.inv(even)
 
+    def inverse(self) -> Array:
+        """(N, N) J⁻¹."""
+        return np.asarray(self.columns[:, None] * self._inverse * self.rows[None, :])
+
     def condition(self, left: Array | float = 1.0, right: Array | float = 1.0) -> float:
         """2-norm condition number of D_L J D_R.
 
