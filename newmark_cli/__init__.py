@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.studies import plot, run, slopes, trajectories
+    from newmark_cli.library.systems import linear_systems
     from newmark_cli.newmark.formulation import FormulationError
     from newmark_cli.newmark.integrator import IntegratorError
+    from newmark_cli.newmark.newton_systems import NewtonSystem
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
     from newmark_cli.problems.problem import Problem, ProblemError
@@ -41,6 +43,7 @@ _HOMES = {
     "IntegratorError": "newmark.integrator",
     "JacobianAdvice": "library.jacobians",
     "NewmarkError": "errors",
+    "NewtonSystem": "newmark.newton_systems",
     "Problem": "problems.problem",
     "ProblemError": "problems.problem",
     "ScalingError": "newmark.scaling",
@@ -49,6 +52,7 @@ _HOMES = {
     "Trajectory": "newmark.trajectory",
     "advise": "library.advising",
     "advise_jacobian": "library.jacobians",
+    "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
     "problem": "library.problems",
@@ -70,6 +74,7 @@ __all__ = [
     "IntegratorError",
     "JacobianAdvice",
     "NewmarkError",
+    "NewtonSystem",
     "Problem",
     "ProblemError",
     "ScalingError",
@@ -79,6 +84,7 @@ __all__ = [
     "__version__",
     "advise",
     "advise_jacobian",
+    "linear_systems",
     "march",
     "plot",
     "problem",

@@ -20,32 +20,40 @@ def covering(*axes, strength=2):
     groups = list(itertools.combinations(range(len(axes)), strength))
 
     # Each combination of values is a bit of a number, so that sets of them are numbers.
-    bits, used = [], 0
-    for group in groups:
-        values = itertools.product(*(sizes[axis] for axis in group))
-        bits.append({each: 1 << place for place, each in enumerate(values, start=used)})
-        used += len(bits[-1])
-
-    def meets(case):
-        return sum(
-            bit[tuple([case[axis] for axis in group])]
-            for group, bit in zip(groups, bits, strict=True)
-        )
-
-    met = {case: meets(case) for case in itertools.product(*sizes)}
+    # Cases grow by one axis at a time, and with them the set of what they meet.
+    met, used = {(): 0}, 0
+    for last, size in enumerate(sizes):
+        ending = []
+        for *others, end in groups:
+            if end == last:
+                bits = {}
+                for each in itertools.product(*(sizes[axis] for axis in others)):
+                    bits[each] = [1 << used + value for value in size]
+                    used += len(size)
+                ending.append((others, bits))
+        grown = {}
+        for case, before in met.items():
+            found = [bits[tuple([case[axis] for axis in others])] for others, bits in ending]
+            for value in size:
+                grown[*case, value] = functools.reduce(
+                    operator.or_, [bit[value] for bit in found], before
+                )
+        met = grown
     left = functools.reduce(operator.or_, met.values(), 0)
     # What a case adds only shrinks, so that an old count is a bound.
     heap = [(-len(groups), _scattered(case), case) for case in met]
     heapq.heapify(heap)
     chosen = []
     while left:
-        count, order, case = heapq.heappop(heap)
+        count, order, case = heap[0]
         new = (met[case] & left).bit_count()
-        if new == -count:
+        if 0 < new < -count:
+            heapq.heapreplace(heap, (-new, order, case))
+            continue
+        heapq.heappop(heap)
+        if new:
             left &= ~met[case]
             chosen.append(case)
-        elif new:
-            heapq.heappush(heap, (-new, order, case))
     lists = [list(values) for values in axes]
     return [
         tuple(values[i] for values, i in zip(lists, case, strict=True)) for case in sorted(chosen)

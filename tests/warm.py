@@ -23,6 +23,7 @@ SCRIPT = Path(sys.executable).with_name("newmark-study")
 MODULES = (
     "newmark.compiled_march",
     "study.compute",
+    "study.collection",
     "running.runner",
     "library.advising",
     "library.jacobians",

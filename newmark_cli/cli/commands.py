@@ -14,6 +14,7 @@ import click
 from newmark_cli import __version__, interrupts
 from newmark_cli.cli import (
     advising,
+    exporting,
     inspecting,
     last_resort,
     pruning,
@@ -81,6 +82,7 @@ for command in (
     results.compare,
     results.report,
     advising.advise,
+    exporting.export,
     inspecting.orders,
     inspecting.validate,
     inspecting.draw,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +16,15 @@ from newmark_cli.library.marching import march
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
 from newmark_cli.newmark.constraints import constraining_of
-from newmark_cli.newmark.floor import Floor, Linearisation, floor, floor_at, unpredicted
+from newmark_cli.newmark.floor import Floor, floor, unpredicted
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import form_blocks
 from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.linear import linear_problem
 from newmark_cli.problems.problem import Problem, ProblemError, Terms
 
 #: Names of the matrices and vectors that a file or a dict may have.
@@ -34,6 +36,22 @@ _MOST_MARCHED = 300
 #: States along the motion, and steps between two of them.
 _STATES, _STEPS_BETWEEN = 5, 80
 _DAMPED = "generalized-alpha rho=0.9"
+
+
+class Linearisation(NamedTuple):
+    """Matrices of the equations of motion, M v' = f + G λ, 0 = Φ, and a state.
+
+    With n coordinates and m constraints; all dense.
+    """
+
+    M: Array
+    X: Array  #: −∂(f + Gλ)/∂u
+    Y: Array  #: −∂f/∂v
+    G: Array
+    u: Array
+    v: Array
+    a: Array
+    multipliers: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +123,25 @@ class OfMatrices:
 
     def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
         """Floors at the states."""
-        return [floor(self.given, scheme)] if self.has_state else []
+        if unpredicted(scheme) or not self.has_state:
+            return []
+        given = self.given
+        fields = np.array([given.u, given.v, given.a, given.a])
+        none, dtype = np.zeros(self.m), scheme.dtype
+        state = State(
+            fields.astype(dtype),
+            (scheme.relations.start @ fields[:3]).astype(dtype),
+            given.multipliers.astype(dtype),
+            np.zeros((2, self.n), dtype),
+            *(none.astype(dtype) for _ in range(3)),
+        )
+        return [floor(self._problem, scheme, 0.0, state)]
+
+    @cached_property
+    def _problem(self) -> Problem:
+        given = self.given
+        state = (given.u, given.v, given.a, given.multipliers)
+        return linear_problem(self.name, self.terms, state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +229,7 @@ class OfProblem:
         if unpredicted(scheme):
             return []
         states = [self.states[self._typical]] if typical else self.states
-        return [floor_at(at, scheme, at.t0, initial_state(at, scheme)) for at in states]
+        return [floor(at, scheme, at.t0, initial_state(at, scheme)) for at in states]
 
 
 #: What advice is given about.
@@ -213,17 +249,13 @@ def subject_of(given: Any, t_end: float | None = None) -> Subject:
     """What advice is about, from whatever describes it.
 
     Args:
-        given: What `problem` takes; a path of matrices; a mapping with M and G; a
-            `Linearisation`.
+        given: What `problem` takes; a path of matrices; a mapping with M and G.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
 
     Raises:
         ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
     """
-    if isinstance(given, Linearisation):
-        given = dict(zip(("M", "X", "Y", "G", "u", "v", "a", "lambda"), given, strict=True))
-        return of_matrices(given, "matrices")
     if isinstance(given, Mapping) and {"M", "G"} & given.keys():
         return of_matrices(given, "matrices")
     if isinstance(given, str | Path) and is_path_of_matrices(Path(given)):
