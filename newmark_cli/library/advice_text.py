@@ -1,6 +1,5 @@
 """Advice as text for a terminal or a notebook."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +62,11 @@ def sections(advice: "Advice") -> Iterable[str]:
                     [
                         one.cure or "as it is",
                         *map(_below, one.one_step.values()),
-                        *map(_below, (one.carried or dict.fromkeys(fractions, None)).values()),
+                        *(
+                            map(_below, one.carried.values())
+                            if one.carried
+                            else ["not predicted"] * 2
+                        ),
                     ]
                     for one in advice.noise
                 ),
@@ -74,10 +77,8 @@ def sections(advice: "Advice") -> Iterable[str]:
 
 def _below(h: float | None) -> str:
     if h is None:
-        return "not predicted"
-    if h == 0:
-        return "below 1e-9"
-    return "at any h" if math.isinf(h) else f"{h:.2g}"
+        return "at any h"
+    return f"{h:.2g}" if h else "below 1e-9"
 
 
 def _tolerance_rows(advice: "Advice") -> list[list[str]]:

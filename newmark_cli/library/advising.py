@@ -12,7 +12,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.advice_text import plain, sections
-from newmark_cli.library.diagnosing import ALL, Tests, diagnosed, largest, one_sided
+from newmark_cli.library.diagnosing import ALL, SPREAD, Tests, diagnosed, largest, one_sided
 from newmark_cli.library.linearised import Subject, subject_of
 from newmark_cli.library.scalings import (
     Factors,
@@ -50,8 +50,9 @@ _GRID = np.array([1e-1, 1e-3, 1e-5, 1e-7, 1e-9])
 class Smallest:
     """The smallest tolerance that Newton can meet on one unknown.
 
-    It is the predicted rms of the 2-norm of the last correction, at the worst of the states:
-    a tolerance of three times as much is met, one of a thirtieth is not.
+    It is twice the predicted rms of the 2-norm of the last correction, at the worst of the
+    states.  Three times as much is met at every step; a thirtieth is missed at most steps,
+    unless there are so few constraints that Φ is often exactly zero, as with one pendulum.
 
     Attributes:
         h: Step size (s).
@@ -75,15 +76,16 @@ class Noise:
     Attributes:
         cure: What is changed; empty for the scheme as it was asked about.
         one_step: Fraction of ‖λ‖ → step size (s) below which the predicted last correction of λ
-            exceeds it: what a single step cannot know.
-        carried: The same of the noise that stays from step to step; infinite where the
-            integrator does not damp it.  None for other formulations than index 3, where it
-            is not predicted.  0 stands for less than 1e-9 s, infinity for more than 0.1 s.
+            exceeds it: what a single step cannot know.  0 stands for less than 1e-9 s, and
+            None for any step size, more than 0.1 s.
+        carried: The same of the noise that stays from step to step; None for any step size
+            where the integrator does not damp it.  Empty for other formulations than index 3,
+            of which it is not predicted.
     """
 
     cure: str
-    one_step: Mapping[float, float]
-    carried: Mapping[float, float] | None
+    one_step: Mapping[float, float | None]
+    carried: Mapping[float, float | None]
 
 
 @dataclass(frozen=True)
@@ -427,7 +429,8 @@ def _tolerances(about: Subject, schemes: _Schemes, steps: Sequence[float]) -> li
                 return []
             for unknown in (*floors[0].scaled, ALL):
                 scaled, physical = (
-                    largest(floors, unknown, kind, scheme) for kind in ("scaled", "physical")
+                    SPREAD * largest(floors, unknown, kind, scheme)
+                    for kind in ("scaled", "physical")
                 )
                 found.append(
                     Smallest(h, precision, unknown, scaled, None if unknown == ALL else physical)
@@ -461,7 +464,7 @@ def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
     return tuple(
         Noise(cure, _crossings(partial(_of_one_step, about, tries), size),
               _crossings(partial(_carried, about, tries), size)
-              if tries.formulation.method == INDEX_3 else None)
+              if tries.formulation.method == INDEX_3 else {})
         for cure, tries in tried.items()
     )  # fmt: skip
 
@@ -481,18 +484,18 @@ def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
     return grown * multiplier_noise(about.jacobian(scheme, typical=True), *rounded, eps)
 
 
-def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float]:
+def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float | None]:
     """Fraction of ‖λ‖ → largest step size at which its noise exceeds it."""
     parts = np.array([noise(float(h)) for h in _GRID]) / size
     return {fraction: _crossing(parts, fraction) for fraction in FRACTIONS}
 
 
-def _crossing(parts: Array, fraction: float) -> float:
+def _crossing(parts: Array, fraction: float) -> float | None:
     above = np.flatnonzero(parts >= fraction)
     if len(above) == 0:
         return 0.0
     if (k := int(above[0])) == 0 or np.isinf(parts[k]):
-        return math.inf
+        return None
     before, after = np.log(np.maximum(parts[k - 1 : k + 1], np.finfo(float).tiny))
     place = (math.log(fraction) - before) / (after - before)
     return float(_GRID[k - 1] * (_GRID[k] / _GRID[k - 1]) ** place)

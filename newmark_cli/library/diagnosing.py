@@ -12,14 +12,19 @@ from newmark_cli.library import arguments
 from newmark_cli.library.linearised import Subject
 from newmark_cli.newmark.floor import Floor
 from newmark_cli.newmark.jacobian import scaling_factors
+from newmark_cli.newmark.noise import ROUNDING
 from newmark_cli.newmark.scheme import Scheme
 
 #: In place of an unknown: the norm of all of them.
 ALL = "all"
 #: On which unknowns a correction is tested, and when a residual is, relative to scaling.
 TESTED, RESIDUAL_TESTED = ("scaled", "physical"), ("before", "after")
-#: Rms relative error of a rounded operation, in units of eps.
-_ROUNDING = 0.21
+#: The smallest tolerance over the predicted rms of what is tested: some steps come to rest
+#: with a correction of up to six times that, and three times the smallest tolerance is to
+#: be met by all.
+SPREAD = 2.0
+#: What to set over the smallest tolerance.
+MARGIN = 3.0
 _SYMBOLS = {"lambda": "λ", "eta": "η"}
 
 
@@ -121,7 +126,7 @@ def _of_correction(
     reached = {h: largest(found, unknown, tested, schemes[h]) for h, found in floors.items()}
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
     verdict = _verdict(test, tolerance, reached)
-    if max(reached.values()) < tolerance:
+    if _is_met(tolerance, reached):
         return verdict
     least = min(schemes)
     scheme, of_all = schemes[least], floors[least]
@@ -136,7 +141,7 @@ def _of_correction(
             "and test those that the solver sees"
         )
     if tested == "scaled":
-        return f"{verdict}. Rounding of u itself is larger than the tolerance"
+        return f"{verdict}. Set {_enough(reached):.2g} or more"
     return (
         f"{verdict}. {symbol} is tested after unscaling: test {factor**-1} · {symbol} instead, "
         f"whose last correction is {largest(of_all, worst, 'scaled', scheme):.2g} at h = {least:g}"
@@ -150,13 +155,13 @@ def _of_residual(
     reached = before if tested == "before" else after
     test = f"tolerance {tolerance:g} on the residual, tested {tested} scaling"
     verdict = _verdict(test, tolerance, reached, "the residual that rounding leaves")
-    if max(reached.values()) < tolerance:
+    if _is_met(tolerance, reached):
         return verdict
     scheme, least = schemes[min(schemes)], min(schemes)
     if scheme.scaling.left["D"].order() <= 0:
         return f"{verdict}. Row D is not scaled: multiply it by its left factor before the test"
     if tested == "after":
-        return f"{verdict}. Rounding of u itself is larger than the tolerance"
+        return f"{verdict}. Set {_enough(reached):.2g} or more"
     return (
         f"{verdict}. The terms of row D grow as h falls: test D_L b instead, which rounding leaves "
         f"at {after[least]:.2g} at h = {least:g}"
@@ -171,10 +176,19 @@ def _residuals(about: Subject, schemes: Mapping[float, Scheme]) -> dict[float, t
     found = {}
     for h, scheme in schemes.items():
         terms = about.jacobian(scheme, typical=True) * about.unknowns(scheme)
-        sizes = _ROUNDING * np.finfo(scheme.dtype).eps * np.sqrt(2 * np.sum(terms**2, axis=1))
+        sizes = ROUNDING * np.finfo(scheme.dtype).eps * np.sqrt(2 * np.sum(terms**2, axis=1))
         left, _ = scaling_factors(scheme, about.n, about.m)
         found[h] = float(np.linalg.norm(sizes)), float(np.linalg.norm(left * sizes))
     return found
+
+
+def _enough(reached: Mapping[float, float]) -> float:
+    """Tolerance that is met at every step size, from the predicted rms of what is tested."""
+    return SPREAD * MARGIN * max(reached.values())
+
+
+def _is_met(tolerance: float, reached: Mapping[float, float]) -> bool:
+    return tolerance >= _enough(reached)
 
 
 def _verdict(
@@ -183,13 +197,15 @@ def _verdict(
     reached: Mapping[float, float],
     what: str = "Newton's last correction",
 ) -> str:
-    missed = {h: size for h, size in reached.items() if size >= tolerance}
-    if not missed:
+    if _is_met(tolerance, reached):
         h, size = max(reached.items(), key=lambda item: item[1])
         return f"{test}: can be met; {what} is {size:.2g} at h = {h:g}"
-    h = min(missed)
-    steps = ", ".join(f"{step:g}" for step in missed)
-    return f"{test}: cannot be met at h = {steps}: {what} is {missed[h]:.2g} at h = {h:g}"
+    close = {h: size for h, size in reached.items() if tolerance < SPREAD * MARGIN * size}
+    missed = {h: size for h, size in close.items() if tolerance < SPREAD * size}
+    h = min(missed or close)
+    steps = ", ".join(f"{step:g}" for step in missed or close)
+    verdict = "cannot be met" if missed else "is too close to rounding to be met at every step"
+    return f"{test}: {verdict} at h = {steps}: {what} is {close[h]:.2g} at h = {h:g}"
 
 
 def one_sided(scheme: Scheme, order: float, condition: Mapping[str, float]) -> Iterable[str]:

@@ -33,8 +33,10 @@ NAMES = ("M", "G", "X", "Y", "u", "v", "a", "lambda")
 MOST_UNKNOWNS = 1_500
 #: Most unknowns n + m for which a motion is marched to look at more states than the start.
 _MOST_MARCHED = 300
-#: States along the motion, and steps between two of them.
-_STATES, _STEPS_BETWEEN = 5, 80
+#: Stretches of the motion between states, and steps in each.
+_STATES, _STEPS_BETWEEN = 4, 100
+#: Draws of the rounding errors for a floor, and for one that is only compared.
+_SAMPLES, _ROUGHLY = 32, 16
 _DAMPED = "generalized-alpha rho=0.9"
 
 
@@ -122,7 +124,7 @@ class OfMatrices:
         return (given.G, moved) if self.has_state else None
 
     def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
-        """Floors at the states."""
+        """Floors at the states; a rough one only where ‖λ‖ is typical."""
         if unpredicted(scheme) or not self.has_state:
             return []
         given = self.given
@@ -135,7 +137,8 @@ class OfMatrices:
             np.zeros((2, self.n), dtype),
             *(none.astype(dtype) for _ in range(3)),
         )
-        return [floor(self._problem, scheme, 0.0, state)]
+        samples = _ROUGHLY if typical else _SAMPLES
+        return [floor(self._problem, scheme, 0.0, state, samples=samples)]
 
     @cached_property
     def _problem(self) -> Problem:
@@ -225,11 +228,14 @@ class OfProblem:
         return at.evaluate(at.t0, at.u0, at.v0, np.zeros(self.m)).G, moved
 
     def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
-        """Floors at the states."""
+        """Floors at the states; a rough one only where ‖λ‖ is typical."""
         if unpredicted(scheme):
             return []
         states = [self.states[self._typical]] if typical else self.states
-        return [floor(at, scheme, at.t0, initial_state(at, scheme)) for at in states]
+        samples = _ROUGHLY if typical else _SAMPLES
+        return [
+            floor(at, scheme, at.t0, initial_state(at, scheme), samples=samples) for at in states
+        ]
 
 
 #: What advice is given about.
