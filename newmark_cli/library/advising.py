@@ -142,7 +142,7 @@ class Advice:
         >>> advice.factors[1e-4].left_formulas["D"], f"{advice.factors[1e-4].left['D']:.2g}"
         ('beta*h^2', '2.5e-09')
         >>> {name: f"{value:.0e}" for name, value in advice.condition[1e-4].items()}
-        {'none': '2e+15', 'left': '4e+07', 'right': '2e+10', 'optimal': '5e+02'}
+        {'none': '2e+19', 'left': '5e+10', 'right': '5e+10', 'optimal': '1e+02'}
     """
 
     subject: str
