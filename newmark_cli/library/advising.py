@@ -1,7 +1,7 @@
 """Advice for somebody's own code: factors, tolerances that can be met, believable multipliers."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
@@ -25,6 +25,7 @@ from newmark_cli.library.scalings import (
     scaling as factors_of,
 )
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes, equilibrium
+from newmark_cli.newmark.floor import Floor
 from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Integrator
@@ -43,7 +44,7 @@ _DAMPING = "generalized-alpha rho=0.9"
 #: Most unknowns for which all forms are compared.
 _MOST_COMPARED = 150
 #: Step sizes (s) at which the noise of λ is predicted; it follows powers of h between them.
-_GRID = np.array([1e-1, 1e-3, 1e-5, 1e-7, 1e-9])
+_GRID = np.array([1e-1, 1e-3, 1e-6, 1e-9])
 
 
 @dataclass(frozen=True)
@@ -264,9 +265,12 @@ def advise(
     }
     forms = _all_forms(about, schemes, steps[-1])
     noise = _noise(about, schemes)
-    floors = {step: about.floors(scheme) for step, scheme in each.items()}
+    floors = {
+        name: {step: about.floors(schemes.but(precision=name).at(step)) for step in steps}
+        for name in PRECISIONS
+    }
     findings = (
-        *diagnosed(tests, about, each, floors),
+        *diagnosed(tests, about, each, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
         *about.notes,
@@ -286,7 +290,7 @@ def advise(
         factors=factors,
         code=_code(factors[least.h], method.symbols(least.h), about),
         forms=forms,
-        tolerances=tuple(_tolerances(about, schemes, steps)),
+        tolerances=tuple(_tolerances(floors, schemes)),
         multipliers=about.multipliers,
         noise=noise,
         equilibrations=tuple(equilibrations),
@@ -419,23 +423,20 @@ def _all_forms(about: Subject, schemes: _Schemes, h: float) -> dict[str, dict[st
     return {name: _conditions(about, schemes.but(form=name), h)[0] for name in FORMS}
 
 
-def _tolerances(about: Subject, schemes: _Schemes, steps: Sequence[float]) -> list[Smallest]:
-    found = []
-    for h in steps:
-        for precision in PRECISIONS:
-            scheme = schemes.but(precision=precision).at(h)
-            floors = about.floors(scheme)
-            if not floors:
-                return []
-            for unknown in (*floors[0].scaled, ALL):
+def _tolerances(
+    floors: Mapping[str, Mapping[float, Sequence[Floor]]], schemes: _Schemes
+) -> Iterator[Smallest]:
+    for h in next(iter(floors.values())):
+        scheme = schemes.at(h)
+        for precision, of_steps in floors.items():
+            found = of_steps[h]
+            for unknown in (*found[0].scaled, ALL) if found else ():
                 scaled, physical = (
-                    SPREAD * largest(floors, unknown, kind, scheme)
+                    SPREAD * largest(found, unknown, kind, scheme)
                     for kind in ("scaled", "physical")
                 )
-                found.append(
-                    Smallest(h, precision, unknown, scaled, None if unknown == ALL else physical)
-                )
-    return found
+                shown = None if unknown == ALL else physical
+                yield Smallest(h, precision, unknown, scaled, shown)
 
 
 def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
@@ -459,8 +460,8 @@ def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
                 tried[f"{name} in form a-lambda"] = schemes.but(
                     formulation=Formulation(name), form="a-lambda"
                 )
-    other = next(name for name in PRECISIONS if name != schemes.precision)
-    tried[other] = schemes.but(precision=other)
+    if schemes.precision == "float32":
+        tried["float64"] = schemes.but(precision="float64")
     return tuple(
         Noise(cure, _crossings(partial(_of_one_step, about, tries), size),
               _crossings(partial(_carried, about, tries), size)

@@ -34,9 +34,9 @@ MOST_UNKNOWNS = 1_500
 #: Most unknowns n + m for which a motion is marched to look at more states than the start.
 _MOST_MARCHED = 300
 #: Stretches of the motion between states, and steps in each.
-_STATES, _STEPS_BETWEEN = 4, 100
+_STATES, _STEPS_BETWEEN = 3, 100
 #: Draws of the rounding errors for a floor, and for one that is only compared.
-_SAMPLES, _ROUGHLY = 32, 16
+_SAMPLES, _ROUGHLY = 32, 8
 _DAMPED = "generalized-alpha rho=0.9"
 
 
