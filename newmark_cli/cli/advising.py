@@ -273,4 +273,5 @@ def _advised(spec: Any, options: dict[str, Any]) -> "Advice":
     try:
         return advised(spec.load(), **options)
     except ArgumentError as error:
-        raise InputError(f"{spec.label}: {error}") from None
+        named = str(error).startswith(f"{spec.label}: ")
+        raise InputError(str(error) if named else f"{spec.label}: {error}") from None

@@ -25,7 +25,7 @@ from newmark_cli.library.scalings import (
     scaling as factors_of,
 )
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes, equilibrium
-from newmark_cli.newmark.floor import Floor
+from newmark_cli.newmark.floor import Floor, unpredicted
 from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Integrator
@@ -273,6 +273,7 @@ def advise(
         *diagnosed(tests, about, each, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
+        *([f"no floors and no tolerances: {why}"] if (why := unpredicted(least)) else []),
         *about.notes,
     )
     return Advice(
