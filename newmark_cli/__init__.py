@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from newmark_cli.documents import DocumentError
     from newmark_cli.errors import ArgumentError, InputError, NewmarkError
+    from newmark_cli.library.advising import Advice, advise
+    from newmark_cli.library.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 
 #: Public name → module that it comes from.
 _HOMES = {
+    "Advice": "library.advising",
     "ArgumentError": "errors",
     "Definition": "problems.python_problem",
     "DocumentError": "documents",
@@ -38,6 +41,7 @@ _HOMES = {
     "FormulationError": "newmark.formulation",
     "InputError": "errors",
     "IntegratorError": "newmark.integrator",
+    "JacobianAdvice": "library.jacobians",
     "NewmarkError": "errors",
     "NewtonSystem": "newmark.newton_systems",
     "Problem": "problems.problem",
@@ -46,6 +50,8 @@ _HOMES = {
     "Step": "newmark.trajectory",
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
+    "advise": "library.advising",
+    "advise_jacobian": "library.jacobians",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
@@ -58,6 +64,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Advice",
     "ArgumentError",
     "Definition",
     "DocumentError",
@@ -65,6 +72,7 @@ __all__ = [
     "FormulationError",
     "InputError",
     "IntegratorError",
+    "JacobianAdvice",
     "NewmarkError",
     "NewtonSystem",
     "Problem",
@@ -74,6 +82,8 @@ __all__ = [
     "Steps",
     "Trajectory",
     "__version__",
+    "advise",
+    "advise_jacobian",
     "linear_systems",
     "march",
     "plot",

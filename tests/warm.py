@@ -25,6 +25,8 @@ MODULES = (
     "study.compute",
     "study.collection",
     "running.runner",
+    "library.advising",
+    "library.jacobians",
     "report.check",
     "report.plot",
 )

@@ -13,6 +13,7 @@ import click
 
 from newmark_cli import __version__, interrupts
 from newmark_cli.cli import (
+    advising,
     exporting,
     inspecting,
     last_resort,
@@ -80,6 +81,7 @@ for command in (
     results.verify,
     results.compare,
     results.report,
+    advising.advise,
     exporting.export,
     inspecting.orders,
     inspecting.validate,
