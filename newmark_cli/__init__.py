@@ -17,12 +17,14 @@ if TYPE_CHECKING:
     from newmark_cli.documents import DocumentError
     from newmark_cli.errors import ArgumentError, InputError, NewmarkError
     from newmark_cli.library.advising import Advice, advise
+    from newmark_cli.library.floors import floor
     from newmark_cli.library.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.studies import plot, run, slopes, trajectories
     from newmark_cli.library.systems import linear_systems
+    from newmark_cli.newmark.floor import Floor
     from newmark_cli.newmark.formulation import FormulationError
     from newmark_cli.newmark.integrator import IntegratorError
     from newmark_cli.newmark.newton_systems import NewtonSystem
@@ -38,6 +40,7 @@ _HOMES = {
     "Definition": "problems.python_problem",
     "DocumentError": "documents",
     "Factors": "library.scalings",
+    "Floor": "newmark.floor",
     "FormulationError": "newmark.formulation",
     "InputError": "errors",
     "IntegratorError": "newmark.integrator",
@@ -52,6 +55,7 @@ _HOMES = {
     "Trajectory": "newmark.trajectory",
     "advise": "library.advising",
     "advise_jacobian": "library.jacobians",
+    "floor": "library.floors",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
@@ -69,6 +73,7 @@ __all__ = [
     "Definition",
     "DocumentError",
     "Factors",
+    "Floor",
     "FormulationError",
     "InputError",
     "IntegratorError",
@@ -84,6 +89,7 @@ __all__ = [
     "__version__",
     "advise",
     "advise_jacobian",
+    "floor",
     "linear_systems",
     "march",
     "plot",
