@@ -65,6 +65,12 @@ class Floor:
         scaled: Unknown → rms of the 2-norm of its correction, as the solver sees it.
         physical: The same in the unknown's own units.
         zeros: Unknown → share of the corrections that are exactly zero.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> found = newmark.floor("pendulum", h=1e-3, form="v-lambda")
+        >>> f"{found.physical['v']:.0e}", 0.2 < found.zeros["v"] < 0.8
+        ('4e-14', True)
     """
 
     scaled: Mapping[str, float]
