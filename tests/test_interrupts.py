@@ -242,13 +242,10 @@ def test_ignored_signals_stay_ignored(cli):
     """Under nohup, or in the background of a script, only SIGTERM ends a run."""
     cli.write("long.yaml", LONG)
 
-    def ignore():
-        for number in (signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-
-    run = cli.start("run", "long.yaml", "--jobs", 1, preexec_fn=ignore)
+    ignored = (signal.SIGINT, signal.SIGHUP)
+    run = cli.start("run", "long.yaml", "--jobs", 1, ignored=ignored)
     wait_for_cells(cli.folder / "results", 2)
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in ignored:
         run.send_signal(number)
     time.sleep(0.5)
     assert run.poll() is None

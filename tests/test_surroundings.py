@@ -33,7 +33,7 @@ def other_kernel():
 
 def started(cli, *arguments, code=0, **environment):
     """Run the command in a process that loads its libraries itself; its output and errors."""
-    run = cli.start(*arguments, env=os.environ | environment)
+    run = cli.start_cold(*arguments, env=os.environ | environment)
     output, errors = run.communicate(timeout=120)
     assert run.returncode == code, errors
     return output, errors
