@@ -228,6 +228,8 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
         signal.signal(number, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
+    if "dask.config" in sys.modules:  # has read another
+        sys.modules["dask.config"].refresh()
     os.chdir(folder)
     null = os.open(os.devnull, os.O_RDONLY)
     for number, descriptor in enumerate((null, stdout, stderr)):
