@@ -330,14 +330,15 @@ def test_the_cursor_comes_back(cli):
     cli.write("long.yaml", LONG)
     ours, theirs = pty.openpty()
     try:
-        run = subprocess.Popen(
-            [SCRIPT, "run", "long.yaml", "--jobs", "1"], cwd=cli.folder, stderr=theirs,
+        run = cli.start(
+            "run", "long.yaml", "--jobs", "1", stderr=theirs,
             env=os.environ | {"COLUMNS": "120", "TERM": "xterm"},
         )  # fmt: skip
         wait_for_cells(cli.folder / "results", 2)
         time.sleep(0.5)
         run.send_signal(signal.SIGINT)
-        assert run.wait(60) == 130
+        run.communicate(timeout=60)
+        assert run.returncode == 130
         os.write(theirs, b"$")
         text = b""
         while not text.endswith(b"$"):
