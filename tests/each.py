@@ -4,7 +4,13 @@ import functools
 import inspect
 
 
-def each(names, cases, ids=str):
+def named(value):
+    """What a value is called in the name of its case."""
+    name = getattr(value, "label", None) or getattr(value, "name", None)
+    return str(name or getattr(value, "__name__", value))
+
+
+def each(names, cases):
     """Like `pytest.mark.parametrize`, but one test: it tries every case.
 
     Those that fail are told together, each by its name and with what failed in it.  Not for
@@ -13,7 +19,6 @@ def each(names, cases, ids=str):
     Args:
         names: Of the arguments, as `pytest.mark.parametrize` takes them.
         cases: A value of the argument each, or a tuple with a value of every one.
-        ids: Value → what names it.
     """
     names = [name.strip() for name in names.split(",")] if isinstance(names, str) else [*names]
     cases = [case if len(names) > 1 else (case,) for case in cases]
@@ -27,7 +32,7 @@ def each(names, cases, ids=str):
                 try:
                     function(**given, **dict(zip(names, case, strict=True)))
                 except Exception as error:
-                    error.add_note(f"case {'-'.join(ids(value) for value in case)}")
+                    error.add_note(f"case {'-'.join(map(named, case))}")
                     failures.append(error)
             if failures:
                 told = "; ".join(error.__notes__[-1] for error in failures)

@@ -16,6 +16,7 @@ import numpy as np
 import oracles
 import pandas as pd
 import pytest
+from each import each
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -580,7 +581,7 @@ def pendulum(**more):
     return newmark.march("pendulum", **({"h": 0.1, "t_end": 1.0} | more))
 
 
-@pytest.mark.parametrize(
+@each(
     ("call", "message"),
     [
         (lambda: pendulum(h=0), "h must be positive, given 0"),
