@@ -79,7 +79,7 @@ def test_labels_name_method_and_parameters():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each(
     ("label", "words"),
     [
         ("newmrk beta=0.25 gamma=0.5", "did you mean 'newmark'"),

@@ -216,10 +216,9 @@ CASES = [
 T_END = {"pendulum": 3.0, "andrews": 0.02, "slider-crank": 0.5}
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "integrator", "form", "h"),
     CASES,
-    ids=lambda value: getattr(value, "name", None) or getattr(value, "label", None),
 )
 def test_floors_are_those_of_the_precision(name, integrator, form, h):
     """Every correction, scaled and physical, under every scaling: 2²⁹ within a factor of 4."""

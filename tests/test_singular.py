@@ -170,8 +170,9 @@ def test_four_bars_fall_through_the_horizontal():
     # As one point of mass 3 with a weight of 3.5.
     weight = 3.5 / 3 * GRAVITY
     turned = solve_ivp(
-        lambda t, y: [y[1], weight * np.sin(y[0])], (0, 1.5), [0, 1], "DOP853", rtol=1e-13, atol=1e-14
-    ).y[0, -1]
+        lambda t, y: [y[1], weight * np.sin(y[0])], (0, 1.5), [0, 1], "DOP853",
+        rtol=1e-13, atol=1e-14,
+    ).y[0, -1]  # fmt: skip
     np.testing.assert_allclose(tops[0], [math.sin(turned), math.cos(turned)], atol=1e-10)
 
 
