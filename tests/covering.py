@@ -1,9 +1,8 @@
 """Covering arrays: few cases in which every pair, or triple, of values occurs."""
 
-import functools
-import heapq
 import itertools
-import operator
+
+import numpy as np
 
 
 def covering(*axes, strength=2):
@@ -16,45 +15,37 @@ def covering(*axes, strength=2):
     Returns:
         The cases, tuples with a value of each axis; the same ones each time.
     """
-    sizes = [range(len(values)) for values in map(list, axes)]
-    groups = list(itertools.combinations(range(len(axes)), strength))
-
-    # Each combination of values is a bit of a number, so that sets of them are numbers.
-    bits, used = [], 0
-    for group in groups:
-        values = itertools.product(*(sizes[axis] for axis in group))
-        bits.append({each: 1 << place for place, each in enumerate(values, start=used)})
-        used += len(bits[-1])
-
-    def meets(case):
-        return sum(
-            bit[tuple([case[axis] for axis in group])]
-            for group, bit in zip(groups, bits, strict=True)
-        )
-
-    met = {case: meets(case) for case in itertools.product(*sizes)}
-    left = functools.reduce(operator.or_, met.values(), 0)
-    # What a case adds only shrinks, so that an old count is a bound.
-    heap = [(-len(groups), _scattered(case), case) for case in met]
-    heapq.heapify(heap)
-    chosen = []
-    while left:
-        count, order, case = heapq.heappop(heap)
-        new = (met[case] & left).bit_count()
-        if new == -count:
-            left &= ~met[case]
-            chosen.append(case)
-        elif new:
-            heapq.heappush(heap, (-new, order, case))
     lists = [list(values) for values in axes]
+    sizes = [len(values) for values in lists]
+    groups = list(itertools.combinations(range(len(axes)), strength))
+    cases = np.indices(sizes).reshape(len(sizes), -1).T
+
+    # Of every group each combination of values has a number.
+    numbers = np.array(
+        [np.ravel_multi_index(cases[:, group].T, [sizes[i] for i in group]) for group in groups],
+        np.int32,
+    )
+
+    # In an order that has nothing to do with that of the axes, of cases that add as much the first.
+    order = np.argsort(_scattered(cases), kind="stable")
+    cases, numbers = cases[order], numbers[:, order]
+    adds, chosen = np.full(len(cases), len(groups)), []
+    while np.any(adds):
+        best = np.argmax(adds)
+        chosen.append(tuple(cases[best].tolist()))
+        for number in numbers:
+            if number[best] >= 0:
+                meets = number == number[best]
+                adds -= meets
+                number[meets] = -1  # met
     return [
         tuple(values[i] for values, i in zip(lists, case, strict=True)) for case in sorted(chosen)
     ]
 
 
-def _scattered(case):
-    """An order that has nothing to do with that of the axes."""
-    number = 1
-    for i in case:
+def _scattered(cases):
+    """A number for each that has nothing to do with its place."""
+    number = np.ones(len(cases), int)
+    for i in cases.T:
         number = (number * 1103515245 + 12345 + 7919 * i) % 2**31
     return number
