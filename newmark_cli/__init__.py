@@ -16,12 +16,18 @@ if TYPE_CHECKING:
 
     from newmark_cli.documents import DocumentError
     from newmark_cli.errors import ArgumentError, InputError, NewmarkError
+    from newmark_cli.library.advising import Advice, advise
+    from newmark_cli.library.floors import floor
+    from newmark_cli.library.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.studies import plot, run, slopes, trajectories
+    from newmark_cli.library.systems import linear_systems
+    from newmark_cli.newmark.floor import Floor
     from newmark_cli.newmark.formulation import FormulationError
     from newmark_cli.newmark.integrator import IntegratorError
+    from newmark_cli.newmark.newton_systems import NewtonSystem
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
     from newmark_cli.problems.problem import Problem, ProblemError
@@ -29,20 +35,28 @@ if TYPE_CHECKING:
 
 #: Public name → module that it comes from.
 _HOMES = {
+    "Advice": "library.advising",
     "ArgumentError": "errors",
     "Definition": "problems.python_problem",
     "DocumentError": "documents",
     "Factors": "library.scalings",
+    "Floor": "newmark.floor",
     "FormulationError": "newmark.formulation",
     "InputError": "errors",
     "IntegratorError": "newmark.integrator",
+    "JacobianAdvice": "library.jacobians",
     "NewmarkError": "errors",
+    "NewtonSystem": "newmark.newton_systems",
     "Problem": "problems.problem",
     "ProblemError": "problems.problem",
     "ScalingError": "newmark.scaling",
     "Step": "newmark.trajectory",
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
+    "advise": "library.advising",
+    "advise_jacobian": "library.jacobians",
+    "floor": "library.floors",
+    "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
     "problem": "library.problems",
@@ -54,14 +68,18 @@ _HOMES = {
 }
 
 __all__ = [
+    "Advice",
     "ArgumentError",
     "Definition",
     "DocumentError",
     "Factors",
+    "Floor",
     "FormulationError",
     "InputError",
     "IntegratorError",
+    "JacobianAdvice",
     "NewmarkError",
+    "NewtonSystem",
     "Problem",
     "ProblemError",
     "ScalingError",
@@ -69,6 +87,10 @@ __all__ = [
     "Steps",
     "Trajectory",
     "__version__",
+    "advise",
+    "advise_jacobian",
+    "floor",
+    "linear_systems",
     "march",
     "plot",
     "problem",

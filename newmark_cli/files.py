@@ -12,16 +12,20 @@ that readers see all of the old contents or all of the new, whenever a writer is
 
 import contextlib
 import errno
+import fcntl
+import glob
 import json
 import os
 import re
+import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from newmark_cli import interrupts
 from newmark_cli.errors import ResultsError
 
 #: Largest file of results that is read (bytes).
@@ -196,6 +200,139 @@ def write_output(path: Path, content: str | bytes) -> None:
                 return
         target.parent.mkdir(parents=True, exist_ok=True)
         write(target, content)
+
+
+def write_new(path: Path, content: str | bytes) -> None:
+    """Write a file that is not there yet, into a folder that nobody else writes to.
+
+    Raises:
+        ResultsError: The file is there, or cannot be written.
+    """
+    with _told(path, "cannot be written"):
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
+        with open(os.open(path, flags, 0o666), "wb") as file:
+            file.write(_bytes(content))
+
+
+@contextlib.contextmanager
+def new_folder(
+    target: Path, last: str, is_ours: Callable[[Path], bool], force: bool = False
+) -> Iterator[Path]:
+    """A folder to be filled, which takes the place of another when the context ends well.
+
+    Until then it stands next to the other under a temporary name; after an exception it is
+    removed, and the other is as it was.  What a process that was killed has left of such a
+    folder goes when another takes its place.
+
+    Args:
+        target: The folder: not there, empty, or of entries that may be replaced.
+        last: Its entry that says that it is whole.
+        is_ours: Whether an entry of ``target`` may be replaced.
+        force: Whether ``target`` may have other entries, too, which stay as they are.
+
+    Yields:
+        The folder to be filled.
+
+    Raises:
+        ResultsError: The target is no folder, has other entries, or cannot be written.
+    """
+    place = Path(os.path.abspath(target))
+    with _told(target, "cannot be written"):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        _not_ours(place, is_ours, force)
+        folder = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
+    held = _held(folder)
+    try:
+        with _told(target, "cannot be written"):
+            os.chmod(folder, 0o777 & ~_umask())
+        yield folder
+        with interrupts.postponed(), _told(target, "cannot be replaced"):
+            if _not_ours(place, is_ours, force):
+                _merge(folder, place, last, is_ours)
+            else:
+                _swap(folder, place)
+            _remove_left(place, is_ours)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if held is not None:
+            os.close(held)
+
+
+def _not_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> list[Path]:
+    """Entries of a folder that may not be replaced; OSError unless they are to stay."""
+    try:
+        mode = target.lstat().st_mode
+    except FileNotFoundError:
+        return []
+    if not stat.S_ISDIR(mode):
+        what = "it is a symbolic link" if stat.S_ISLNK(mode) else "it is not a folder"
+        raise OSError(errno.ENOTDIR, what, str(target))
+    theirs = sorted(entry for entry in target.iterdir() if not is_ours(entry))
+    if theirs and not force:
+        raise OSError(
+            errno.ENOTEMPTY,
+            f"{theirs[0].name!r} in it is not of an export; name another folder, or give "
+            "--force to leave what is there and add to it",
+        )
+    return theirs
+
+
+def _held(folder: Path) -> int | None:
+    """Descriptor that tells others that a folder is in use; None where it is, or none can tell."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _remove_left(target: Path, is_ours: Callable[[Path], bool]) -> None:
+    """Remove what processes that were killed have left next to a folder."""
+    for folder in sorted(target.parent.glob(f".{glob.escape(target.name)}.*")):
+        match = _TEMPORARY.fullmatch(folder.name)
+        if not (match and match[1] == target.name) or (held := _held(folder)) is None:
+            continue
+        with contextlib.suppress(OSError):
+            if all(map(is_ours, folder.iterdir())):
+                shutil.rmtree(folder)
+        os.close(held)
+
+
+def _swap(folder: Path, target: Path) -> None:
+    """A folder in the place of another, if there is one, which is removed."""
+    if not target.is_dir():
+        os.rename(folder, target)
+        return
+    before = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    os.rename(target, before)
+    try:
+        os.rename(folder, target)
+    except BaseException:
+        os.rename(before, target)
+        raise
+    shutil.rmtree(before, ignore_errors=True)
+
+
+def _merge(folder: Path, target: Path, last: str, is_ours: Callable[[Path], bool]) -> None:
+    """Entries of a folder in place of those of another that may be replaced."""
+    entries = sorted(folder.iterdir(), key=lambda entry: (entry.name == last, entry.name))
+    for entry in entries:
+        place = target / entry.name
+        if os.path.lexists(place) and not is_ours(place):
+            raise OSError(errno.EEXIST, f"{entry.name!r} in it is not of an export", str(place))
+    ours = [entry for entry in target.iterdir() if is_ours(entry)]
+    for entry in sorted(ours, key=lambda entry: (entry.name != last, entry.name)):
+        if entry.is_dir():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+    for entry in entries:
+        os.rename(entry, target / entry.name)
 
 
 def require_replaceable(path: Path) -> None:

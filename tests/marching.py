@@ -43,7 +43,7 @@ def march(engine, subject, scheme, state, first, steps, **options):
     return norms, iterations
 
 
-def interpreted_march(subject, scheme, state, first, norms, iterations):
+def interpreted_march(subject, scheme, state, first, norms, iterations, record=None):
     """The kernel's march as Python runs it, and all that it calls."""
     dtype, stop = scheme.dtype, scheme.stop or Tolerance()
     tables = ProblemTables(
@@ -59,7 +59,7 @@ def interpreted_march(subject, scheme, state, first, norms, iterations):
             subject.function.py_func, subject.derivatives.py_func, tables, scheme.tables,
             constraining.tables() if constraining else None, state, scheme.compensated, subject.t0,
             scheme.h, first, scheme.iteration_cap, scheme.settled_below, stop.absolute,
-            stop.relative, norms, iterations, recording(state, np.empty(0)),
+            stop.relative, norms, iterations, record or recording(state, np.empty(0)),
         )  # fmt: skip
 
 

@@ -118,6 +118,16 @@ def test_every_element_against_mpmath(constrained, seed, t):
         assert np.abs(part).max() > 1e-2
 
 
+def test_all_entries_are_overwritten(constrained):
+    """Nothing remains of what stood in the arrays before, where an entry is zero too."""
+    u, v, w = anywhere(constrained, 1)
+    expected = constrained.constraint_rows(0.5, u, v, w)
+    found = type(expected)(*(np.full_like(part, np.nan) for part in expected))
+    constrained.derivatives(0.5, u, v, w, constrained.ints, constrained.reals, *found)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "shaken-pendulum"])
 def test_shipped_problems_follow_from_their_gradients(name):
     """G is affine without laws of time: R and Q are its differences, at v and at w."""

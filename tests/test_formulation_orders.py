@@ -195,12 +195,18 @@ def test_condition_numbers(formulation, form):
 
 
 def test_partial_scaling():
-    """In (u, v, λ) of index 3 half of the cure: C from −3 to −1, λ̄ from −2 to −1."""
+    """In (u, v, λ) of index 3 half of the cure: C from −3 to −1, λ̄ from −2 to −1.
+
+    In (u, λ) C from −4 to −2.
+    """
     orders = form_orders(FORMS["u-v-lambda"])
     partial = named_scaling("partial", FORMS["u-v-lambda"])
     assert orders.condition(named_scaling("none", FORMS["u-v-lambda"])) == -3
     assert orders.condition(partial) == -1
     assert orders.corrections(partial) == {"u": 0, "v": -1, "lambda": -1}
+    orders = form_orders(FORMS["u-lambda"])
+    assert orders.condition(named_scaling("none", FORMS["u-lambda"])) == -4
+    assert orders.condition(named_scaling("partial", FORMS["u-lambda"])) == -2
 
 
 @EVERY_FORMULATION

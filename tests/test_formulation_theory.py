@@ -70,6 +70,7 @@ def test_multipliers_of_index_3():
     assert march(integrator=DAMPED).error("lambda") == 2
     assert march(integrator=DAMPED, reported=RECOVERED).error("lambda") == 2
     assert math.isnan(march().error("lambda"))
+    assert math.isnan(march(compensated=True).error("lambda"))
     assert math.isnan(march(reported=RECOVERED).error("lambda"))
     assert math.isnan(march(start=CORRECTED).error("lambda"))
     assert march(start=CORRECTED, compensated=True).error("lambda") == 2
@@ -95,6 +96,15 @@ def test_projected_multipliers_of_index_3(projection, reported, undamped, damped
         found = march(projection=projection, reported=reported, integrator=integrator)
         assert same(found.error("lambda"), expected)
         assert found.error("u") == found.error("v") == 2
+
+
+@pytest.mark.parametrize("formulation", ["index-2", "index-1", "baumgarte", "ggl"])
+def test_projected_multipliers_of_a_reduced_index(formulation):
+    """Order 2, whichever is reported: the projection's μ is O(h³)."""
+    for integrator, reported in itertools.product((TRAPEZOIDAL, DAMPED), (NEWTON, TOTAL)):
+        found = march(formulation, "velocity", reported, integrator=integrator)
+        assert found.error("lambda") == 2
+        assert not found.alternates
 
 
 def test_augmented_lagrangian_is_as_index_3_or_unknown():
@@ -137,6 +147,9 @@ def test_rate_of_index_3_without_dissipation_is_unknown():
     assert march("index-1").drift("velocity") == 2
     assert march("index-1").drift("multiplier") == ROUNDING
     assert math.isnan(march("index-2").drift("multiplier"))
+    assert math.isnan(march("index-1", "velocity").drift("multiplier"))
+    assert march().alternates
+    assert not march(projection="velocity").alternates
 
 
 # -- predictions of series ------------------------------------------------------------------------
@@ -408,6 +421,7 @@ def test_scaling_of_a_formulation(form):
     other = newmark_cli.scaling(form, h=1e-2, formulation=given)
     assert other.left["B"] == pytest.approx(0.25e-4)
     assert other.formulation == "baumgarte rate_h=2.0"
+    assert newmark_cli.scaling(form, h=1e-2, formulation="index-1").left["Ca"] == other.left["B"]
 
 
 def test_scaling_refuses_formulations():

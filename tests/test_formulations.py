@@ -1,5 +1,6 @@
 """Formulations and projections: their Jacobians, and the engines held to each other."""
 
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from marching import EPS, copy, interpreted_march
 
 from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import scipy_march
+from newmark_cli.newmark import constraints, scipy_march
 from newmark_cli.newmark.constraints import (
     constraining_of,
     least_inertia,
@@ -39,6 +40,7 @@ from newmark_cli.newmark.march_data import COMPLETED, State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme, Tolerance
 from newmark_cli.problems import python_problem
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
 FORMULATIONS = [
@@ -153,7 +155,7 @@ def march_of(subject, scheme, engine="kernel", **options) -> March:
     if engine == "dense":
         march._engine = partial(scipy_march.march, system=march.system)
     if engine == "interpreted":
-        march._engine = lambda *given, record: interpreted_march(*given)
+        march._engine = interpreted_march
     return march
 
 
@@ -325,9 +327,25 @@ def test_directions_are_those_of_least_change():
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
 
 
+def test_directions_under_a_mass_matrix_too_large_to_invert(monkeypatch):
+    """P = G over the diagonal of M, and G where that has a zero."""
+    monkeypatch.setattr(constraints, "_LARGEST_BLOCK", 1)
+    subject = subject_of("general")
+    diagonal = np.diag(subject.M)[subject.pattern.g_rows]
+    np.testing.assert_array_equal(projector(subject).values, 1 / diagonal)
+    hollow = subject.M - np.diag(np.eye(subject.n)[0] * subject.M[0, 0])
+    massless = replace(subject, mass_values=hollow.ravel())
+    np.testing.assert_array_equal(projector(massless).values, 1)
+
+
+@pytest.mark.parametrize("most", [300, 0])
 @pytest.mark.parametrize("name", ["andrews", "slider-crank", "general"])
-def test_least_inertia_is_the_least_eigenvalue(name):
-    """Least eigenvalue of GᵀM⁻¹G at the start; p = factor · w_a over it."""
+def test_least_inertia_is_the_least_eigenvalue(name, most, monkeypatch):
+    """Least eigenvalue of GᵀM⁻¹G at the start; p = factor · w_a over it.
+
+    The same where there are too many constraints for the inverse to be formed.
+    """
+    monkeypatch.setattr(constraints, "_DENSE_UP_TO", most)
     subject = subject_of(name)
     g = subject.evaluate(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).G
     least = np.linalg.eigvalsh(g.T @ np.linalg.solve(subject.M, g))[0]
@@ -437,6 +455,88 @@ def test_the_kernel_agrees_as_python_runs_it(formulation, form, name, projection
         name, formulation, form, GeneralizedAlpha(0.8), "optimal", evaluation, projection,
         engines=("interpreted", "dense"),
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "dense"])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_carried_sums_are_the_constraints_at_the_end(formulation, engine):
+    """Compensated: Φ and Ψ, summed up from increments, are those of u and v, to rounding.
+
+    After several steps in one go: G, R, Φ and Ψ at the end of one begin the next.
+    """
+    subject, drifted = subject_of("quadrics"), []
+    for projection in ("none", "velocity", "position-velocity accelerations"):
+        scheme = scheme_of(formulation, h=0.02, evaluation=COMPENSATED, projection=projection)
+        march = march_of(subject, scheme, engine)
+        march.advance(4)
+        state = march.state
+        phi = subject.constraint_values(march.t, state.fields[0])
+        rate = Index1(subject).rate(march.t, *state.fields[:2])
+        np.testing.assert_allclose(state.phi, phi, rtol=0, atol=1e-14)
+        if march.system.constraining and march.system.constraining.rated:
+            np.testing.assert_allclose(state.psi, rate, rtol=0, atol=2e-15)
+        drifted.append(np.abs([phi, rate]).max(axis=1) > 1e-6)
+    # Where a sum is not asked to be zero, it is far from it.
+    rows = Formulation.parse(formulation).kind.rows
+    by_position = "C" in rows or formulation == "augmented-lagrangian factor=10"
+    assert drifted[0].tolist() == [not by_position, "Cv" not in rows]
+
+
+def test_the_kernel_records_total_reactions_as_python_runs_it():
+    """λ + μ/h of single steps, with the time that BDF2 has for h, like the SciPy march."""
+    h = 0.05
+    for integrator, acting in ((GeneralizedAlpha(0.9), h), (BDF2(), 2 * h / 3)):
+        scheme = scheme_of(
+            "index-3", h=h, integrator=integrator, projection="velocity", reported=TOTAL
+        )
+        records = []
+        for engine in ("interpreted", "dense"):
+            march = march_of(subject_of("quadrics"), scheme, engine)
+            records.append(march.advance(3, [1, 3]).record.multipliers)
+            state = march.state
+            expected = state.multipliers + state.impulse / acting
+            np.testing.assert_allclose(records[-1][1], expected, rtol=1e-13)
+            assert np.abs(state.impulse / acting).max() > 1e-3 * np.abs(expected).max()
+        np.testing.assert_allclose(*records, rtol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["interpreted", "dense"])
+@pytest.mark.parametrize("formulation", ["index-2", "ggl", "augmented-lagrangian factor=10"])
+def test_each_block_is_recorded_until_it_grows(formulation, engine):
+    """In the terminal phase a block is done at its first increase, the step when all are.
+
+    With a tolerance that nothing meets, and a cap, a step shows its last correction as it is;
+    what the rule makes of these is written down again.  At h = 1e-6 η is below its own
+    rounding, and grows before the terminal phase has begun.
+    """
+    subject, early = subject_of("quadrics"), False
+    for form, h in (("a-lambda", 1e-3), ("v-lambda", 1e-6)):
+        start = march_of(subject, scheme_of(formulation, form, h), "dense")
+        start.advance(2)
+
+        def step(**options):
+            scheme = scheme_of(formulation, form, h, **options)  # noqa: B023
+            march = march_of(subject, scheme, engine, state=start.state, done=2)  # noqa: B023
+            stretch = march.advance(1)
+            return scheme, march, stretch.norms[0], stretch.iterations[0]
+
+        scheme, march, found, iterations = step()
+        p = len(scheme.form.kept)
+        to_displacement = scheme.tables.weights[0] * scheme.right[:p]
+        done, last = np.zeros(len(found), bool), np.zeros(len(found))
+        recorded, settled = np.zeros(len(found)), 0
+        for cap in range(1, iterations + 1):
+            *_, now, _ = step(iteration_cap=cap, stop=Tolerance(1e-300))
+            early |= settled == 1 and np.any(now >= last)
+            done = (done | (now >= last)) & (settled >= 2)
+            recorded[~done], last = now[~done], now
+            assert done.all() == (cap == iterations)
+            small = np.linalg.norm(to_displacement * now[:p])
+            size = scheme.settled_below * np.linalg.norm(march.state.fields[0])
+            settled = settled + 1 if small < size else 0
+        np.testing.assert_array_equal(found, recorded)
+        assert np.any(last > recorded)
+    assert early or formulation != "ggl"
 
 
 def test_plain_functions_march_like_compiled_ones():

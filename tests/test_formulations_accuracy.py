@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from test_formulations import FORMULATIONS, PROJECTIONS, march_of, scheme_of, subject_of
 
-from newmark_cli.newmark.formulation import CORRECTED, RECOVERED, TOTAL
+from newmark_cli.newmark.formulation import CORRECTED, NEWTON, RECOVERED, TOTAL
 from newmark_cli.newmark.integrator import BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import COMPENSATED
@@ -122,6 +122,17 @@ def test_the_total_reaction_is_of_order_two_where_lambda_is_not(integrator):
     total = thrown_errors(steps, "index-3", integrator, projection="velocity", reported=TOTAL)[:, 2]
     np.testing.assert_allclose(np.log2(newton[:-1] / newton[1:]), 1.0, atol=0.15)
     np.testing.assert_allclose(np.log2(total[:-1] / total[1:]), 2.0, atol=0.15)
+
+
+@pytest.mark.parametrize("formulation", ["index-2", "ggl"])
+def test_the_projection_leaves_lambda_its_order_where_rates_are_in_the_system(formulation):
+    """What the projection does is then O(h³) or rounding: Newton's λ, and the total, of order 2."""
+    for integrator in (TRAPEZOIDAL, DAMPED):
+        for reported in (NEWTON, TOTAL):
+            errors = thrown_errors(
+                (1e-2, 5e-3), formulation, integrator, projection="velocity", reported=reported
+            )[:, 2]
+            assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
 #: Relative errors of λ, Andrews, t = 0.03, h = 1e-4 and 1e-5, trapezoidal and ρ∞ = 0.9.

@@ -223,9 +223,7 @@ def test_a_mechanism_of_any_name_is_drawn(cli):
 
 def test_latex_takes_names_as_text():
     """Nothing of a name is a command, a ligature of signs, or ends a line."""
-    found = paper_tables.latex_text(
-        '\\input{/etc/passwd} $ % & _ # { } ~ ^ \\ < > | " `\n\n' + BAD
-    )
+    found = paper_tables.latex_text('\\input{/etc/passwd} $ % & _ # { } ~ ^ \\ < > | " `\n\n' + BAD)
     without = re.sub(r"\\(textbackslash|textasciitilde|textasciicircum|textless|textgreater"
                      r"|textbar|textasciigrave|char34)\{\}|\\[&%$#_{}]", "", found)  # fmt: skip
     assert not set(without) & set('\\{}$%&_#~^<>|"`')

@@ -33,6 +33,8 @@ SCRIPT = Path(sys.executable).with_name("newmark-study")
 MODULES = (
     "cli.commands",
     "cli.terminal",
+    "library.advising",
+    "library.jacobians",
     "newmark.compiled_march",
     "newmark.scipy_march",
     "problems.python_problem",
@@ -47,6 +49,7 @@ MODULES = (
     "report.theory",
     "running.runner",
     "study.catalogue",
+    "study.collection",
     "study.compute",
     "study.motion",
     "study.schema",

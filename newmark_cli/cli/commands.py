@@ -12,7 +12,17 @@ from typing import Any
 import click
 
 from newmark_cli import __version__, interrupts
-from newmark_cli.cli import inspecting, last_resort, pruning, results, running, screen, showing
+from newmark_cli.cli import (
+    advising,
+    exporting,
+    inspecting,
+    last_resort,
+    pruning,
+    results,
+    running,
+    screen,
+    showing,
+)
 from newmark_cli.cli.streams import UNREAD, OutputError
 from newmark_cli.errors import ExecutorError, InputError
 
@@ -71,6 +81,8 @@ for command in (
     results.verify,
     results.compare,
     results.report,
+    advising.advise,
+    exporting.export,
     inspecting.orders,
     inspecting.validate,
     inspecting.draw,

@@ -4,7 +4,7 @@ import contextlib
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from newmark_cli import interrupts
 from newmark_cli.cli import screen
@@ -122,21 +122,26 @@ class Told(Counts):
 
 def _display(total: int) -> "Progress":
     """A bar weighted by steps, counts of cells, and the time left."""
+    return _bar(["done", "failed", "left"], total)
+
+
+def _bar(counts: Sequence[str], total: int) -> "Progress":
+    """A bar, counts, and the time left."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
 
-    fields = ("done", "failed", "left")
     display = Progress(
         BarColumn(bar_width=20),
         TaskProgressColumn(),
-        TextColumn(", ".join(f"{{task.fields[{name}]}} {name}" for name in fields)),
+        TextColumn(", ".join(f"{{task.fields[{name}]}} {name}" for name in counts)),
         Remaining(compact=True, elapsed_when_finished=True),
         console=Console(stderr=True),
         redirect_stdout=False,  # which would make it stderr
         redirect_stderr=False,
     )
-    display.add_task("", total=total, done=0, failed=0, left=0)
+    fields: dict[str, Any] = dict.fromkeys(counts, 0)
+    display.add_task("", total=total, **fields)
     return display
 
 
@@ -156,3 +161,35 @@ def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
         yield told
     finally:
         told.close()
+
+
+class Exporting:
+    """Tells of an export (`newmark_cli.study.collection.Watcher`): a display on a terminal only."""
+
+    def __init__(self) -> None:
+        self._stack = contextlib.ExitStack()
+        self._display: Progress | None = None
+        self._systems = 0
+
+    def planned(self, steps: int) -> None:
+        """Open the display."""
+        if sys.stderr.isatty():
+            with interrupts.postponed():  # what hides the cursor must show it again
+                display = _bar(["systems"], steps)
+                self._stack.enter_context(display)
+                self._display = display
+
+    def marched(self, steps: int) -> None:
+        """Go on by so many steps."""
+        if self._display is not None:
+            self._display.advance(self._display.task_ids[0], steps)
+
+    def written(self) -> None:
+        """Count a system."""
+        self._systems += 1
+        if self._display is not None:
+            self._display.update(self._display.task_ids[0], systems=self._systems)
+
+    def close(self) -> None:
+        """Leave the display as it stands, and give the cursor back."""
+        self._stack.close()

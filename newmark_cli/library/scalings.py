@@ -96,7 +96,7 @@ def scaling(
     """
     formulated = formulation_of(formulation).applied(FORMS[arguments.one_of("form", form, FORMS)])
     h = arguments.positive("h", h, " of seconds")
-    method = _integrator(beta, gamma, integrator)
+    method = integrator_or_newmark(beta, gamma, integrator)
     chosen = preconditioning_of(preconditioning, "preconditioning").scaling(formulated)
     symbols = method.symbols(h)
     try:
@@ -116,7 +116,8 @@ def scaling(
     )
 
 
-def _integrator(beta: float | None, gamma: float | None, integrator: Any) -> Integrator:
+def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: Any) -> Integrator:
+    """An integrator as `integrator_of` takes it, or Newmark's with β and γ."""
     if integrator is None:
         return Newmark(
             0.25 if beta is None else arguments.number("beta", beta),

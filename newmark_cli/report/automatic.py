@@ -15,16 +15,26 @@ import numpy as np
 
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report import traces
-from newmark_cli.report.curves import TRAPEZOIDAL, Curve
+from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
 from newmark_cli.report.kinds import Figure, Results
-from newmark_cli.report.panels import LOOKS, Legend, Panel, Sheet, Trace, from_zero, look, spread
+from newmark_cli.report.panels import (
+    LOOKS,
+    Legend,
+    Look,
+    Panel,
+    Sheet,
+    Trace,
+    from_zero,
+    look,
+    spread,
+)
 from newmark_cli.report.parts import OfParts, Part
 from newmark_cli.report.text import in_words
 from newmark_cli.report.verdicts import PASS, SHOWN
 from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall_times
 from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
-from newmark_cli.study.measures import RECORDS, symbol
+from newmark_cli.study.measures import FLOOR_OF, RECORDS, symbol
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
@@ -41,7 +51,7 @@ _ONE_EACH = ("problem", "form", "measure", "quantity", "initial")
 #: What comes first where not all figures are drawn.
 _FIRST = ("correction", "condition", "error", WORK_PRECISION)
 #: What comes last there: corrections once more, in other units.
-_LAST = ("physical_correction",)
+_LAST = ("physical_correction", "floor", "physical_floor")
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
 
@@ -63,6 +73,13 @@ class SeriesFigure(OfParts):
             self._panel(part, [series[curve.key] for curve in part.curves], places, several)
             for part in self.parts
         ]
+        every_slope = {slope.key: slope for slope in results.slopes}
+        floors = [
+            [every_slope.get(floor_of(curve.key) or curve.key) for curve in part.curves]
+            if RECORDS[part.curves[0].measure].name in FLOOR_OF
+            else []
+            for part in self.parts
+        ]
         alike = several and _alike(series.values())
         if alike:
             every = list(series.values())
@@ -70,6 +87,10 @@ class SeriesFigure(OfParts):
                 _with_limits(panel, [series[curve.key] for curve in part.curves], every)
                 for panel, part in zip(panels, self.parts, strict=True)
             ]
+        panels = [
+            replace(panel, traces=(*panel.traces, *_floors(some)))
+            for panel, some in zip(panels, floors, strict=True)
+        ]
         fitted = any(not np.isnan(slope.expected) for slope in series.values())
         apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
         notes = ["fitted slope"] if fitted and not several else []
@@ -101,6 +122,19 @@ class SeriesFigure(OfParts):
         if several and not fits:
             panel = replace(panel, traces=tuple(replace(t, fit="") for t in panel.traces))
         return panel
+
+
+#: Predicted floors lie on what they predict.
+_FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
+
+
+def _floors(slopes: Iterable["Slope | None"]) -> list[Trace]:
+    """The predicted floors of measured series."""
+    found = [slope for slope in slopes if slope is not None]
+    return [
+        traces.trace(slope, "predicted floor", _FLOOR, fit="", name="predicted floor")
+        for slope in found
+    ]
 
 
 def _trace(slope: "Slope", label: str, place: int, panel: str) -> Trace:
@@ -159,7 +193,9 @@ def figures(
     times = wall_times(results.folder, [s for s in ours if s.measure == "error"])
     given = defined
     if given is None:
-        ranked = sorted((*every, WORK_PRECISION), key=_rank)
+        # Predicted floors stand in the figures of what they predict.
+        beside = {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
+        ranked = sorted(({*every, WORK_PRECISION} - beside), key=_rank)
         given = [Definition((kind,)) for kind in ranked]
     found: list[Figure] = []
     names = _Names()

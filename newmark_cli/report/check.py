@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from newmark_cli.report.claims import Claim, Finding, evaluate
-from newmark_cli.report.curves import TRAPEZOIDAL, Curve
+from newmark_cli.report.claims import Claim, Finding, FloorClaim, evaluate
+from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.kinds import Figure
@@ -15,13 +15,14 @@ from newmark_cli.report.slopes import Slope, in_figure_order
 from newmark_cli.report.text import markdown
 from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
+from newmark_cli.study.axes import SeriesKey
 
 
 @dataclass(frozen=True)
 class Judged:
     """A claim of a figure, and what it comes to."""
 
-    figure: Figure
+    figure: "Figure | Floors"
     claim: Claim
     finding: Finding
 
@@ -43,12 +44,43 @@ def judge(slopes: Sequence[Slope]) -> list[Judged]:
     def find(curve: Curve) -> Slope | None:
         return found.get(curve.key)
 
+    shipped = [figure for figure in FIGURES.values() if figure.study in studies]
+    claiming: list[Figure | Floors] = [*shipped, *_floors(slopes)]
     return [
         Judged(figure, claim, evaluate(claim, find))
-        for figure in FIGURES.values()
-        if figure.study in studies
+        for figure in claiming
         for claim in figure.claims
     ]
+
+
+@dataclass(frozen=True)
+class Floors:
+    """Floors that a study predicts and measures, as a figure that is not drawn by itself."""
+
+    study: str
+    curves: tuple[Curve, ...]
+    claims: tuple[Claim, ...]
+    name: str = "floor"
+
+
+def _floors(slopes: Sequence[Slope]) -> list[Floors]:
+    """What is claimed of each study that has both corrections and their predicted floors."""
+    there = {slope.key for slope in slopes}
+    pairs: dict[str, list[tuple[Curve, Curve]]] = {}
+    for slope in slopes:
+        if slope.measure == "correction":
+            predicted = floor_of(slope.key)
+            if predicted in there:
+                both = (_curve(predicted), _curve(slope.key))
+                pairs.setdefault(slope.study, []).append(both)
+    return [
+        Floors(study, tuple(measured for _, measured in both), (FloorClaim(tuple(both)),))
+        for study, both in pairs.items()
+    ]
+
+
+def _curve(key: SeriesKey) -> Curve:
+    return Curve(key.quantity, **key.named())
 
 
 def all_hold(slopes: Sequence[Slope], judged: Sequence[Judged]) -> bool:

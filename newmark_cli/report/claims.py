@@ -178,6 +178,53 @@ class RatioClaim:
 
 
 @dataclass(frozen=True)
+class FloorClaim:
+    """Predicted floors of corrections beside the corrections themselves.
+
+    Points count where the cell ended well and a correction was not zero throughout.
+
+    Attributes:
+        pairs: Prediction and measurement, each over the same step sizes.
+        near, far: Factors within which nine in ten quotients, and all, must be.
+    """
+
+    pairs: tuple[tuple[Curve, Curve], ...]
+    near: float = 2.0
+    far: float = 10 / 3
+
+    @property
+    def text(self) -> str:
+        """The sentence."""
+        return (
+            f"predicted / measured correction: nine in ten within a factor of {self.near:g}, "
+            f"all within {self.far:.2g}"
+        )
+
+    def measure(self, find: Find) -> Finding:
+        """Take the share that is near, and the worst."""
+        found = np.concatenate([self._quotients(pair, find) for pair in self.pairs])
+        if len(found) == 0:
+            raise NoDataError("no step size with both")
+        beyond = np.fmax(found, 1 / found)
+        share, worst = float(np.mean(beyond <= self.near)), float(found[np.argmax(beyond)])
+        holds = share >= 0.9 and beyond.max() <= self.far
+        text = f"{share:.0%} of {len(found)}, worst {worst:.3g}"
+        return Finding(text, worst, PASS if holds else MISS)
+
+    def _quotients(self, pair: tuple[Curve, Curve], find: Find) -> Array:
+        prediction, measured = (_series(curve, find) for curve in pair)
+        predicted = dict(zip(prediction.h.tolist(), prediction.values.tolist(), strict=True))
+        quotients = [
+            predicted[h] / value
+            for h, value, status in zip(
+                measured.h.tolist(), measured.values.tolist(), measured.statuses, strict=True
+            )
+            if status == "ok" and value > 0 and predicted.get(h, math.nan) > 0
+        ]
+        return np.array(quotients)
+
+
+@dataclass(frozen=True)
 class SpreadClaim:
     """A series that hardly depends on the step size.
 

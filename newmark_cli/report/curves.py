@@ -3,8 +3,9 @@
 from typing import Any
 
 from newmark_cli.study.axes import TRAPEZOIDAL, SeriesKey
+from newmark_cli.study.measures import FLOOR_OF
 
-__all__ = ["TRAPEZOIDAL", "Curve"]
+__all__ = ["TRAPEZOIDAL", "Curve", "floor_of"]
 
 
 class Curve:
@@ -44,3 +45,9 @@ class Curve:
 
     def __hash__(self) -> int:
         return hash((self.label, self.key))
+
+
+def floor_of(key: SeriesKey) -> SeriesKey | None:
+    """The series that predicts a measured one; None for what has no floor."""
+    measure = FLOOR_OF.get(key.measure)
+    return SeriesKey.of(key.named() | {"measure": measure}) if measure else None

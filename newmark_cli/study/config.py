@@ -595,11 +595,12 @@ def find(config: str, allow_code: bool = False) -> Study:
     raise DocumentError(f"{config}: no such file and no shipped config{nearest(config, shipped())}")
 
 
-def problem_named(text: str) -> ProblemSpec:
-    """Problem that a command line names: shipped, a mechanism file, or a label.
+def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
+    """Problem that a command line names: shipped, a mechanism file, a label, or code.
 
     Args:
-        text: Such as ``andrews``, ``my.yaml`` or ``chain(links=20)``.
+        text: Such as ``andrews``, ``my.yaml``, ``chain(links=20)`` or ``my.py:factory``.
+        allow_code: Whether problems in Python may be loaded.
 
     Raises:
         DocumentError: When there is none, or the file is not valid.
@@ -609,8 +610,11 @@ def problem_named(text: str) -> ProblemSpec:
     if match:
         sizes = dict(part.partition("=")[::2] for part in match[2].split())
         value = {match[1]: {k: int(v) if v.isdecimal() else v for k, v in sizes.items()}}
+    elif re.fullmatch(r".+\.py:\w+", text):
+        value = {"python": text}
     document = Document("command line", {"problem": value}, {("problem",): 1})
-    spec: ProblemSpec = documents.validate(document, _OneProblem).problem
+    around = Surroundings(allow_code=allow_code)
+    spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
     return spec
 
 

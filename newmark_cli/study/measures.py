@@ -909,6 +909,79 @@ TRAJECTORY = Measure(
 )
 
 
+# -- floor ------------------------------------------------------------------------------------
+
+
+class _Floors(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        from newmark_cli.newmark.floor import unpredicted
+
+        self._scheme = march.scheme
+        self.stops = frozenset() if unpredicted(march.scheme) else _sampled(cell)
+        self._converged = True
+        self._found: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
+
+    def took(self, stretch: "Stretch") -> None:
+        if len(stretch.iterations):
+            self._converged = bool(stretch.iterations[-1] > 0)
+
+    def sees(self, march: "March") -> None:
+        from newmark_cli.newmark.floor import floor
+
+        # The state after a step that did not converge is no state of the motion.
+        if self._converged:
+            found = floor(march.problem, march.scheme, march.t, march.here, march.system)
+            self._found.append((found.scaled, found.physical))
+
+    def measured(self) -> list[Measurement]:
+        return [
+            Measurement(
+                unknown,
+                name,
+                "primary",
+                statistics(np.array([at[k][unknown] for at in self._found])),
+            )
+            for k, name in enumerate(("floor", "physical_floor"))
+            for unknown in self._scheme.form.unknowns
+        ]
+
+
+FLOOR = Measure(
+    "floor",
+    "expected size of the last decreasing Newton corrections, predicted from rounding at sampled "
+    "states",
+    (
+        Record(
+            "floor",
+            lambda key: f"predicted Δ{symbol(key.quantity)}",
+            lambda key: rf"predicted floor of $\|\Delta\bar {_math(key.quantity)}\|$ (rms)",
+            "rms",
+            kind="rounding",
+            quantities=(*FIELDS, *MULTIPLIERS),
+        ),
+        Record(
+            "physical_floor",
+            lambda key: f"predicted Δ{symbol(key.quantity)} (physical)",
+            lambda key: rf"predicted floor of $\|\Delta {_math(key.quantity)}\|$ (rms)",
+            "rms",
+            kind="rounding",
+            quantities=(*FIELDS, *MULTIPLIERS),
+        ),
+    ),
+    _Floors,
+    stop=False,
+    rows=lambda form: [
+        (name, unknown, "primary", "")
+        for name in ("floor", "physical_floor")
+        for unknown in form.unknowns
+    ],
+)
+#: What is measured → its prediction.
+FLOOR_OF: Mapping[str, str] = MappingProxyType(
+    {"correction": "floor", "physical_correction": "physical_floor"}
+)
+
+
 def _by_name(*measures: Measure) -> Mapping[str, Measure]:
     return MappingProxyType({measure.name: measure for measure in measures})
 
@@ -916,7 +989,7 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 #: Measures by name, in the order of a cell's rows.
 MEASURES = _by_name(
     CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY, TRAJECTORY,
-    DRIFT,
+    DRIFT, FLOOR,
 )  # fmt: skip
 
 #: Records by name, as the CSV's column ``measure`` has them.

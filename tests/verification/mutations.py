@@ -3,8 +3,8 @@
 Mutations: one more power of h in every entry of Table 2, every weight of every
 form halved, every sign in the three assemblers turned; the coefficients of
 integrators, the updates of compensated evaluation and the derivatives of constraints
-changed, and those of formulations and projections. Each runs in a copy of the project, with
-the tests that should notice it.
+changed, and those of formulations and projections, and the exponents that theory gives
+formulations. Each runs in a copy of the project, with the tests that should notice it.
 
     python tests/verification/mutations.py
 """
@@ -102,7 +102,7 @@ def signs() -> Iterator[Mutation]:
             ("values.force[i] - history", "values.force[i] + history"),
             ("rhs[blocks.mass_rows[e]] -=", "rhs[blocks.mass_rows[e]] +="),
             ("-left[1 + r] * residual", "left[1 + r] * residual"),
-            ("-left[1 + extra] * values.phi", "left[1 + extra] * values.phi"),
+            ("-tables.left[1 + extra] * values.phi", "tables.left[1 + extra] * values.phi"),
         )),
         (CORE / "scipy_march.py", "def residual", "def march", engines, (
             ("+ self.dynamic_history", "- self.dynamic_history"),
@@ -199,14 +199,14 @@ def increments() -> Iterator[Mutation]:
     yield from _changes(CORE / "scipy_march.py", "class _Compensated", "def march", tests, (
         ("(self.h * lows[1] + moving[0])", "(self.h * lows[1] - moving[0])"),
         ("(lows[0] + self.shift(moving))", "self.shift(moving)"),
-        ("0.5 * (self.g + g)", "g"), ("self.state.phi + change", "change"),
+        ("0.5 * (self.g + g)", "g"), ("self.state.phi + self", "self"),
         ("self.state.phi[:] = self.phi(moving, g)", "pass"), ("self.g = g\n", "pass\n"),
         ("lows[field] + increment", "increment"), ("(high - (new", "(high + (new"),
         ("+ (added - of_added)", "- (added - of_added)"),
     ))  # fmt: skip
     yield from _changes(CORE / "scipy_march.py", "def _limit", "return", stops, (
-        ("/ scheme.right[:-1, None]", "* scheme.right[:-1, None]"),
-        ("/ scheme.right[-1]", "* scheme.right[-1]"),
+        ("/ scheme.right[:p, None]", "* scheme.right[:p, None]"),
+        ("/ scheme.right[p]", "* scheme.right[p]"),
     ))  # fmt: skip
 
 
@@ -228,6 +228,10 @@ def rows() -> Iterator[Mutation]:
         ("-turn * turn * cosine", "turn * turn * cosine"), ("- faster * sine", "+ faster * sine"),
         ("a * wx + b * wy", "a * wx - b * wy"), ("a * wy - b * wx", "a * wy + b * wx"),
         ("a * ax + b * ay", "a * ax - b * ay"), ("a * ay - b * ax", "a * ay + b * ax"),
+    ))  # fmt: skip
+    yield from _changes(elements, "def constraint_derivatives", "def potential", (
+        own, "-k", "overwritten",
+    ), (
         ("rate_values[g + k] = zero", "pass"), ("acceleration_values[g + k] = zero", "pass"),
     ))  # fmt: skip
     yield from _changes(elements, "def constraint_derivatives", "def potential", (
@@ -275,15 +279,19 @@ def formulations() -> Iterator[Mutation]:
     own = "tests/test_formulations.py"
     literal = (own, "-k", "(equations and general) or weights or least or directions")
     python = (own, "-k", "python_runs")
-    march = (own, "-k", "least or reported or projections or balances")
-    accuracy = ("tests/test_formulations_accuracy.py",)
+    carried, total = (own, "-k", "carried_sums"), (own, "-k", "records_total")
+    stopping = (own, "-k", "until_it_grows")
+    march = (own, "-k", "reported or projections or balances")
     yield from _changes(CORE / "formulation.py", "def weights", "#: Corrections", literal, (
         ("/ (h if", "* (h if"), ("(1.0, 0.0, 0.0)", "(-1.0, 0.0, 0.0)"),
         ("(0.0, 1.0, 0.0)", "(0.0, 2.0, 0.0)"), ("(0.0, 0.0, 1.0)", "(0.0, 1.0, 1.0)"),
         ("rate**2", "rate"), ("2 * rate", "rate"), ("2 * rate, 1.0", "2 * rate, -1.0"),
     ))  # fmt: skip
     yield from _changes(CORE / "forms.py", "def eliminate", "    return Elim", literal, (
-        ('"K": 1.0}', '"K": -1.0}'), ("rows_eta = rows @ eta - np", "rows_eta = rows @ eta + np"),
+        ('"K": 1.0}', '"K": -1.0}'), ("eta[gone] = np", "eta[gone] = -np"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "forms.py", "def eliminate", "    return Elim", python, (
+        ("rows_eta = rows @ eta - np", "rows_eta = rows @ eta + np"),
     ))  # fmt: skip
     yield from _changes(CORE / "jacobian.py", "    del blocks", "def form_blocks", literal, (
         ("terms.X + constraining", "terms.X - constraining"),
@@ -296,7 +304,8 @@ def formulations() -> Iterator[Mutation]:
         ("value * to_acceleration", "value"), ("terms.values * g", "g"),
     ))  # fmt: skip
     yield from _changes(CORE / "constraints.py", "def projector", "class Constraining", literal, (
-        ("np.linalg.inv(part)", "part"), (" / unit\n", "\n"), ("return 1 / float", "return float"),
+        ("np.linalg.inv(part)", "part"), ("return 1 / float", "return float"), ("[-1])", "[0])"),
+        ("1 / diagonal", "diagonal"), ("1 / float(eigsh", "float(eigsh"),
     ))  # fmt: skip
     yield from _changes(CORE / "constraints.py", "def pushed", "def tangents_at", python, (
         ("directions * eta", "directions / eta"), ("s0 * phi + s1", "s0 * phi - s1"),
@@ -315,9 +324,15 @@ def formulations() -> Iterator[Mutation]:
         ('"beta*h/gamma"', '"beta*h^2"'), ('"Ca": "beta*h^2"', '"Ca": "beta*h"'),
         ('"B": "beta*h^2"', '"B": "1"'), ('"eta": "1"', '"eta": "h"'),
     ))  # fmt: skip
+    yield from _changes(CORE / "scaling.py", "BESIDE_TABLE_2:", "#: Entries of Table 2 as", (
+        "tests/test_formulation_theory.py", "-k", "scaling_of",
+    ), (
+        ('"beta*h/gamma"', '"beta*h"'), ('"Ca": "beta*h^2"', '"Ca": "h^2"'),
+        ('"B": "beta*h^2"', '"B": "h^2"'), ('"eta": "1"', '"eta": "beta"'),
+    ))  # fmt: skip
     yield from _changes(CORE / "kernel.py", "def _begin_step", "def _norms_of", python, (
-        ("extra.projector_values[e] * g", "g"), ("state.psi[k] if", "-state.psi[k] if"),
-        ("else work.rate[k]", "else 0"), ("half * (iterate.g_old[e] + v", "half * (v"),
+        ("extra.projector_values[e] * g", "g"), ("else work.rate[k]", "else 0"),
+        ("half * (iterate.g_old[e] + v", "half * (v"),
         ("half * (work.r_old[e] + work.r", "half * (work.r"),
         ("mean_g * iterate.moving[1, i] +", "mean_g * iterate.moving[1, i] -"),
         ("+= values.g[e] * state", "-= values.g[e] * state"),
@@ -337,19 +352,22 @@ def formulations() -> Iterator[Mutation]:
         ("product = extra.penalty *", "product = -extra.penalty *"),
         ("of_dynamics * to_u * val", "-of_dynamics * to_u * val"),
         ("of_dynamics * to_v * val", "-of_dynamics * to_v * val"),
-        ("of_dynamics * extra.inertia", "-of_dynamics"),
+        ("of_dynamics * extra.inertia", "of_dynamics"),
+        ("of_dynamics * extra.inertia", "-of_dynamics * extra.inertia"),
         ("right * extra.rows_eta", "-right * extra.rows_eta"),
         ("to_u * work.tangents[kind, 0, e] +", "to_u * work.tangents[kind, 0, e] -"),
-        ("tangent += to_a", "tangent -= to_a"), ("of_row * tangent", "-of_row * tangent"),
+        ("of_row * tangent", "-of_row * tangent"),
     ))  # fmt: skip
     yield from _changes(CORE / "kernel.py", "def _norms_of_blocks", "# -- at the end", python, (
         ("change += tables.weights", "change -= tables.weights"),
+        ("change += extra.eta[f]", "change -= extra.eta[f]"),
         ("multipliers[k] += tables", "multipliers[k] -= tables"),
         ("work.eta[k] += tables.right[p + 1]", "work.eta[k] -= tables.right[p + 1]"),
         ("moving[f, i] += extra.eta[f]", "moving[f, i] -= extra.eta[f]"),
         ("= -misfit[k]", "= misfit[k]"),
         ("problem.mass_values[e] / extra", "-problem.mass_values[e] / extra"),
         ("work.matrix[i, k] -= g", "work.matrix[i, k] += g"),
+        ("work.matrix[k, i] += g", "work.matrix[k, i] -= g"),
         ("work.rhs[i] /= extra.unit", "work.rhs[i] *= extra.unit"),
         ("work.rhs[n + k] *= extra", "work.rhs[n + k] /= extra"),
     ))  # fmt: skip
@@ -362,15 +380,27 @@ def formulations() -> Iterator[Mutation]:
         ("moving[1, i] += work.rhs", "moving[1, i] -= work.rhs"),
         ("work.rhs[n + k] = -curv", "work.rhs[n + k] = curv"),
         ("accelerations[i] += diff", "accelerations[i] -= diff"),
-        ("moving[2, i] += diff", "moving[2, i] = work.rhs[i]"),
+        ("moving[2, i] += difference", "moving[2, i] = work.rhs[i]"),
+        ("state.impulse[k] = work", "state.impulse[k] = -work"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "before = number(", "_predict", python, (
+        ("(first + s)", "(first + s + 1)"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _rate_of_constraints", "work.rate[k]", carried, (
+        ("state.psi[k] if", "-state.psi[k] if"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "# G and Φ at the end", "past[:]", carried, (
         ("state.psi[k] = work.psi[k]", "pass"), ("r_old[e] = r[e]", "pass"),
     ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "record.multipliers[kept, k] +=", "COMPLETED", (
-        own, "-k", "same_bits and kernel and total",
-    ), (("+= state.impulse", "-= state.impulse"),))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "record.multipliers[kept, k] +=", "COMPLETED", total, (
+        ("+= state.impulse", "-= state.impulse"), ("/ extra.acting", "* extra.acting"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _take_norms", "def _solve_saddle", stopping, (
+        ("settled < 2", "settled < 1"), (">= work.last", "> 2 * work.last"),
+        ("if work.done[b] == 0", "if True"), ("work.last[b] = work.now[b]", "pass"),
+    ))  # fmt: skip
     yield from _changes(CORE / "scipy_march.py", "class _Formulated", "def march", python, (
         ("0.5 * (self.carried.g + g)", "g"), ("0.5 * (self._r_old + found.r)", "found.r"),
-        ("self.state.psi + change", "change"),
         ("multipliers - constraining.penalty", "multipliers + constraining.penalty"),
         ("constraining.inertia * constraining.eta", "constraining.eta"),
         ("+ factor * push", "- factor * push"), ("+ found.curvature", "- found.curvature"),
@@ -380,15 +410,106 @@ def formulations() -> Iterator[Mutation]:
         ("fields[0], -phi)", "fields[0], phi)"), ("wanted = -self", "wanted = self"),
         ("fields[3] += difference", "fields[3] -= difference"),
         ("moving[2] += difference", "moving[2] = implied"),
+        ("return found.rate + along", "return along"), ("second = self", "second = -self"),
+        ("+ factors @", "- factors @"), ("moving[0] += change", "moving[0] -= change"),
+        ("moving[1] += change", "moving[1] -= change"), ("[:] = impulse", "[:] = -impulse"),
     ))  # fmt: skip
-    yield from _changes(CORE / "scheme.py", "def acting", "def formulated", accuracy, (
+    yield from _changes(CORE / "scipy_march.py", "def march", "def _limit", carried, (
+        ("state.psi[:] = extra.rate(t, moving)", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scipy_march.py", "def _rate", "def linearised", carried, (
+        ("self.state.psi + change", "change"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scipy_march.py", "if scheme.total", "COMPLETED", total, (
+        ("+= state.impulse", "-= state.impulse"), ("/ scheme.acting", "* scheme.acting"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scipy_march.py", "def _take_norms", "def project", stopping, (
+        ("settled >= 2", "settled >= 1"), (">= self._last", "> 2 * self._last"),
+        ("|= found", "= found"), ("norms[~self._done] = found[~self._done]", "norms[:] = found"),
+        ("self._last = found", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scheme.py", "def acting", "def formulated", total, (
         ("relations.v_from_a + of_past.sum()", "relations.v_from_a"),
     ))  # fmt: skip
-    yield from _changes(CORE / "march.py", "def initial_state", "class Stretch", accuracy, (
+    yield from _changes(CORE / "march.py", "def initial_state", "class Stretch", (
+        "tests/test_formulations_accuracy.py", "-k", "velocities_miss and carries",
+    ), (
         ("index_1.rate(problem.t0, problem.u0, v)", "psi"),
     ))  # fmt: skip
     yield from _changes(CORE / "march.py", "def multipliers", "def _recovered", march, (
         ("multipliers + self.state", "multipliers - self.state"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "march.py", "def advance", "def _marched", (
+        own, "-k", "same_bits and dense and recovered",
+    ), (("looks[k] * self.scheme", "begin * self.scheme"),))  # fmt: skip
+    yield from _changes(Path("newmark_cli/problems/index_1.py"), "def accelerations", "def rate", (
+        own, "-k", "reported",
+    ), (("-curvature", "curvature"), ("solution[n:] * self._unit", "solution[n:]")))  # fmt: skip
+
+
+def formulation_orders() -> Iterator[Mutation]:
+    """Exponents that theory gives formulations: of J⁻¹, J, residuals, scalings, errors."""
+    own = "tests/test_formulation_orders.py"
+    derived = (own, "-k", "derived")
+    file = CORE / "orders.py"
+    blocks = (own, "-k", "(test_blocks and u-v-a) or test_corrections or fixed")
+    text = (ROOT / file).read_text()
+    begin, end = text.index("INVERSES: "), text.index("def min_plus")
+    table, pattern = "", re.compile(r'"([\w-]+(?: \w+)?)": (?:_inverse|"([-\d ]+)")')
+    seen = set()
+    for match in pattern.finditer(text, begin, end):
+        name, orders = match.groups()
+        if orders is None:
+            table = name
+        elif (table, name) not in seen:
+            # The first of each is that in general position; an entry of it, each row another.
+            seen.add((table, name))
+            entries = list(re.finditer(r"-?\d+", orders))
+            entry = entries[len(seen) % len(entries)]
+            yield Mutation(
+                f"orders of J⁻¹, {table}, {name}, entry {len(seen) % len(entries)}: one more",
+                file, match.start(2) + entry.start(), entry[0], str(int(entry[0]) + 1), blocks,
+            )  # fmt: skip
+    yield from _changes(file, "def form_orders", "def derive_scaling", blocks, (
+        ("[-2.0, -1.0, 0.0]", "[-1.0, -1.0, 0.0]"), ("[-2.0, -1.0, 0.0]", "[-2.0, 0.0, 0.0]"),
+        ("min(in_kept[-1], 0.0)", "in_kept[-1]"), ("np.array([0, _INF, _INF])", "np.zeros(3)"),
+        ("np.array([0, 0, _INF])", "np.zeros(3)"), ("np.zeros(3)", "np.array([1, 0, 0])"),
+        ("return -2.0 if", "return -1.0 if"), ("velocity = 1.0 if", "velocity = 0.0 if"),
+        ("min(0.0, a) if compen", "1.0 if compen"),
+        ("_penalty(formulation) + position)", "_penalty(formulation))"),
+        ("rate = -1.0 if", "rate = 0.0 if"), ("2 * rate + position", "rate + position"),
+    ))  # fmt: skip
+    yield from _changes(file, "def form_orders", "def derive_scaling", (
+        own, "-k", "test_blocks and (ggl or index-2)",
+    ), (
+        ("_RATE_ORDERS, _INF)\n        weights", "0, _INF)\n        weights"),
+        ("else min(0.0, v)\n", "else 0.0\n"),
+    ))  # fmt: skip
+    yield from _changes(file, "def _reaction", "def condition", blocks, (
+        ("self.penalty + self", "self"), ("0.0 if self.differenced", "1.0 if self.differenced"),
+    ))  # fmt: skip
+    yield from _changes(file, "# −r in shrink", "anchored_left", derived, (
+        ("-_RATE_ORDERS", "_RATE_ORDERS"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scaling.py", "def sensitivity", "def _check", derived, (
+        ("w_a, w_a, ONE), strict", "w_a, w_a, w_a), strict"), ('"Cv": w_v**-1', '"Cv": w_v'),
+        ('"Ca": w_a**-1', '"Ca": w_v**-1'), ('"B": w_a**-1', '"B": ONE'),
+    ))  # fmt: skip
+    yield from _changes(CORE / "scaling.py", '"partial": Variant', "PAPER_VARIANTS", (
+        own, "-k", "partial",
+    ), (('{"D": "h"}', '{"D": "h^2"}'), ('"1/h"', '"1"')))  # fmt: skip
+    yield from _changes(CORE / "truncation.py", "def order", "return ROUNDING if exact", (
+        "tests/test_formulation_theory.py", "-k",
+        "multipliers or reduced or test_augmented or (test_drift and not judged) or rate_of",
+    ), (
+        ('!= "penalty"', '== "penalty"'), ("and not self.integrator.damped", ""),
+        ("and not self.projection.level\n", "\n"), ("self.start == CORRECTED and", ""),
+        ("and self.integrator == Newmark()", ""), ("and self.compensated", ""),
+        ("if self.projection.accelerations or", "if"), ("if not self.by_position", "if False"),
+        ("return 1.0", "return 2.0"), ("if self.integrator.damped else UNKNOWN", ""),
+        ('or "C" in rows', ""), ("or self.projection.level == 2", ""), ("order + 1.0", "order"),
+        ('"Cv" in rows or', ""), ("UNKNOWN if self.alternates else", ""),
+        ('("Ca",) and not self.projection.level', '("Ca",)'),
     ))  # fmt: skip
 
 
@@ -407,7 +528,7 @@ def _changes(
 def passes(tests: tuple[str, ...], copy: Path) -> bool:
     """Whether the tests pass in the copy as it is."""
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests],
+        [sys.executable, "-m", "pytest", "-q", "-x", "-n0", "-p", "no:cacheprovider", *tests],
         cwd=copy,
         env={**os.environ, "PYTHONPATH": str(copy)},
         capture_output=True,
@@ -423,7 +544,10 @@ def notices(mutation: Mutation, copy: Path) -> bool:
     original = target.read_text()
     end = mutation.position + len(mutation.old)
     assert original[mutation.position : end] == mutation.old
-    target.write_text(original[: mutation.position] + mutation.new + original[end:])
+    mutated = original[: mutation.position] + mutation.new + original[end:]
+    # A syntax error would be noticed by any test.
+    compile(mutated, mutation.file, "exec")
+    target.write_text(mutated)
     try:
         return not passes(mutation.tests, copy)
     finally:
@@ -443,6 +567,7 @@ def main() -> None:
         *increments(),
         *rows(),
         *formulations(),
+        *formulation_orders(),
     )
     chosen = [m for m in mutations if options.only in m.name]
     survivors = []

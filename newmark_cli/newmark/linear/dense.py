@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Tangents, constraining_of
@@ -93,9 +94,15 @@ class DenseSystem:
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
+        return dense_lu(self._scaled(values, tangents), rhs)
+
+    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
+        """J̄, the numbers that `solve` takes, without its zeros."""
+        return scipy.sparse.csc_array(self._scaled(values, tangents))
+
+    def _scaled(self, values: Values, tangents: Tangents | None) -> Array:
         terms = self.problem.dense(values)
-        matrix = scaled_jacobian(self.scheme, terms, self.mass, self.constraining, tangents)
-        return dense_lu(matrix, rhs)
+        return scaled_jacobian(self.scheme, terms, self.mass, self.constraining, tangents)
 
     def balanced(self, t: float, state: State) -> BalancedJacobian:
         """J̄ at a state, to be solved accurately."""

@@ -105,6 +105,10 @@ class KrylovSystem:
             )
         return np.asarray(unit * self._turn * solution)
 
+    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
+        """J̄, without its zeros."""
+        return self._sparse.matrix(values, tangents)
+
     def balanced(self, t: float, state: State) -> SparseBalancedJacobian:
         """J̄ at a state, to be solved accurately."""
         return self._sparse.balanced(t, state)

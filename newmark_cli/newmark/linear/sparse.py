@@ -362,6 +362,14 @@ class SparseSystem:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
         return self.factorise(self.scaled_entries(values, tangents)).solve(rhs)
 
+    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
+        """J̄, the numbers that `solve` takes, without its zeros."""
+        found = scipy.sparse.csc_array(
+            (self.scaled_entries(values, tangents), (self.rows, self.columns)), (self.size,) * 2
+        )
+        found.eliminate_zeros()
+        return found
+
     def balanced(self, t: float, state: State) -> "SparseBalancedJacobian":
         """J̄ at a state, to be solved accurately."""
         values = self.problem.values(t, state.fields[0], state.fields[1], state.multipliers)

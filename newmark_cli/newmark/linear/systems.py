@@ -2,6 +2,8 @@
 
 from typing import Protocol
 
+import scipy.sparse
+
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, Krylov
@@ -44,6 +46,9 @@ class LinearSystem(Protocol):
 
         A formulation beside index 3, or a projection, needs its tangents.
         """
+
+    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
+        """J̄ that `solve` solves with, without its zeros."""
 
     def balanced(self, t: float, state: State) -> BalancedSystem:
         """J̄ at a state; raises numpy.linalg.LinAlgError when it is singular."""

@@ -1,0 +1,277 @@
+"""The command that says what to set in one's own code."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from newmark_cli.cli import screen
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import allow_code_option, as_json_text
+from newmark_cli.errors import ArgumentError, InputError
+
+if TYPE_CHECKING:
+    from newmark_cli.library.advising import Advice
+    from newmark_cli.library.jacobians import JacobianAdvice
+    from newmark_cli.study.axes import Cell
+
+#: Most combinations of problem, form, integrator and formulation of a study.
+_MOST = 40
+
+
+def _numbers(
+    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for text in given for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(
+            f"must be step sizes such as 1e-3 or 1e-3,1e-4, given {', '.join(given)}"
+        ) from None
+
+
+def _tolerances(
+    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+) -> float | dict[str, float] | None:
+    found = {}
+    for text in given:
+        name, _, value = text.rpartition("=")
+        try:
+            found[name or "all"] = float(value)
+        except ValueError:
+            raise click.BadParameter(
+                f"must be a number, or such as lambda=1e-8, given {text}"
+            ) from None
+    return found or None
+
+
+@click.command()
+@click.argument(
+    "subject",
+    required=False,
+    metavar="[SUBJECT]",
+    shell_complete=complete("problems", "configs", files=True),
+)
+@click.option(
+    "--matrices",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="In place of SUBJECT: an .npz file or a folder of .mtx files with M, G and more.",
+)
+@click.option(
+    "--jacobian",
+    "jacobians",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="FILE",
+    help="In place of SUBJECT: an .npz or .mtx file with a Jacobian; several at several h.",
+)
+@click.option("--blocks", metavar="SIZES", help="Of --jacobian: blocks, such as u=8,lambda=7.")
+@click.option(
+    "--h",
+    "steps",
+    multiple=True,
+    callback=_numbers,
+    metavar="H",
+    help="Step size (s); several with commas, or repeated.  Those of a study by default.",
+)
+@click.option(
+    "--form",
+    metavar="FORM",
+    shell_complete=complete("forms"),
+    help="Form; u-lambda, or that of the study, by default.",
+)
+@click.option(
+    "--integrator",
+    metavar="METHOD",
+    help="Method and parameters, such as 'generalized-alpha rho=0.9'; trapezoidal by default.",
+)
+@click.option("--beta", type=float, metavar="BETA", help="Parameter of Newmark's scheme.")
+@click.option("--gamma", type=float, metavar="GAMMA", help="Parameter of Newmark's scheme.")
+@click.option(
+    "--formulation",
+    metavar="FORMULATION",
+    shell_complete=complete("formulations"),
+    help="Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
+)
+@click.option(
+    "--evaluation",
+    type=click.Choice(["direct", "compensated"]),
+    help="How residuals are evaluated; direct by default.",
+)
+@click.option(
+    "--precision",
+    type=click.Choice(["float64", "float32"]),
+    help="Arithmetic, for the noise of λ and the diagnosis; float64 by default.",
+)
+@click.option(
+    "--scaling",
+    metavar="VARIANT",
+    shell_complete=complete("preconditioning"),
+    help="Scaling in your code; optimal by default.",
+)
+@click.option(
+    "--tolerance",
+    multiple=True,
+    callback=_tolerances,
+    metavar="TOL",
+    help="Tolerance in your code on Newton's correction, of all unknowns or such as lambda=1e-8.",
+)
+@click.option(
+    "--tested",
+    type=click.Choice(["scaled", "physical"]),
+    help="Which unknowns it is tested on; scaled by default.",
+)
+@click.option(
+    "--residual-tolerance",
+    type=float,
+    metavar="TOL",
+    help="Tolerance in your code on the residual.",
+)
+@click.option(
+    "--residual-tested",
+    type=click.Choice(["before", "after"]),
+    help="Whether it is tested before or after scaling; after by default.",
+)
+@click.option(
+    "--t-end",
+    type=float,
+    metavar="T",
+    help="Time until which the motion is looked at (s); until it has moved by its size by default.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@allow_code_option
+def advise(
+    subject: str | None,
+    matrices: Path | None,
+    jacobians: tuple[Path, ...],
+    blocks: str | None,
+    steps: tuple[float, ...],
+    as_json: bool,
+    allow_code: bool,
+    **options: Any,
+) -> int:
+    """Say what to set: factors, tolerances, believable multipliers.
+
+    SUBJECT is a problem, a mechanism file, a member of a family such as
+    'chain(links=20)', a Python problem such as mine.py:factory, or a study.  Nothing
+    has to be run before: condition numbers are computed, and floors of rounding
+    predicted, at a few states of the motion, or from matrices of another code.
+
+    \b
+    Example:
+      newmark-study advise andrews --h 1e-4
+    """
+    given = [one for one in (subject, matrices, jacobians or None) if one is not None]
+    if len(given) != 1:
+        raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
+    options = {name: value for name, value in options.items() if value is not None}
+    found: list[Advice] | list[JacobianAdvice]
+    if jacobians:
+        found = [_of_jacobians(jacobians, blocks, steps, options)]
+    elif blocks is not None:
+        raise click.UsageError("--blocks needs --jacobian")
+    elif matrices is not None:
+        from newmark_cli.library.advising import advise as advised
+
+        found = [advised(_path_of_matrices(matrices), h=_required(steps), **options)]
+    else:
+        found = list(_of_subject(str(subject), steps, options, allow_code))
+    if as_json:
+        plain = [one.to_dict() for one in found]
+        screen.lines(as_json_text(plain if len(plain) > 1 else plain[0]))
+    else:
+        screen.lines("\n\n\n".join(map(str, found)))
+    return 0
+
+
+def _required(steps: tuple[float, ...]) -> list[float]:
+    if not steps:
+        raise click.UsageError("--h: give a step size (s), such as --h 1e-4")
+    return [*steps]
+
+
+def _path_of_matrices(path: Path) -> Path:
+    from newmark_cli.library.linearised import is_path_of_matrices
+
+    if not is_path_of_matrices(path):
+        raise InputError(f"{path}: must be an .npz file or a folder of .mtx files")
+    return path
+
+
+def _of_jacobians(
+    files: tuple[Path, ...], blocks: str | None, steps: tuple[float, ...], options: dict[str, Any]
+) -> "JacobianAdvice":
+    from newmark_cli.library.jacobians import advise_jacobian
+
+    unfit = sorted(set(options) - {"integrator", "beta", "gamma"})
+    if unfit:
+        raise click.UsageError(f"--{unfit[0].replace('_', '-')} does not go with --jacobian")
+    return advise_jacobian([*files], blocks=blocks, h=[*steps] or None, **options)
+
+
+def _of_subject(
+    subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
+) -> "Iterator[Advice]":
+    from newmark_cli.study import config
+
+    if _is_study(subject):
+        yield from _of_study(config.find(subject, allow_code).cells(), subject, steps, options)
+    else:
+        h = _required(steps)
+        yield _called(config.problem_named(subject, allow_code), {**options, "h": h})
+
+
+def _is_study(subject: str) -> bool:
+    from newmark_cli import documents
+    from newmark_cli.mechanisms.registry import PROBLEMS
+    from newmark_cli.study import config
+
+    if Path(subject).suffix in (".yaml", ".yml"):
+        data = documents.read(Path(subject), subject).data
+        return isinstance(data, dict) and "points" not in data
+    return subject in config.shipped() and subject not in PROBLEMS
+
+
+def _of_study(
+    cells: "list[Cell]", subject: str, steps: tuple[float, ...], options: dict[str, Any]
+) -> "Iterator[Advice]":
+    """Advice for every problem, form, integrator, formulation and evaluation of a study."""
+    chosen: dict[tuple[Any, ...], set[float]] = {}
+    names = ("problem", "form", "integrator", "formulation", "evaluation")
+    for cell in cells:
+        key = tuple(options.get(name, getattr(cell, name)) for name in names)
+        chosen.setdefault(key, set()).add(cell.h)
+    if len(chosen) > _MOST:
+        raise InputError(
+            f"{subject}: {len(chosen)} combinations of problem, form, integrator, formulation and "
+            f"evaluation, at most {_MOST}; choose with --form, --integrator or --formulation"
+        )
+    for key, sizes in chosen.items():
+        how = {**options, **dict(zip(names[1:], key[1:], strict=True))}
+        yield _called(key[0], {**how, "h": [*(steps or sorted(sizes, reverse=True))]})
+
+
+def _called(spec: Any, options: dict[str, Any]) -> "Advice":
+    """Advice on a problem; code of the user's runs in a process of its own."""
+    from newmark_cli import apart
+    from newmark_cli.mechanisms.spec import PythonFactory
+
+    if not isinstance(spec, PythonFactory):
+        return _advised(spec, options)
+    try:
+        found: Advice = apart.call(_advised, (spec, options))
+    except apart.ApartError as error:
+        raise InputError(f"{spec.spelled}: {error}") from None
+    return found
+
+
+def _advised(spec: Any, options: dict[str, Any]) -> "Advice":
+    from newmark_cli.library.advising import advise as advised
+
+    try:
+        return advised(spec.load(), **options)
+    except ArgumentError as error:
+        named = str(error).startswith(f"{spec.label}: ")
+        raise InputError(str(error) if named else f"{spec.label}: {error}") from None

@@ -1,0 +1,169 @@
+"""The command that writes linear systems for other people's solvers."""
+
+import math
+import re
+from pathlib import Path
+
+import click
+
+from newmark_cli.cli import screen
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import allow_code_option
+
+
+def _steps(context: click.Context, option: click.Parameter, given: str | None) -> tuple[int, ...]:
+    if given is None:
+        return ()
+    parts = [part.strip() for part in given.split(",")]
+    if not all(re.fullmatch("[0-9]{1,9}", part) and int(part) > 0 for part in parts):
+        raise click.BadParameter(
+            f"must be numbers of steps from 1 on, with commas between them, given {given!r}"
+        )
+    return tuple(sorted({int(part) for part in parts}))
+
+
+def _sizes(
+    context: click.Context, option: click.Parameter, given: tuple[float, ...]
+) -> tuple[float, ...]:
+    for h in given:
+        if not (math.isfinite(h) and h > 0):
+            raise click.BadParameter(f"must be positive, given {h:g}")
+    return given
+
+
+@click.command()
+@click.argument(
+    "subjects",
+    nargs=-1,
+    required=True,
+    metavar="STUDY|PROBLEM...",
+    shell_complete=complete("configs", "problems", files=True),
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("systems"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder to write; replaced if an export has written all that is in it.",
+)
+@click.option(
+    "--steps",
+    callback=_steps,
+    metavar="LIST",
+    help="Numbers of steps, such as 1,10,100; by default five, evenly spread.",
+)
+@click.option("--every", type=click.IntRange(1), metavar="K", help="Every K-th step instead.")
+@click.option(
+    "--t-end",
+    type=float,
+    metavar="T",
+    help="End of a problem's march (s); by default 100 steps, or the last of --steps.",
+)
+@click.option(
+    "--all-iterations",
+    is_flag=True,
+    help="Systems of all of Newton's iterations; by default of the first and last of each step.",
+)
+@click.option(
+    "--h",
+    type=float,
+    multiple=True,
+    callback=_sizes,
+    metavar="H",
+    help="Step size (s); may be repeated.  1e-3, 1e-5 and 1e-7 for a problem, or the study's.",
+)
+@click.option(
+    "--form",
+    multiple=True,
+    metavar="FORM",
+    shell_complete=complete("forms"),
+    help="Form; may be repeated.  u-lambda for a problem, or the study's.",
+)
+@click.option(
+    "--preconditioning",
+    multiple=True,
+    metavar="VARIANT",
+    shell_complete=complete("preconditioning"),
+    help="Scaling; may be repeated.  none and optimal for a problem, or the study's.",
+)
+@click.option(
+    "--integrator",
+    multiple=True,
+    metavar="METHOD",
+    help="Such as 'generalized-alpha rho=0.9'; may be repeated.",
+)
+@click.option(
+    "--formulation",
+    multiple=True,
+    metavar="FORMULATION",
+    shell_complete=complete("formulations"),
+    help="Such as ggl or 'baumgarte rate_h=1'; may be repeated.",
+)
+@click.option(
+    "--evaluation",
+    type=click.Choice(["direct", "compensated"]),
+    multiple=True,
+    help="How residuals are evaluated; may be repeated.",
+)
+@click.option("--force", is_flag=True, help="Write into DIR even if it holds other files.")
+@allow_code_option
+def export(
+    subjects: tuple[str, ...],
+    out: Path,
+    steps: tuple[int, ...],
+    every: int | None,
+    t_end: float | None,
+    all_iterations: bool,
+    h: tuple[float, ...],
+    form: tuple[str, ...],
+    preconditioning: tuple[str, ...],
+    integrator: tuple[str, ...],
+    formulation: tuple[str, ...],
+    evaluation: tuple[str, ...],
+    force: bool,
+    allow_code: bool,
+) -> int:
+    """Export the linear systems of marches as Matrix Market files.
+
+    For every chosen step writes the Jacobian as the solver sees it, the right-hand
+    side, and the solution to 60 digits, with DIR/index.json to say what they are; see
+    docs/export.md.  Of a study, the options choose among its cells.  The same export
+    writes the same bytes.  Exits with 1 if a march ends before the last chosen step.
+
+    \b
+    Example:
+      newmark-study export andrews --h 1e-6 --preconditioning none --out andrews
+    """
+    if steps and every is not None:
+        raise click.UsageError("--steps and --every: give one of them, not both")
+    from newmark_cli.cli.terminal import Exporting
+    from newmark_cli.newmark.formulation import Formulation
+    from newmark_cli.study import collection, keys
+
+    choice = collection.Choice(steps, every, all_iterations)
+    wanted = {
+        "form": form,
+        "preconditioning": preconditioning,
+        "integrator": [keys.integrator_named(text).label for text in integrator],
+        "formulation": [Formulation.parse(text).label for text in formulation],
+        "evaluation": evaluation,
+        "h": h,
+    }
+    cells = [
+        cell
+        for subject in subjects
+        for cell in collection.cells_of(subject, wanted, choice, t_end, allow_code)
+    ]
+    watcher = Exporting()
+    try:
+        done = collection.write(cells, out, choice, force, watcher=watcher)
+    finally:
+        watcher.close()
+    marches = "1 march" if done.marches == 1 else f"{done.marches} marches"
+    screen.line(f"{done.systems} systems of {marches} -> {out / collection.INDEX}")
+    for reason in done.left_out:
+        screen.complain(f"warning: {reason}")
+    for ended in done.ended:
+        screen.complain(ended)
+    return 1 if done.ended else 0

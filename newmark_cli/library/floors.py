@@ -1,0 +1,95 @@
+"""Floors of Newton's corrections for notebooks: predicted before anything is run."""
+
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.errors import ArgumentError
+from newmark_cli.library import arguments
+from newmark_cli.library.linearised import subject_of
+from newmark_cli.library.scalings import formulation_of, integrator_or_newmark, preconditioning_of
+from newmark_cli.newmark.floor import Floor, unpredicted
+from newmark_cli.newmark.forms import FORMS, INDEX_3
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Scheme
+
+
+def floor(
+    subject: Any,
+    *,
+    h: float,
+    form: str = "u-lambda",
+    beta: float | None = None,
+    gamma: float | None = None,
+    integrator: Any = None,
+    formulation: Any = INDEX_3,
+    evaluation: str = DIRECT,
+    precision: str = "float64",
+    preconditioning: Any = "optimal",
+    t_end: float | None = None,
+) -> Floor:
+    """How small Newton's corrections can become: their expected rms, from rounding only.
+
+    Args:
+        subject: What `problem` takes, or matrices at one state, as `advise` takes them.
+        h: Step size (s).
+        form: Name of a form, such as ``"v-lambda"``.
+        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
+        integrator: In their place an integrator, as `march` takes it.
+        formulation, evaluation, precision, preconditioning: As of `march`.
+        t_end: Time until which a problem's motion is looked at (s); a time in which it moves
+            by about its own size when omitted.
+
+    Returns:
+        For each unknown the rms of the 2-norm of its last correction over a few states,
+        scaled and physical, and the share of corrections that are exactly zero; see
+        docs/floors.md for the model.
+
+    Raises:
+        ArgumentError: For an argument of the wrong type, size or name, and for a scheme
+            of which no floor is predicted.
+        ProblemError, DocumentError, NewmarkError: When the subject cannot be used.
+        IntegratorError, FormulationError, ScalingError: For parameters that give no scheme.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> found = newmark.floor("andrews", h=1e-5)
+        >>> [f"{found.physical[unknown]:.0e}" for unknown in ("u", "lambda")]
+        ['7e-18', '7e-07']
+    """
+    step = arguments.positive("h", h, " of seconds")
+    chosen = formulation_of(formulation)
+    formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
+    scheme = Scheme(
+        integrator_or_newmark(beta, gamma, integrator),
+        formulated,
+        preconditioning_of(preconditioning, "preconditioning").scaling(formulated),
+        step,
+        evaluation=arguments.one_of("evaluation", evaluation, EVALUATIONS),
+        precision=arguments.one_of("precision", precision, PRECISIONS),
+        formulation=chosen,
+    )
+    if reason := unpredicted(scheme):
+        raise ArgumentError(f"formulation {chosen.label}: {reason}")
+    about = subject_of(subject, None if t_end is None else arguments.positive("t_end", t_end))
+    if evaluation == COMPENSATED and about.quadratic is False:
+        raise ArgumentError(
+            "evaluation: compensated needs constraints that are at most quadratic in u and do "
+            f"not depend on time; those of {about.name} do"
+        )
+    if formulation != INDEX_3 and not about.formulations:
+        raise ArgumentError(
+            f"formulation {chosen.label}: needs the rate of G, which matrices at one state do not "
+            "tell; allowed: index-3"
+        )
+    floors = about.floors(scheme)
+    if not floors:
+        raise ArgumentError(f"{about.name}: a floor needs a state: u, v, a, lambda")
+    means = {
+        kind: {
+            unknown: float(np.sqrt(np.mean([getattr(at, kind)[unknown] ** 2 for at in floors])))
+            for unknown in floors[0].scaled
+        }
+        for kind in ("scaled", "physical")
+    }
+    zeros = {name: float(np.mean([at.zeros[name] for at in floors])) for name in floors[0].zeros}
+    return Floor(means["scaled"], means["physical"], zeros)

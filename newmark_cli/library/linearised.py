@@ -1,0 +1,405 @@
+"""What advice is about: a problem at states of its motion, or matrices at one state."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from newmark_cli import matrices
+from newmark_cli.arrays import Array
+from newmark_cli.errors import ArgumentError, InputError
+from newmark_cli.library.marching import march
+from newmark_cli.library.problems import problem as problem_of
+from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
+from newmark_cli.newmark.constraints import constraining_of
+from newmark_cli.newmark.floor import Floor, floor, unpredicted
+from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.jacobian import form_blocks
+from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.linear import linear_problem
+from newmark_cli.problems.problem import Problem, ProblemError, Terms
+
+#: Names of the matrices and vectors that a file or a dict may have.
+NAMES = ("M", "G", "X", "Y", "u", "v", "a", "lambda")
+#: Most unknowns n + m whose condition numbers are computed.
+MOST_UNKNOWNS = 1_500
+#: Most unknowns n + m for which a motion is marched to look at more states than the start.
+_MOST_MARCHED = 300
+#: Stretches of the motion between states, and steps in each.
+_STATES, _STEPS_BETWEEN = 3, 100
+#: Draws of the rounding errors for a floor, and for one that is only compared.
+_SAMPLES, _ROUGHLY = 32, 8
+_DAMPED = "generalized-alpha rho=0.9"
+
+
+class Linearisation(NamedTuple):
+    """Matrices of the equations of motion, M v' = f + G λ, 0 = Φ, and a state.
+
+    With n coordinates and m constraints; all dense.
+    """
+
+    M: Array
+    X: Array  #: −∂(f + Gλ)/∂u
+    Y: Array  #: −∂f/∂v
+    G: Array
+    u: Array
+    v: Array
+    a: Array
+    multipliers: Array
+
+
+@dataclass(frozen=True, eq=False)
+class OfMatrices:
+    """Matrices and, if it is known, one state.
+
+    Attributes:
+        name: How texts name it.
+        given: The matrices; the state is 0 where it is not known.
+        has_state: Whether it is known.
+        notes: What was assumed.
+        quadratic: Whether Φ is at most quadratic in u without t, which nobody knows.
+        formulations: Whether other formulations than index 3 are known.
+    """
+
+    name: str
+    given: Linearisation
+    has_state: bool
+    notes: Sequence[str]
+    quadratic: bool | None = None
+    formulations: bool = False
+
+    @property
+    def where(self) -> str:
+        """At which state, in words."""
+        return "at the state given" if self.has_state else "without a state"
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return int(self.given.G.shape[0])
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return int(self.given.G.shape[1])
+
+    @property
+    def multipliers(self) -> float | None:
+        """Root mean square of ‖λ‖ over the states."""
+        return float(np.linalg.norm(self.given.multipliers)) if self.has_state else None
+
+    @property
+    def terms(self) -> tuple[Array, Array, Array, Array]:
+        """M, X, Y, G at the first state."""
+        return self.given.M, self.given.X, self.given.Y, self.given.G
+
+    def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
+        """J, unscaled."""
+        if scheme.formulation.method != INDEX_3:
+            raise ArgumentError(
+                f"formulation {scheme.formulation.label}: needs the rate of G, which matrices at "
+                "one state do not tell; allowed: index-3"
+            )
+        mass, x, y, g = self.terms
+        terms = Terms(np.zeros(self.n), np.zeros(self.m), x, y, g)
+        return np.asarray(np.block(form_blocks(scheme, terms, mass)))
+
+    def unknowns(self, scheme: Scheme) -> Array:
+        """Unknowns where ‖λ‖ is typical."""
+        given = self.given
+        return _unknowns(scheme, (given.u, given.v, given.a), given.multipliers)
+
+    def rounded(self, scheme: Scheme) -> tuple[Array, Array] | None:
+        """G, and what is rounded in a step, where ‖λ‖ is typical; None without a state."""
+        given = self.given
+        moved = scheme.h * given.v if scheme.compensated else given.u
+        return (given.G, moved) if self.has_state else None
+
+    def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
+        """Floors at the states; a rough one only where ‖λ‖ is typical."""
+        if unpredicted(scheme) or not self.has_state:
+            return []
+        given = self.given
+        fields = np.array([given.u, given.v, given.a, given.a])
+        none, dtype = np.zeros(self.m), scheme.dtype
+        state = State(
+            fields.astype(dtype),
+            (scheme.relations.start @ fields[:3]).astype(dtype),
+            given.multipliers.astype(dtype),
+            np.zeros((2, self.n), dtype),
+            *(none.astype(dtype) for _ in range(3)),
+        )
+        samples = _ROUGHLY if typical else _SAMPLES
+        return [floor(self._problem, scheme, 0.0, state, samples=samples)]
+
+    @cached_property
+    def _problem(self) -> Problem:
+        given = self.given
+        state = (given.u, given.v, given.a, given.multipliers)
+        return linear_problem(self.name, self.terms, state)
+
+
+@dataclass(frozen=True, eq=False)
+class OfProblem:
+    """A problem at its start and at states of its motion.
+
+    Attributes:
+        problem: The problem.
+        states: The same with other starts: the states.
+        where: Which states these are, in words.
+        notes: What was assumed.
+        formulations: Whether other formulations than index 3 are known.
+    """
+
+    problem: Problem
+    states: Sequence[Problem]
+    where: str
+    notes: Sequence[str]
+    formulations: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name of the problem."""
+        return self.problem.name
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return self.problem.n
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return self.problem.m
+
+    @property
+    def quadratic(self) -> bool:
+        """Whether Φ is at most quadratic in u without t."""
+        return self.problem.quadratic
+
+    @cached_property
+    def _accelerations(self) -> list[tuple[Array, Array]]:
+        return [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
+
+    @property
+    def multipliers(self) -> float:
+        """Root mean square of ‖λ‖ over the states."""
+        return math.sqrt(np.mean([np.sum(found**2) for _, found in self._accelerations]))
+
+    @property
+    def terms(self) -> tuple[Array, Array, Array, Array]:
+        """M, X, Y, G at the first state."""
+        at = self.states[0]
+        terms = at.evaluate(at.t0, at.u0, at.v0, self._accelerations[0][1])
+        return self.problem.M, terms.X, terms.Y, terms.G
+
+    @cached_property
+    def _typical(self) -> int:
+        """State where ‖λ‖ is nearest to its root mean square."""
+        sizes = [np.linalg.norm(found) for _, found in self._accelerations]
+        return int(np.argmin(np.abs(np.array(sizes) - self.multipliers)))
+
+    def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
+        """J, unscaled."""
+        place = self._typical if typical else 0
+        at, (a, multipliers) = self.states[place], self._accelerations[place]
+        terms = at.evaluate(at.t0, at.u0, at.v0, multipliers)
+        constraining = constraining_of(at, scheme)
+        tangents = constraining.tangents_at(at.t0, at.u0, at.v0, a) if constraining else None
+        return np.asarray(np.block(form_blocks(scheme, terms, at.M, constraining, tangents)))
+
+    def unknowns(self, scheme: Scheme) -> Array:
+        """Unknowns where ‖λ‖ is typical."""
+        at, (a, multipliers) = self.states[self._typical], self._accelerations[self._typical]
+        return _unknowns(scheme, (at.u0, at.v0, a), multipliers)
+
+    def rounded(self, scheme: Scheme) -> tuple[Array, Array] | None:
+        """G, and what is rounded in a step, where ‖λ‖ is typical."""
+        at = self.states[self._typical]
+        moved = scheme.h * at.v0 if scheme.compensated else at.u0
+        return at.evaluate(at.t0, at.u0, at.v0, np.zeros(self.m)).G, moved
+
+    def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
+        """Floors at the states; a rough one only where ‖λ‖ is typical."""
+        if unpredicted(scheme):
+            return []
+        states = [self.states[self._typical]] if typical else self.states
+        samples = _ROUGHLY if typical else _SAMPLES
+        return [
+            floor(at, scheme, at.t0, initial_state(at, scheme), samples=samples) for at in states
+        ]
+
+
+#: What advice is given about.
+Subject = OfMatrices | OfProblem
+
+
+def _unknowns(scheme: Scheme, fields: Sequence[Array], multipliers: Array) -> Array:
+    """The state as the unknowns that a form keeps; η is 0."""
+    n, m = len(fields[0]), len(multipliers)
+    known = {**dict(zip(FIELDS, fields, strict=True)), "lambda": multipliers}
+    sizes = scheme.form.sizes(n, m)
+    parts = zip(scheme.form.solved, sizes, strict=True)
+    return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
+
+
+def subject_of(given: Any, t_end: float | None = None) -> Subject:
+    """What advice is about, from whatever describes it.
+
+    Args:
+        given: What `problem` takes; a path of matrices; a mapping with M and G.
+        t_end: Time until which a problem's motion is looked at (s); a time in which it moves
+            by about its own size when omitted.
+
+    Raises:
+        ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
+    """
+    if isinstance(given, Mapping) and {"M", "G"} & given.keys():
+        return of_matrices(given, "matrices")
+    if isinstance(given, str | Path) and is_path_of_matrices(Path(given)):
+        return of_matrices(matrices.read(Path(given), NAMES), str(given))
+    return _of_problem(problem_of(given), t_end)
+
+
+def is_path_of_matrices(path: Path) -> bool:
+    """Whether a path is that of matrices rather than of a problem."""
+    return path.suffix.lower() in (".npz", ".mtx") or path.is_dir()
+
+
+def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
+    """Matrices of the equations of motion by their names; see `NAMES`.
+
+    Args:
+        given: M (n, n) and G (n, m); X, Y (n, n), 0 if omitted; the state u, v, a (n,),
+            lambda (m,) or none of them.
+        where: What errors begin with, such as the file.
+
+    Raises:
+        MatrixError: When a matrix is missing or cannot be used.
+    """
+    found = {name: array_of(given[name], f"{where}: {name}") for name in NAMES if name in given}
+    for name in ("M", "G"):
+        if name not in found:
+            raise matrices.MatrixError(f"{where}: {name} is missing; needed: M, G")
+    mass, gradient = found["M"], found["G"]
+    if mass.ndim != 2 or mass.shape[0] != mass.shape[1]:
+        shape = " by ".join(map(str, mass.shape))
+        raise matrices.MatrixError(f"{where}: M must be square, given {shape}")
+    n = len(mass)
+    if gradient.ndim == 1:  # a single constraint
+        gradient = found["G"] = gradient[:, None]
+    m = gradient.shape[1]
+    square, vector = dict.fromkeys(("X", "Y"), (n, n)), dict.fromkeys(("u", "v", "a"), (n,))
+    found = {name: array.reshape(-1) if name in vector else array for name, array in found.items()}
+    if "lambda" in found:
+        found["lambda"] = found["lambda"].reshape(-1)
+    matrices.require_shapes(found, {"G": (n, m), **square, **vector, "lambda": (m,)}, where)
+    _require_usable(mass, gradient, where)
+    state = ("u", "v", "a", "lambda")
+    missing = [name for name in state if name not in found]
+    if missing and len(missing) < len(state):
+        raise matrices.MatrixError(
+            f"{where}: of the state {', '.join(missing)} is missing; give all of u, v, a, lambda "
+            "or none"
+        )
+    notes = [
+        f"{name} is not given and taken to be 0: {what} is not part of this advice"
+        for name, what in (("X", "stiffness"), ("Y", "damping"))
+        if name not in found
+    ]
+    if missing:
+        notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
+    shapes = {**square, **vector, "lambda": (m,)}
+    filled = {name: found.get(name, np.zeros(shape)) for name, shape in shapes.items()}
+    linearisation = Linearisation(
+        M=mass, X=filled["X"], Y=filled["Y"], G=gradient,
+        u=filled["u"], v=filled["v"], a=filled["a"], multipliers=filled["lambda"],
+    )  # fmt: skip
+    return OfMatrices(where, linearisation, not missing, notes)
+
+
+def array_of(given: Any, where: str) -> Array:
+    """A matrix of a dict or a file as finite real numbers."""
+    if callable(getattr(given, "toarray", None)):
+        given = given.toarray()
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        array = np.empty(0, object)
+    if array.dtype.kind == "c":
+        raise matrices.MatrixError(f"{where} is complex; must be real")
+    if array.dtype.kind not in "iufb" or array.ndim not in (1, 2):
+        raise matrices.MatrixError(f"{where} must be a matrix or a vector of numbers")
+    if not np.all(np.isfinite(array)):
+        raise matrices.MatrixError(f"{where} has NaN or infinity; must be finite")
+    return array.astype(float)
+
+
+def _require_usable(mass: Array, gradient: Array, where: str) -> None:
+    n, m = gradient.shape
+    if n + m > MOST_UNKNOWNS:
+        raise matrices.MatrixError(f"{where}: n + m = {n + m}; at most {MOST_UNKNOWNS}")
+    if m == 0 or n == 0:
+        raise matrices.MatrixError(f"{where}: G must have a row and a column at least")
+    if m > n or not has_full_rank(gradient):
+        raise matrices.MatrixError(
+            f"{where}: G has rank below {m}: constraints are redundant; leave out those that "
+            "follow from others"
+        )
+    if not is_regular(saddle_point(mass, gradient)):
+        raise matrices.MatrixError(
+            f"{where}: [M −G; Gᵀ 0] is singular: M leaves a motion that the constraints allow "
+            "without inertia"
+        )
+
+
+def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
+    if problem.n + problem.m > MOST_UNKNOWNS:
+        raise ArgumentError(
+            f"{problem.name}: n + m = {problem.n + problem.m}; advice is for at most "
+            f"{MOST_UNKNOWNS} unknowns"
+        )
+    try:
+        a, _ = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
+    except np.linalg.LinAlgError:
+        raise ProblemError(
+            f"{problem.name}: [M −G; Gᵀ 0] is singular at the start: constraints are redundant, or "
+            "M leaves a motion without inertia"
+        ) from None
+    length = _time_of_a_motion(problem, a) if t_end is None else t_end
+    if problem.n + problem.m > _MOST_MARCHED or not math.isfinite(length):
+        return OfProblem(problem, [problem], "at the start", [])
+    try:
+        steps = _STATES * _STEPS_BETWEEN
+        motion = march(
+            problem, h=length / steps, steps=steps, every=_STEPS_BETWEEN, integrator=_DAMPED,
+            keep=("u", "v"),
+        )  # fmt: skip
+    except InputError:
+        motion = None
+    if motion is None or motion.status != "ok":
+        return OfProblem(
+            problem, [problem], "at the start",
+            [f"the motion to t = {length:.3g} s could not be marched: advice is for the start"],
+        )  # fmt: skip
+    states = [
+        replace(problem, t0=float(t), u0=u, v0=v)
+        for t, u, v in zip(motion.t, motion.u, motion.v, strict=True)
+    ]
+    where = f"at {len(states)} states of its motion to t = {motion.t[-1]:.3g} s"
+    return OfProblem(problem, states, where, [])
+
+
+def _time_of_a_motion(problem: Problem, a: Array) -> float:
+    """Time in which the start's velocities and accelerations cover the mechanism's size (s)."""
+    size, speed = np.linalg.norm(problem.u0), np.linalg.norm(problem.v0)
+    with np.errstate(divide="ignore"):
+        return float(min(size / speed, np.sqrt(2 * size / np.linalg.norm(a))))

@@ -1,0 +1,65 @@
+"""Linear systems of marches for notebooks."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Unpack
+
+from newmark_cli.errors import ArgumentError
+from newmark_cli.library import arguments
+from newmark_cli.library.marching import Options, march
+from newmark_cli.newmark.newton_systems import NewtonSystem, newton_systems
+
+#: Options of `march` that are about what is kept of it.
+_KEEPING = ("every", "at", "keep", "callback")
+
+
+def linear_systems(
+    problem: Any,
+    *,
+    h: float,
+    steps: Sequence[int],
+    every_iteration: bool = False,
+    **options: Unpack[Options],
+) -> Iterator[NewtonSystem]:
+    """The linear systems J̄ q̄ = −D_L b that Newton's iteration solves along a march.
+
+    They are what the SciPy engine solves in a step from the state in which the march
+    stands; the command ``export`` writes them.  When the march ends early, so do they.
+
+    Args:
+        problem, h: As of `march`.
+        steps: In which steps, the first being 1.
+        every_iteration: Systems of all iterations, not of the first and the last of a step.
+        **options: Further arguments of `march`, such as ``form``, ``scaling``,
+            ``integrator``, ``formulation`` and ``linear_solver``; not ``every``, ``at``,
+            ``keep`` and ``callback``.
+
+    Returns:
+        An iterator over systems in the order in which they are solved, each with a sparse
+        ``matrix``, the right-hand side ``rhs``, names, sizes and factors of its blocks, and
+        ``solution()`` to 60 digits.
+
+    Raises:
+        ArgumentError: For steps that are no numbers from 1 on, and as `march`.
+        InputError: In single precision, whose systems are not to be had.
+        ProblemError, DocumentError, IntegratorError, ScalingError: As `march`.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> for system in newmark.linear_systems("andrews", h=1e-6, steps=[1, 50]):
+        ...     x = [float(digits) for digits in system.solution()]
+        ...     print(system.step, system.matrix.shape, system.residual(x) < 1e-15)
+        1 (15, 15) True
+        1 (15, 15) True
+        50 (15, 15) True
+        50 (15, 15) True
+    """
+    for name in _KEEPING:
+        if name in options:
+            raise ArgumentError(f"{name}: linear_systems keeps nothing of the march; give steps")
+    if isinstance(steps, str) or not hasattr(steps, "__iter__"):
+        raise ArgumentError(f"steps must be a list of numbers, given {arguments.shown(steps)}")
+    wanted = sorted({arguments.count("steps", step, 1) for step in steps})
+    if not wanted:
+        raise ArgumentError("steps must name a step, given none")
+    begun = march(problem, h=h, steps=True, **options)._recorder.march
+    return newton_systems(begun, wanted, arguments.flag("every_iteration", every_iteration))

@@ -1,0 +1,209 @@
+"""The linear systems that Newton's iteration solves along a march."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse
+
+from newmark_cli.arrays import Array
+from newmark_cli.errors import InputError
+from newmark_cli.newmark import scipy_march
+from newmark_cli.newmark.constraints import Constraining, Tangents
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.linear import exact
+from newmark_cli.newmark.linear.systems import BalancedSystem, LinearSystem
+from newmark_cli.newmark.march import March
+from newmark_cli.newmark.march_data import COMPLETED, State, recording
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem, Values
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonSystem:
+    """J̄ q̄ = −D_L b of one iteration of Newton's in one step, with all that it came from.
+
+    Attributes:
+        matrix: J̄ = D_L J D_R, shape (N, N), without its zeros.
+        rhs: (N,) −D_L b.
+        scheme: Integrator, form, scaling and step size of the march.
+        n, m: Coordinates and constraints.
+        t: Time at the end of the step (s).
+        step: Number of the step, the first being 1.
+        iteration: Number of the iteration in the step, the first being 1.
+        iterations: Linear systems that the step solved.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> first, last = newmark.linear_systems("pendulum", h=1e-3, steps=[10])
+        >>> first.rows, first.unknowns, first.sizes, first.matrix.shape
+        (('D', 'C'), ('u', 'lambda'), (2, 1), (3, 3))
+        >>> last.iteration == last.iterations, f"{last.beta * last.h**2:g}", last.left["D"]
+        (True, '2.5e-07', 2.5e-07)
+        >>> exact = first.solution()
+        >>> first.residual([float(x) for x in exact]) < 1e-15, type(exact[0]).__name__
+        (True, 'Decimal')
+    """
+
+    matrix: scipy.sparse.csc_array
+    rhs: Array
+    scheme: Scheme
+    n: int
+    m: int
+    t: float
+    step: int
+    iteration: int
+    iterations: int
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the row blocks."""
+        return self.scheme.form.rows
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the blocks of unknowns."""
+        return self.scheme.form.solved
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Sizes of the blocks, the same of rows and unknowns."""
+        return tuple(self.scheme.form.sizes(self.n, self.m))
+
+    @property
+    def left(self) -> dict[str, float]:
+        """Row block → its factor in D_L."""
+        return dict(zip(self.rows, self.scheme.left.tolist(), strict=True))
+
+    @property
+    def right(self) -> dict[str, float]:
+        """Unknown → its factor in D_R."""
+        return dict(zip(self.unknowns, self.scheme.right.tolist(), strict=False))
+
+    @property
+    def h(self) -> float:
+        """Step size (s)."""
+        return self.scheme.h
+
+    @property
+    def beta(self) -> float:
+        """β in the factors: ∂u/∂v' = β h²."""
+        return self.scheme.integrator.symbols(self.h)["beta"]
+
+    @property
+    def gamma(self) -> float:
+        """γ in the factors: ∂v/∂v' = γ h."""
+        return self.scheme.integrator.symbols(self.h)["gamma"]
+
+    @cached_property
+    def _solution(self) -> tuple[Decimal, ...]:
+        left, right = scaling_factors(self.scheme, self.n, self.m)
+        rows, columns = balancing_factors(self.scheme, self.n, self.m)
+        return exact.solve(self.matrix, self.rhs, rows / left, columns / right)
+
+    def solution(self) -> tuple[Decimal, ...]:
+        """(N,) q̄ of the exact binary numbers, to at least 60 digits in every component.
+
+        Components below 1e-100 of the largest, in balanced unknowns, are zeros.
+
+        Raises:
+            numpy.linalg.LinAlgError: When J̄ is singular, or so nearly that no digits are
+                to be had.
+        """
+        return self._solution
+
+    def residual(self, x: Sequence[float] | Array) -> float:
+        """‖rhs − J̄ x‖₂ / (‖J̄‖_F ‖x‖₂ + ‖rhs‖₂), evaluated in more than 200 digits."""
+        return exact.backward_error(self.matrix, self.rhs, np.asarray(x, float).tolist())
+
+
+class _Observing:
+    """A linear system that keeps what it was asked to solve."""
+
+    def __init__(self, system: LinearSystem, every: bool) -> None:
+        self._system, self._every = system, every
+        self.count = 0
+        self.seen: list[tuple[int, scipy.sparse.csc_array, Array]] = []
+
+    @property
+    def problem(self) -> Problem:
+        return self._system.problem
+
+    @property
+    def constraining(self) -> Constraining | None:
+        return self._system.constraining
+
+    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
+        return self._system.matrix(values, tangents)
+
+    def balanced(self, t: float, state: State) -> BalancedSystem:
+        return self._system.balanced(t, state)
+
+    def times_mass(self, vector: Array) -> Array:
+        return self._system.times_mass(vector)
+
+    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
+        self.count += 1
+        if not self._every:
+            del self.seen[1:]  # the first and the last are wanted
+        self.seen.append((self.count, self.matrix(values, tangents), rhs.copy()))
+        return self._system.solve(values, rhs, tangents)
+
+
+def newton_systems(
+    march: March,
+    steps: Sequence[int],
+    every_iteration: bool = False,
+    on_steps: Callable[[int], None] = lambda steps: None,
+) -> Iterator[NewtonSystem]:
+    """Systems that a march solves in some of its steps: in the first and last iteration.
+
+    The march goes on as ever, by its own engine.  A step that is observed is taken by the
+    SciPy engine besides, from the state in which the march stands: the same algorithm, from
+    the same numbers.  When the march ends before the last of the steps, so do the systems;
+    its `ending` says how.  Systems that are not finite are left out.
+
+    Args:
+        march: The march; taken on to the last of the steps.
+        steps: Which, the first being 1; ascending.
+        every_iteration: Systems of all iterations.
+        on_steps: Told how many steps were done, now and then.
+
+    Raises:
+        InputError: In single precision: such a march is assembled and solved inside the
+            compiled kernel.
+    """
+    if march.scheme.precision != "float64":
+        raise InputError(
+            f"precision {march.scheme.precision}: only systems of marches in float64 are to be "
+            "had; others are assembled and solved inside the compiled kernel"
+        )
+    return _observed(march, steps, every_iteration, on_steps)
+
+
+def _observed(
+    march: March, steps: Sequence[int], every_iteration: bool, on_steps: Callable[[int], None]
+) -> Iterator[NewtonSystem]:
+    problem, scheme = march.problem, march.scheme
+    for step in steps:
+        for stretch in march.stretches(step - 1):
+            on_steps(len(stretch.iterations))
+        if march.ending != COMPLETED:
+            return
+        system = _Observing(march.system, every_iteration)
+        state = State(*(array.copy() for array in march.state))
+        norms, iterations = np.zeros((1, len(scheme.recorded))), np.zeros(1, np.int64)
+        none = recording(state, np.empty(0))
+        scipy_march.march(problem, scheme, state, march.done, norms, iterations, system, none)
+        for iteration, matrix, rhs in system.seen:
+            if np.all(np.isfinite(matrix.data)) and np.all(np.isfinite(rhs)):
+                t = problem.t0 + step * scheme.h
+                yield NewtonSystem(
+                    matrix, rhs, scheme, problem.n, problem.m, t, step, iteration, system.count
+                )
+        march.advance(1)
+        on_steps(1)
+        if march.ending != COMPLETED:
+            return

@@ -1,0 +1,724 @@
+"""Advice for other people's codes: numbers against mpmath, refusals, and the mistakes they made."""
+
+import io
+import json
+import pickle
+import runpy
+import struct
+import zipfile
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+import scipy.io
+
+import newmark_cli as newmark
+from newmark_cli import matrices
+from newmark_cli.library.advising import Equilibration
+from newmark_cli.library.scalings import integrator_of
+from newmark_cli.newmark.balance import Inverted, equilibrium
+from newmark_cli.newmark.noise import carried
+from newmark_cli.problems.index_1 import Index1
+
+EXAMPLE = Path(__file__).parents[1] / "docs/examples/matrices.py"
+#: Table 2 at β = 0.3, γ = 0.6, h = 1e-3, typed again as numbers.
+FACTORS = {
+    "u-lambda": ({"D": 3e-7, "C": 1.0}, {"u": 1.0, "lambda": 3333333.3333333335}),
+    "v-lambda": ({"D": 6e-7, "C": 1.0}, {"v": 1666.6666666666667, "lambda": 3333333.3333333335}),
+    "a-lambda": (
+        {"D": 3e-7, "C": 1.0},
+        {"a": 3333333.3333333335, "lambda": 3333333.3333333335},
+    ),
+    "u-v-lambda": (
+        {"D": 3e-7, "K": 1.0, "C": 1.0},
+        {"u": 1.0, "v": 2000.0, "lambda": 3333333.3333333335},
+    ),
+    "u-v-a-lambda": (
+        {"D": 3e-7, "V": 5e-4, "K": 1.0, "C": 1.0},
+        {"u": 1.0, "v": 2000.0, "a": 3333333.3333333335, "lambda": 3333333.3333333335},
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """Folder that the script of the docs has written into."""
+    folder = tmp_path_factory.mktemp("example")
+    runpy.run_path(str(EXAMPLE))["main"](folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def double(example):
+    """Its matrices."""
+    with np.load(example / "double.npz", allow_pickle=False) as found:
+        return dict(found)
+
+
+def exact_jacobian(found, form, beta, gamma, h):
+    """J of a form in mpmath, block by block as the paper has it."""
+    mass, x, y, g = (mpmath.matrix(found[name].tolist()) for name in ("M", "X", "Y", "G"))
+    n, m = found["G"].shape
+    beta, gamma, h = mpmath.mpf(beta), mpmath.mpf(gamma), mpmath.mpf(h)
+    one, none = mpmath.eye(n), mpmath.zeros(n)
+    empty = mpmath.zeros(n, m)
+    wide, corner = empty.T, mpmath.zeros(m)
+    rows = {
+        "u-lambda": [[x + gamma / (beta * h) * y + mass / (beta * h**2), -g], [g.T, corner]],
+        "v-lambda": [[beta * h / gamma * x + y + mass / (gamma * h), -g],
+                     [beta * h / gamma * g.T, corner]],
+        "a-lambda": [[beta * h**2 * x + gamma * h * y + mass, -g], [beta * h**2 * g.T, corner]],
+        "u-v-lambda": [[x, y + mass / (gamma * h), -g], [one, -beta / gamma * h * one, empty],
+                       [g.T, wide, corner]],
+        "u-v-a-lambda": [[x, y, mass, -g], [none, one, -gamma * h * one, empty],
+                         [one, none, -beta * h**2 * one, empty], [g.T, wide, wide, corner]],
+    }[form]  # fmt: skip
+    stacked = [[block[i, j] for block in row for j in range(block.cols)]
+               for row in rows for i in range(row[0].rows)]  # fmt: skip
+    return mpmath.matrix(stacked)
+
+
+def exact_condition(jacobian):
+    """2-norm condition number by power iteration on JᵀJ and its inverse, in mpmath."""
+    values = mpmath.svd_r(jacobian, compute_uv=False)
+    return float(values[0] / values[len(values) - 1])
+
+
+@pytest.mark.parametrize(("form", "h"), [
+    ("u-lambda", 1e-3), ("u-lambda", 1e-8), ("v-lambda", 1e-7), ("a-lambda", 1e-6),
+    ("u-v-a-lambda", 1e-7),
+])  # fmt: skip
+def test_condition_numbers_are_those_of_mpmath(example, double, form, h):
+    """Every variant within 1e-9 of 70 digits, up to C = 1e32, from a file that NumPy wrote."""
+    beta, gamma = 0.3, 0.6
+    advice = newmark.advise(example / "double.npz", h=h, form=form, beta=beta, gamma=gamma)
+    symbols = {"beta": mpmath.mpf(beta), "gamma": mpmath.mpf(gamma), "h": mpmath.mpf(h)}
+    powers = {
+        "D": lambda b, g, h: (g if form == "v-lambda" else b) * h**2,
+        "V": lambda b, g, h: b * h / g,
+        "v": lambda b, g, h: 1 / (g * h) if form == "v-lambda" else g / (b * h),
+        "a": lambda b, g, h: 1 / (b * h**2),
+        "lambda": lambda b, g, h: 1 / (b * h**2),
+    }
+    rows, unknowns = FACTORS[form]
+    with mpmath.workdps(70):
+        jacobian = exact_jacobian(double, form, beta, gamma, h)
+        for variant in ("none", "left", "right", "optimal"):
+            factors = []
+            for side, names, size in (("left", rows, "C"), ("right", unknowns, "lambda")):
+                used = variant in (side, "optimal")
+                side_factors = []
+                for name in names:
+                    value = powers[name](*symbols.values()) if used and name in powers else 1
+                    side_factors += [value] * (2 if name == size else 4)
+                factors.append(mpmath.diag(side_factors))
+            expected = exact_condition(factors[0] * jacobian * factors[1])
+            assert advice.condition[h][variant] == pytest.approx(expected, rel=1e-9), variant
+
+
+@pytest.mark.parametrize("form", FACTORS)
+def test_factors_are_those_of_table_2(example, form):
+    """As numbers, and as the lines to paste give them."""
+    h = 1e-3
+    advice = newmark.advise(example / "double", h=h, form=form, beta=0.3, gamma=0.6)
+    left, right = FACTORS[form]
+    assert advice.factors[h].left == pytest.approx(left, rel=1e-14)
+    assert advice.factors[h].right == pytest.approx(right, rel=1e-14)
+    pasted = {"np": np, "h": h}
+    exec("\n".join(advice.code["numpy"][:3]), pasted)
+    sizes = [4] * (len(left) - 1) + [2]
+    np.testing.assert_allclose(pasted["left"], np.repeat([*left.values()], sizes), rtol=1e-14)
+    np.testing.assert_allclose(pasted["right"], np.repeat([*right.values()], sizes), rtol=1e-14)
+    # C is close enough to Python to be run as it: the same loops, by their text.
+    for side, line in zip(("left", "right"), advice.code["c"][1:], strict=True):
+        values = np.zeros(sum(sizes))
+        for loop in line.split("for (int i = ")[1:]:
+            begin, end, body = loop.split("; ", 2)
+            value = body.partition("= ")[2].strip(" ;")
+            names = {"n": 4, "m": 2, "beta": 0.3, "gamma": 0.6, "h": h}
+            values[eval(begin, names) : eval(end.removeprefix("i < "), names)] = eval(value, names)
+        np.testing.assert_allclose(values, pasted[side], rtol=1e-14)
+
+
+def test_file_folder_and_dict_say_the_same(example, double, cli):
+    """An .npz file, Matrix Market files and arrays give the same numbers; so does --json."""
+    of_file = newmark.advise(example / "double.npz", h=1e-4).to_dict()
+    of_folder = newmark.advise(str(example / "double"), h=1e-4).to_dict()
+    of_arrays = newmark.advise(double, h=1e-4).to_dict()
+    printed = json.loads(cli("advise", "--matrices", example / "double.npz", "--h", "1e-4",
+                             "--json").stdout)  # fmt: skip
+    for other in (of_folder, of_arrays, printed):
+        for key in ("condition", "tolerances", "noise", "code", "findings", "factors"):
+            assert json.loads(json.dumps(other[key])) == json.loads(json.dumps(of_file[key])), key
+
+
+def test_a_problem_gives_the_numbers_of_its_own_matrices(double):
+    """Advice on the same mechanism as a document of this package: the same condition numbers."""
+    problem = newmark.problem("andrews")
+    start = newmark.march(problem, h=1e-6, steps=1)
+    at = problem.evaluate(0.0, problem.u0, problem.v0, start.multipliers[0])
+    own = newmark.advise("andrews", h=1e-5, form="v-lambda")
+    given = {"M": problem.M, "G": at.G, "X": at.X, "Y": at.Y}
+    theirs = newmark.advise(given, h=1e-5, form="v-lambda")
+    assert theirs.condition[1e-5]["none"] == pytest.approx(own.condition[1e-5]["none"], rel=1e-6)
+    assert theirs.tolerances == ()
+    assert own.tolerances != ()
+    assert own.orders == {"none": -3, "left": -1, "right": -2, "optimal": 0}
+    assert own.best_form == "u-lambda"
+    del double
+
+
+def test_what_is_not_given_is_said():
+    """Without X, Y and a state the advice says what it leaves out."""
+    advice = newmark.advise({"M": np.eye(2), "G": [[1.0], [0.0]]}, h=1e-3)
+    notes = " ".join(advice.findings)
+    assert "X is not given" in notes
+    assert "Y is not given" in notes
+    assert "no state" in notes
+    # [[4e6, 0, −1], [0, 4e6, 0], [1, 0, 0]], by hand: σ = 4e6 and about 2.5e-7.
+    assert advice.condition[1e-3]["none"] == pytest.approx(1.6e13, rel=1e-3)
+    assert advice.condition[1e-3]["optimal"] == pytest.approx((3 + 5**0.5) / 2, rel=1e-12)
+    with pytest.raises(newmark.NewmarkError, match="only where a state"):
+        newmark.advise({"M": np.eye(2), "G": [[1.0], [0.0]]}, h=1e-3, tolerance=1e-8)
+
+
+def test_a_singular_mass_matrix_is_no_obstacle():
+    """M may be singular where the constraints hold what has no mass."""
+    mass, gradient = np.diag([2.0, 0.0, 1.0]), np.array([[0.0], [1.0], [0.5]])
+    advice = newmark.advise({"M": mass, "G": gradient}, h=1e-4)
+    full = np.block([[mass * 4e8, -gradient], [gradient.T, np.zeros((1, 1))]])
+    assert advice.condition[1e-4]["none"] == pytest.approx(np.linalg.cond(full), rel=1e-6)
+    assert advice.condition[1e-4]["optimal"] < 10
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+def npz(path, **arrays):
+    np.savez(path, **arrays)
+    return path
+
+
+def claiming(path, size, content):
+    """A member whose size is another than the zip directory, and its own head, say."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("M.npy", content)
+    changed = bytearray(path.read_bytes())
+    for place in (22, changed.rfind(b"PK\x01\x02") + 24):
+        changed[place : place + 4] = struct.pack("<I", size)
+    path.write_bytes(changed)
+    return path
+
+
+def liar(path):
+    """A member whose header claims a matrix of 3000 by 3000 that is not there."""
+    head = io.BytesIO()
+    described = {"descr": "<f8", "fortran_order": False, "shape": (3000, 3000)}
+    np.lib.format.write_array_header_1_0(head, described)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("M.npy", head.getvalue())
+    return path
+
+
+def huge(path):
+    """Two gigabytes that take no room on the disk."""
+    with path.open("wb") as file:
+        file.truncate(2 << 30)
+    return path
+
+
+def executes(path, marker):
+    """An object array whose pickle would write a file."""
+
+    class Evil:
+        def __reduce__(self):
+            return (Path.touch, (marker,))
+
+    content = io.BytesIO()
+    described = {"descr": "|O", "fortran_order": False, "shape": (1,)}
+    np.lib.format.write_array_header_1_0(content, described)
+    content.write(pickle.dumps(Evil()))
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("M.npy", content.getvalue())
+        archive.writestr("G.npy", content.getvalue())
+    return path
+
+
+EYE, COLUMN = np.eye(3), np.ones((3, 1))
+BAD = {
+    "not square": (lambda p: npz(p, M=np.ones((3, 2)), G=COLUMN), "M must be square, given 3 by 2"),
+    "sizes": (lambda p: npz(p, M=EYE, G=np.ones((4, 1))), "G must be 3 by 1, given 4 by 1"),
+    "X": (lambda p: npz(p, M=EYE, G=COLUMN, X=np.eye(2)), "X must be 3 by 3, given 2 by 2"),
+    "u": (lambda p: npz(p, M=EYE, G=COLUMN, u=np.ones(2)), "u must be 3, given 2"),
+    "part of a state": (lambda p: npz(p, M=EYE, G=COLUMN, u=np.ones(3)), "v, a, lambda is missing"),
+    "NaN": (lambda p: npz(p, M=EYE * np.nan, G=COLUMN), "M has nan at (1, 1); must be finite"),
+    "infinity": (lambda p: npz(p, M=EYE, G=COLUMN / 0.0), "G has inf at (1, 1); must be finite"),
+    "complex": (lambda p: npz(p, M=EYE * 1j, G=COLUMN), "M is complex; must be real"),
+    "text": (lambda p: npz(p, M=np.array(["a"]), G=COLUMN), "M must be numbers"),
+    "cube": (lambda p: npz(p, M=np.ones((2, 2, 2)), G=COLUMN), "an array of 3 dimensions"),
+    "rank": (lambda p: npz(p, M=EYE, G=np.ones((3, 2))), "G has rank below 2"),
+    "more rows": (lambda p: npz(p, M=EYE, G=np.ones((3, 4))), "G has rank below 4"),
+    "zero": (lambda p: npz(p, M=EYE, G=0 * COLUMN), "G has rank below 1"),
+    "saddle": (lambda p: npz(p, M=np.diag([1.0, 0, 0]), G=COLUMN), "[M −G; Gᵀ 0] is singular"),
+    "missing": (lambda p: npz(p, M=EYE), "G is missing; needed: M, G"),
+    "none": (lambda p: npz(p, A=EYE), "the file has none of M, G"),
+    "large": (lambda p: npz(p, M=np.ones((1, 5000)), G=COLUMN), "1 by 5000; at most 4000"),
+    "bomb": (lambda p: claiming(p, 1 << 30, bytes(1 << 20)), "unpacks to 1073741824 bytes"),
+    "liar": (liar, "M is cut off"),
+    "huge": (huge, "cannot be read: it is larger than 268435456 bytes"),
+    "no zip": (lambda p: p.write_bytes(b"PK\x03\x04 no") and p, "not an .npz file"),
+    "empty": (lambda p: p.write_bytes(b"") or p, "not an .npz file"),
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero")
+@pytest.mark.parametrize("case", BAD)
+def test_matrices_that_cannot_be_used_are_refused_in_one_line(cli, case):
+    """Exit code 2, and a line that names the file, the matrix and what is wrong."""
+    make, message = BAD[case]
+    make(cli.folder / "bad.npz")
+    line = cli.refused("advise", "--matrices", "bad.npz", "--h", "1e-3")
+    assert line.startswith("newmark-study: bad.npz: ")
+    assert message in line
+
+
+def test_nothing_is_unpickled(cli, tmp_path):
+    """An object array is refused, by its name, and its code does not run."""
+    marker = tmp_path / "ran"
+    executes(cli.folder / "evil.npz", marker)
+    line = cli.refused("advise", "--matrices", "evil.npz", "--h", "1e-3")
+    assert "M is a pickle of Python objects, which is not read" in line
+    assert not marker.exists()
+    np.load(cli.folder / "evil.npz", allow_pickle=True)["M"]  # it would have
+    assert marker.exists()
+
+
+def test_truncated_files_are_refused(example, cli):
+    """Whole archives and single files, cut anywhere."""
+    content = (example / "double.npz").read_bytes()
+    for size in (10, 100, len(content) // 2, len(content) - 1):
+        (cli.folder / "cut.npz").write_bytes(content[:size])
+        with pytest.raises(matrices.MatrixError, match=r"not an \.npz file, or cut off"):
+            newmark.advise(cli.folder / "cut.npz", h=1e-3)
+    damaged = bytearray(content)
+    damaged[200] ^= 255
+    (cli.folder / "cut.npz").write_bytes(damaged)
+    assert "cut.npz" in cli.refused("advise", "--matrices", "cut.npz", "--h", "1e-3")
+
+
+MARKET = "%%MatrixMarket matrix"
+BAD_MARKETS = {
+    "nothing": "",
+    "not one": "hello\n1 2 3\n",
+    "cut off": f"{MARKET} array real general\n2 2\n1.0\n",
+    "too many": f"{MARKET} coordinate real general\n2 2 1000000000\n1 1 1.0\n",
+    "outside": f"{MARKET} coordinate real general\n2 2 1\n3 1 1.0\n",
+    "complex": f"{MARKET} array complex general\n1 1\n1.0 1.0\n",
+    "enormous": f"{MARKET} array real general\n100000 100000\n1.0\n",
+    "overflow": f"{MARKET} array real general\n99999999999999999999999 1\n1.0\n",
+    "nan": f"{MARKET} array real general\n2 2\n1\nnan\n1\n1\n",
+}
+
+
+@pytest.mark.parametrize("case", BAD_MARKETS)
+def test_market_files_that_cannot_be_used_are_refused(tmp_path, case):
+    """A folder with a file that is not a matrix of finite real numbers."""
+    (tmp_path / "M.mtx").write_text(BAD_MARKETS[case])
+    with pytest.raises(matrices.MatrixError, match=r"M\.mtx"):
+        newmark.advise(tmp_path, h=1e-3)
+
+
+def test_folders_and_paths_that_are_no_matrices(cli, tmp_path):
+    """An empty folder, no file, another ending, a pipe."""
+    (cli.folder / "empty").mkdir()
+    assert "has none of M.mtx" in cli.refused("advise", "--matrices", "empty", "--h", "1e-3")
+    assert "No such file" in cli.refused("advise", "--matrices", "no.npz", "--h", "1e-3")
+    cli.write("mine.txt", "1")
+    assert "an .npz file or a folder" in cli.refused("advise", "--matrices", "mine.txt", "--h", "1")
+    newmark_options = ("--h", "1e-3", "--formulation", "ggl")
+    npz(cli.folder / "fine.npz", M=EYE, G=COLUMN)
+    assert "index-3" in cli.refused("advise", "--matrices", "fine.npz", *newmark_options)
+    assert "give one of SUBJECT" in cli.refused("advise", "--h", "1e-3")
+    assert "--h: give a step size" in cli.refused("advise", "pendulum")
+
+
+def test_sparse_market_files_are_read(tmp_path):
+    """Coordinates, symmetric and pattern files, as SciPy writes them."""
+    mass = scipy.sparse.coo_array(np.diag([2.0, 3.0]))
+    scipy.io.mmwrite(tmp_path / "M.mtx", mass, symmetry="symmetric")
+    scipy.io.mmwrite(tmp_path / "G.mtx", scipy.sparse.coo_array([[1.0], [0.0]]))
+    found = matrices.read(tmp_path, ("M", "G", "X"))
+    assert found["M"].tolist() == [[2, 0], [0, 3]]
+    assert found["G"].tolist() == [1, 0]
+    assert "X" not in found
+
+
+def test_what_a_zip_directory_does_not_tell_is_not_unpacked(tmp_path, monkeypatch):
+    """A member that unpacks to more than the directory says is refused at that size."""
+    read = []
+    original = zipfile.ZipExtFile.read
+
+    def counted(self, *arguments):
+        content = original(self, *arguments)
+        read.append(len(content))
+        return content
+
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", counted)
+    claiming(tmp_path / "bomb.npz", 1000, bytes(1 << 22))
+    with pytest.raises(matrices.MatrixError, match=r"bomb\.npz"):
+        newmark.advise(tmp_path / "bomb.npz", h=1e-3)
+    assert sum(read) <= 1000
+
+
+# -- a Jacobian from anywhere ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", ["none", "left", "right", "optimal"])
+@pytest.mark.parametrize("form", FACTORS)
+def test_the_scaling_in_a_jacobian_is_found(double, form, variant):
+    """From two step sizes always; multiplied by the factors, it is the optimal one."""
+    steps, several, optimal = [1e-3, 1e-4], [], []
+    for h in steps:
+        exact = exact_jacobian(double, form, 0.3, 0.6, h)
+        jacobian = np.array(exact.tolist(), float)
+        factors = newmark.scaling(form, h=h, beta=0.3, gamma=0.6)
+        sizes = [4] * (len(factors.left) - 1) + [2]
+        left, right = (np.repeat([*side.values()], sizes) for side in (factors.left, factors.right))
+        optimal.append(left[:, None] * jacobian * right)
+        several.append(
+            (left[:, None] if variant in ("left", "optimal") else 1.0)
+            * jacobian
+            * (right if variant in ("right", "optimal") else 1.0)
+        )
+    blocks = dict(zip(factors.right, sizes, strict=True))
+    known = {"blocks": blocks, "beta": 0.3, "gamma": 0.6}
+    advice = newmark.advise_jacobian(several, h=steps, **known)
+    assert (advice.found, advice.measured) == (variant, True)
+    assert advice.balanced[1] == pytest.approx(np.linalg.cond(optimal[1]), rel=1e-9)
+    # From one: what the blocks cannot tell is between two that are said, and one is right.
+    single = newmark.advise_jacobian(several[1], h=1e-4, **known)
+    assert not single.measured
+    assert variant in single.implied
+    assert single.found in single.implied
+    assert len(single.implied) == (2 if (form, variant) in AMBIGUOUS else 1)
+    assert single.balanced[0] == pytest.approx(np.linalg.cond(optimal[1]), rel=1e-9)
+    # Signs of rows and of G are a matter of taste.
+    flipped = several[1] * np.where(np.arange(len(several[1])) < 4, -1, 1)[:, None]
+    assert newmark.advise_jacobian(flipped, h=1e-4, **known).implied.keys() == single.implied.keys()
+
+
+#: Pairs that differ by a factor in the block of M only, or in all blocks.
+AMBIGUOUS = {("u-lambda", "none"), ("u-lambda", "optimal")} | {
+    ("a-lambda", variant) for variant in ("none", "left", "right", "optimal")
+}
+
+
+def test_the_scaling_half_way_is_told_by_its_powers(double):
+    """Row D scaled by h and λ by 1/h: none of the four, and the factors that remain."""
+    several = []
+    for h in (1e-3, 1e-5):
+        jacobian = np.array(exact_jacobian(double, "u-lambda", 0.25, 0.5, h).tolist(), float)
+        jacobian[:4] *= h
+        jacobian[:, 4:] /= h
+        several.append(jacobian)
+    advice = newmark.advise_jacobian(several, blocks="u=4,lambda=2", h=[1e-3, 1e-5])
+    assert advice.found == "none of the four"
+    assert dict(advice.left) == {"D": "beta*h", "C": "1"}
+    assert dict(advice.right) == {"u": "1", "lambda": "1/(beta*h)"}
+    assert advice.condition[1] > 1e8
+    assert advice.balanced[1] < 10
+    single = newmark.advise_jacobian(several[1], blocks="u=4,lambda=2", h=1e-5)
+    # One Jacobian has the blocks of G and Gᵀ as it would have them unscaled: sizes tell.
+    assert "of very different size all the same" in single.findings[-1]
+    assert float(single.findings[-1].rpartition("= ")[2]) < 10
+
+
+def test_jacobians_on_the_command_line(example, cli, double):
+    """Files with and without names of blocks; mistakes are refused in one line."""
+    done = cli("advise", "--jacobian", example / "jacobians.npz", "--json")
+    found = json.loads(done.stdout)
+    assert (found["found"], found["right"]["lambda"]) == ("left", "1/(beta*h^2)")
+    assert found["orders"]["D"]["lambda"] == pytest.approx(2.0, abs=1e-9)
+    with np.load(example / "jacobians.npz") as several:
+        scipy.io.mmwrite(cli.folder / "one.mtx", several["J"][1])
+    text = cli("advise", "--jacobian", "one.mtx", "--blocks", "u=4,lambda=2", "--h", "1e-4").stdout
+    assert "inferred from one Jacobian: its blocks fit no other" in text
+    refuse = ("advise", "--jacobian", "one.mtx", "--h", "1e-4")
+    assert "such as u=8,lambda=7" in cli.refused(*refuse)
+    assert "no form has lambda,u" in cli.refused(*refuse, "--blocks", "lambda=2,u=4")
+    assert "must be 7 by 7" in cli.refused(*refuse, "--blocks", "u=4,lambda=3")
+    assert "--tolerance does not go" in cli.refused(
+        *refuse, "--blocks", "u=4,lambda=2", "--tolerance", "1"
+    )
+    del double
+
+
+# -- the mistakes ----------------------------------------------------------------------------------
+
+
+LINKS = 5
+LENGTHS = 0.7 + 0.1 * np.arange(LINKS)
+MASSES = np.repeat(1.0 + 0.3 * np.arange(LINKS), 2)
+WEIGHT = -9.81 * MASSES * np.tile([0.0, 1.0], LINKS)
+
+
+def bars(u):
+    """Φ and G of a chain of point masses on bars."""
+    apart = np.diff(u.reshape(-1, 2), axis=0, prepend=0.0)
+    gradient = np.zeros((2 * LINKS, LINKS))
+    for k, along in enumerate(apart):
+        gradient[2 * k : 2 * k + 2, k] = along
+        if k:
+            gradient[2 * k - 2 : 2 * k, k] = -along
+    return (np.sum(apart**2, axis=1) - LENGTHS**2) / 2, gradient
+
+
+def newton(h, steps=30, corrections=6):
+    """A chain by the trapezoidal rule in plain NumPy: (u, λ) form, direct residuals, optimal.
+
+    Returns norms of the corrections of u, λ and βh²λ, and of the residual before and after row D
+    is scaled, in every step their median once rounding rules; and M, X, G and the last state.
+    """
+    n, m, mass = 2 * LINKS, LINKS, np.diag(MASSES)
+    angles = 0.7 - 0.3 * np.arange(m)
+    steps_along = LENGTHS[:, None] * np.stack([np.sin(angles), -np.cos(angles)], axis=1)
+    u, v = np.cumsum(steps_along, axis=0).ravel(), np.zeros(n)
+    corner = np.zeros((m, m))
+    gradient = bars(u)[1]
+    saddle = np.block([[mass, -gradient], [gradient.T, corner]])
+    a, lam = np.split(np.linalg.solve(saddle, np.append(WEIGHT, np.zeros(m))), [n])
+    scale, typical = 0.25 * h**2, []
+    left, right = np.repeat([scale, 1.0], [n, m]), np.repeat([1.0, 1 / scale], [n, m])
+    differences = np.eye(m) - np.eye(m, k=-1)
+    for _ in range(steps):
+        past = mass @ (u / scale + 4 * v / h + a)
+        old, here = u, []
+        u = u + h * v
+        for _ in range(corrections):
+            phi, gradient = bars(u)
+            x = -np.kron(differences.T @ np.diag(lam) @ differences, np.eye(2))
+            residual = np.append(mass @ u / scale - past - WEIGHT - gradient @ lam, phi)
+            jacobian = np.block([[x + mass / scale, -gradient], [gradient.T, corner]])
+            change = right * np.linalg.solve(left[:, None] * jacobian * right, -left * residual)
+            parts = (change[:n], change[n:], scale * change[n:], residual, left * residual)
+            here.append([np.linalg.norm(part) for part in parts])
+            u, lam = u + change[:n], lam + change[n:]
+        typical.append(np.median(here[2:], axis=0))
+        a, v = 4 / h**2 * (u - old) - 4 / h * v - a, 2 / h * (u - old) - v
+    found = {"M": mass, "G": bars(u)[1], "X": x, "u": u, "v": v, "a": a, "lambda": lam}
+    return np.array(typical), found
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """The loop at h = 1e-5."""
+    return newton(1e-5)
+
+
+def finding(advice, word):
+    """The one finding that has a word."""
+    (text,) = [text for text in advice.findings if word in text]
+    return text
+
+
+def test_a_tolerance_tested_after_unscaling(swing):
+    """All steps miss 1e-8 on λ = λ̄/(βh²), and meet it on λ̄; advice says so with the size."""
+    corrections, found = swing
+    assert np.mean(corrections[:, 1] > 1e-8) > 0.8
+    assert np.all(corrections[:, 2] < 1e-8)
+    advice = newmark.advise(found, h=1e-5, tolerance=1e-8, tested="physical")
+    text = finding(advice, "tolerance 1e-08")
+    assert "cannot be met at h = 1e-05" in text
+    assert "λ is tested after unscaling: test beta*h^2 · λ instead" in text
+    predicted = next(one for one in advice.tolerances if one.unknown == "lambda")
+    measured = np.sqrt(np.mean(corrections[:, 1] ** 2))
+    rms = predicted.physical / 2  # the smallest tolerance is twice that
+    assert rms / 3 < measured < 3 * rms
+    text = finding(newmark.advise(found, h=1e-5, tolerance=1e-8), "tolerance 1e-08")
+    assert "on the scaled correction of all unknowns: can be met" in text
+
+
+def test_multipliers_tested_unscaled(swing):
+    """λ next to a tolerance of its own: the same, and larger steps meet it."""
+    _, found = swing
+    tolerance = {"lambda": 1e-7, "u": 1e-7}
+    advice = newmark.advise(found, h=[1e-3, 1e-5], tolerance=tolerance, tested="physical")
+    text = finding(advice, "correction of λ")
+    assert "cannot be met at h = 1e-05:" in text
+    assert "correction of u: can be met" in finding(advice, "correction of u")
+    large = newton(1e-3)[0]
+    assert np.all(large[:, 1] < 1e-7)
+
+
+def test_a_residual_tested_before_scaling(swing):
+    """The residual of row D is rounding of M u/(βh²); after scaling it is small."""
+    corrections, found = swing
+    assert np.mean(corrections[:, 3] > 1e-9) > 0.9
+    assert np.all(corrections[:, 4] < 1e-12)
+    how = {"h": 1e-5, "residual_tolerance": 1e-9}
+    text = finding(newmark.advise(found, **how, residual_tested="before"), "residual, tested")
+    assert "before scaling: cannot be met" in text
+    assert "test D_L b instead" in text
+    text = finding(newmark.advise(found, **how), "residual, tested")
+    assert "after scaling: can be met" in text
+
+
+@pytest.mark.parametrize(("variant", "word"), [("left", "unknowns"), ("right", "equations")])
+def test_scaling_only_one_side(swing, variant, word):
+    """C stays at order −2: measured at two step sizes, and said so."""
+    _, found = swing
+    advice = newmark.advise(found, h=[1e-4, 1e-5], scaling=variant)
+    growth = advice.condition[1e-5][variant] / advice.condition[1e-4][variant]
+    assert growth == pytest.approx(100, rel=1e-3)
+    text = finding(advice, "both sides of Table 2")
+    assert f"scale the {word}, too. C still grows like h^-2" in text
+    if variant == "left":
+        tested = newmark.advise(found, h=1e-5, scaling="left", tolerance=1e-8)
+        assert "λ is not scaled under left" in finding(tested, "tolerance 1e-08")
+
+
+# -- units, stiffness, noise -----------------------------------------------------------------------
+
+
+def test_units_that_rule_the_conditioning_are_told_and_mended(double):
+    """G in millimetres and M in tonnes: a factor for each block brings C back."""
+    told = {**{name: double[name] for name in ("X", "Y")}, "M": double["M"] * 1e-6,
+            "G": double["G"] * 1e3}  # fmt: skip
+    told["X"], told["Y"] = told["X"] * 1e-6, told["Y"] * 1e-6
+    advice = newmark.advise(told, h=1e-4)
+    (found,) = advice.equilibrations
+    assert isinstance(found, Equilibration)
+    assert found.optimal > 1e8
+    assert found.with_fields < 100
+    assert found.cause.startswith("units")
+    assert f"C = {found.with_fields:.3g}" in finding(advice, "not h's doing")
+    plain = newmark.advise({name: double[name] for name in ("M", "G", "X", "Y")}, h=1e-4)
+    assert plain.equilibrations == ()
+    left, right = (np.array(side) for side in (found.left, found.right))
+    factors = newmark.scaling("u-lambda", h=1e-4)
+    rows = left * np.repeat([*factors.left.values()], [4, 2])
+    columns = right * np.repeat([*factors.right.values()], [4, 2])
+    jacobian = told["X"] + 2e4 * told["Y"] + 4e8 * told["M"]
+    full = np.block([[jacobian, -told["G"]], [told["G"].T, np.zeros((2, 2))]])
+    assert np.linalg.cond(rows[:, None] * full * columns) == pytest.approx(found.with_all, rel=1e-6)
+
+
+def test_stiffness_is_told_from_units():
+    """A spring whose frequency the step does not resolve: that is no question of units."""
+    stiff = {"M": np.eye(3), "G": np.array([[1.0], [0.0], [1.0]]), "X": np.diag([0.0, 1e16, 1.0])}
+    advice = newmark.advise(stiff, h=1e-3)
+    (found,) = advice.equilibrations
+    assert found.cause.startswith("stiffness")
+    assert found.with_all < 10
+
+
+def test_equilibrium_keeps_symmetry_and_rounds_nothing():
+    """Powers of two, the same for rows and columns of a symmetric matrix."""
+    random = np.random.default_rng(5)
+    sizes = np.exp2(random.integers(-40, 40, 7)).astype(float)
+    matrix = sizes[:, None] * (lambda a: a + a.T)(random.normal(size=(7, 7))) * sizes
+    rows, columns = equilibrium(matrix, [7])
+    assert np.array_equal(rows, columns)
+    assert np.all(np.frexp(rows)[0] == 0.5)
+    even = np.abs(rows[:, None] * matrix * columns)
+    assert np.all((even.max(axis=0) > 0.4) & (even.max(axis=0) < 2.5))
+    assert Inverted(matrix, [4, 3]).condition(rows, columns) == pytest.approx(
+        np.linalg.cond(rows[:, None] * matrix * columns), rel=1e-10
+    )
+
+
+# -- the tolerances that it states ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "sizes", "h"), [
+    ("andrews", {}, 1e-5), ("four-bar", {}, 1e-4), ("double-pendulum", {}, 1e-4),
+    ("shaken-pendulum", {}, 1e-4), ("random-chain", {"links": 8}, 1e-4),
+])  # fmt: skip
+def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, sizes, h):
+    """At every step of a march, and at most steps, on the norm that the march tests."""
+    problem, steps = newmark.problem(name, **sizes), 400
+    how = {"h": h, "integrator": "generalized-alpha rho=0.9"}
+    advice = newmark.advise(problem, t_end=steps * h, **how)
+    (smallest,) = [one.scaled for one in advice.tolerances
+                   if (one.unknown, one.precision) == ("all", "float64")]  # fmt: skip
+    missed = [
+        newmark.march(problem, steps=steps, every=0, stop={"absolute": part * smallest}, **how)
+        for part in (3, 1 / 30)
+    ]
+    assert missed[0].status == "ok"
+    assert missed[1].not_converged > 0.8 * steps
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_studies_and_python_problems_are_subjects(cli):
+    """A shipped study has the step sizes; code of the user's needs --allow-code."""
+    several = json.loads(cli("advise", "pendulum-a", "--h", "1e-2", "--form", "a-lambda",
+                             "--json").stdout)  # fmt: skip
+    assert several["form"] == "a-lambda"
+    assert [*several["condition"]] == ["0.01"]
+    python = f"{EXAMPLE.with_name('car_axis.py')}:car_axis"
+    assert "--allow-code" in cli.refused("advise", python, "--h", "1e-3")
+    found = json.loads(cli("advise", python, "--h", "1e-3", "--allow-code", "--json").stdout)
+    assert (found["n"], found["m"]) == (4, 2)
+    assert "unknown problem 'pendulm'" in cli.refused("advise", "pendulm", "--h", "1e-3")
+
+
+def test_text_of_the_command(cli):
+    """What is printed has the numbers of the library."""
+    text = cli("advise", "pendulum", "--h", "1e-3,1e-4").stdout
+    advice = newmark.advise("pendulum", h=[1e-3, 1e-4])
+    assert text == f"{advice}\n"
+    for value in advice.condition[1e-4].values():
+        assert f"{value:.4g}" in text
+    assert "left = np.repeat([beta*h**2, 1], [n, m])" in text
+    assert "grows like  h^-4" in text
+
+
+# -- noise of λ ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("integrator", "factor"), [
+    ("generalized-alpha rho=0.9", 156.0), ("generalized-alpha rho=0.5", 8 * 2**0.5),
+    ("hht alpha=0.1", 30.25), ("bdf1", 6**0.5),
+])  # fmt: skip
+def test_noise_that_is_carried_on(integrator, factor):
+    """Independent roundings of u add up to this multiple in λ; a march of them agrees."""
+    found = carried(integrator_of(integrator))
+    assert found == pytest.approx(factor, rel=1e-3)
+    relations = integrator_of(integrator).relations(1.0)
+    random, past, seen = np.random.default_rng(3), np.zeros(len(relations.u_past)), []
+    for u in random.normal(size=8_000):
+        a = (u - relations.u_past @ past) / relations.u_from_a
+        v = relations.v_from_a * a + relations.v_past @ past
+        true = relations.acceleration @ [a, *past]
+        new = [u, v, a, true, u - past[0] - past[1], v - past[1]]
+        past = np.array([new[k] for k in relations.advance])
+        seen.append(true)
+    alone = relations.acceleration[0] / relations.u_from_a
+    assert np.std(seen[500:]) / alone == pytest.approx(factor, rel=0.1)
+
+
+@pytest.mark.parametrize("integrator", ["trapezoidal", "generalized-alpha rho=1.0"])
+def test_noise_adds_up_without_dissipation(integrator):
+    """The trapezoidal rule by any name."""
+    assert carried(integrator_of(integrator)) == np.inf
+
+
+@pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-5), ("slider-crank", 1e-6)])
+@pytest.mark.parametrize("integrator", ["generalized-alpha rho=0.9"])
+def test_noise_of_multipliers_is_that_of_a_march(name, h, integrator):
+    """λ less what u and v imply, rms over 6000 steps: within a factor of three of predicted."""
+    problem = newmark.problem(name)
+    swing = newmark.march(problem, h=h, steps=6000, every=60, integrator=integrator)
+    of_state = Index1(problem)
+    implied = [of_state.accelerations(t, u, v)[1]
+               for t, u, v in zip(swing.t, swing.u, swing.v, strict=True)]  # fmt: skip
+    measured = np.sqrt(np.mean(np.sum((swing.multipliers - implied)[20:] ** 2, axis=1)))
+    advice = newmark.advise(problem, h=h, integrator=integrator, t_end=6000 * h)
+    # The noise of λ grows like h⁻², and is all of λ at that step size.
+    (own,) = [one for one in advice.noise if one.cure == ""]
+    predicted = advice.multipliers * (own.carried[1.0] / h) ** 2
+    assert measured / 3 < predicted < 3 * measured
