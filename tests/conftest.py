@@ -17,6 +17,9 @@ from warm import SCRIPT, Warm
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("project")
 
+# Processes that the suite starts share what Python has compiled of the package.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Under nohup, or in the background of a script, the suite ignores signals, and so would
 # every process that it starts.  A handler that does nothing is not inherited.
 for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -49,6 +52,10 @@ class CommandLine:
         return done
 
     def start(self, *arguments, **options):
+        """Start it, and do not wait for it; the options are those of `Warm.start`."""
+        return self.warm.start([SCRIPT, *arguments], self.folder, **options)
+
+    def start_cold(self, *arguments, **options):
         """Start it in a process that imports all for itself, and do not wait for it."""
         return subprocess.Popen(
             [SCRIPT, *map(str, arguments)], cwd=self.folder, text=True,

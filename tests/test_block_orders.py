@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from covering import covering
+from each import each
 from high_precision import (
     LAYOUT,
     Array,
@@ -179,7 +180,7 @@ def test_terms_of_shipped_problems(name: str, damped: bool, stiff: bool) -> None
     assert system.in_general_position()
 
 
-@EVERY_FORM
+@each("form", FORMS)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_shipped_problems(name: str, form: str) -> None:
     """Blocks, residual and corrections of a form on the shipped problems."""
@@ -190,7 +191,7 @@ def test_shipped_problems(name: str, form: str) -> None:
         assert_scaled_corrections(system, form, variant, measured)
 
 
-@pytest.mark.parametrize(("name", "form", "variant"), covering(PROBLEMS, FORMS, VARIANTS))
+@each(("name", "form", "variant"), covering(PROBLEMS, FORMS, VARIANTS))
 def test_scaled_shipped_problems(name: str, form: str, variant: str) -> None:
     """The scaled matrix, formed and inverted as it is, on the shipped problems."""
     system = shipped(name)
@@ -268,8 +269,8 @@ def test_dynamic_row(form: str, damped: bool, stiff: bool, row: list[float]) -> 
     np.testing.assert_array_equal(orders.jacobian[0], row)
 
 
-@EVERY_KIND
-@EVERY_FORM
+@each("damped, stiff", KINDS)
+@each("form", FORMS)
 def test_condition_numbers(form: str, damped: bool, stiff: bool) -> None:
     """Condition numbers of every variant, whatever terms the problem has."""
     orders = form_orders(FORMS[form], damped=damped, stiff=stiff)
@@ -277,8 +278,8 @@ def test_condition_numbers(form: str, damped: bool, stiff: bool) -> None:
     assert conditions == list(CONDITION[form])
 
 
-@EVERY_KIND
-@EVERY_FORM
+@each("damped, stiff", KINDS)
+@each("form", FORMS)
 def test_corrections(form: str, damped: bool, stiff: bool) -> None:
     """Corrections grow as 0, −1, −2, −2 unless the unknowns are scaled, then not at all."""
     orders = form_orders(FORMS[form], damped=damped, stiff=stiff)

@@ -13,11 +13,13 @@ from pathlib import Path
 
 import pytest
 from conftest import (
+    CommandLine,
     require_failed_alone,
     require_interrupts_taken,
     wait_for_cells,
     write_swings,
 )
+from warm import Warm
 
 import newmark_cli
 from newmark_cli.mechanisms.spec import MechanismFile, portable
@@ -41,43 +43,53 @@ gravity: [0, -9.81]
 BIN = Path(sys.executable).parent
 
 
+@pytest.fixture(scope="module")
+def warm():
+    """Commands, schedulers and workers that have imported dask."""
+    running = Warm("distributed", "distributed.cli.dask_scheduler", "distributed.cli.dask_worker")
+    yield running
+    running.close()
+
+
 @pytest.fixture
-def scheduler(tmp_path, request):
+def scheduler(tmp_path, warm, request):
     """A scheduler on loopback, its address, and a function that starts workers.
 
     The parameter is how long it waits for workers.
     """
     patience = getattr(request, "param", "120s")
     environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
+    # Elsewhere, so that nothing is found by its path.
+    away = tmp_path / "away"
+    away.mkdir()
     processes = []
 
-    def start(*command, **added):
-        # Elsewhere, so that nothing is found by its path.
-        away = tmp_path / "away"
-        away.mkdir(exist_ok=True)
-        processes.append(
-            subprocess.Popen(
-                command,
-                cwd=away,
-                env=environment | added,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-            )
-        )
+    def start(*arguments, **added):
+        command = [BIN / "dask", *arguments]
+        if added:  # what libraries read as they start
+            processes.append(
+                subprocess.Popen(
+                    command, cwd=away, env=environment | added, text=True,
+                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                )
+            )  # fmt: skip
+        else:
+            with open(os.devnull, "wb") as nowhere:
+                processes.append(warm.start(command, away, nowhere.fileno(), env=environment))
         return processes[-1]
 
-    main = start(BIN / "dask", "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    main = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
     for line in main.stderr:
-        found = re.search(rb"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", line)
+        found = re.search(r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", line)
         if found:
-            address = found[1].decode()
+            address = found[1]
             break
 
     def workers(count, **environment):
         return [
             start(
-                BIN / "dask", "worker", address, "--nthreads", "1", "--nworkers", "1",
-                "--no-dashboard", "--no-nanny", "--host", "127.0.0.1", **environment,
+                "worker", address, "--nthreads", "1", "--nworkers", "1", "--no-dashboard",
+                "--no-nanny", "--host", "127.0.0.1", **environment,
             )
             for _ in range(count)
         ]  # fmt: skip
@@ -91,13 +103,22 @@ def scheduler(tmp_path, request):
             process.stderr.close()
 
 
-@pytest.fixture
-def study(cli):
-    """A study with a mechanism file."""
+@pytest.fixture(scope="module")
+def threaded(tmp_path_factory, warm):
+    """The study's CSV from threads."""
+    cli = CommandLine(tmp_path_factory.mktemp("threads"), warm)
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
-    cli("run", "spread.yaml", "--results", "threads")
-    return (cli.folder / "threads/spread.csv").read_bytes()
+    cli("run", "spread.yaml")
+    return (cli.folder / "results/spread.csv").read_bytes()
+
+
+@pytest.fixture
+def study(cli, threaded):
+    """A study with a mechanism file, and its CSV from threads."""
+    cli.write("mine.yaml", MINE)
+    cli.write("spread.yaml", STUDY)
+    return threaded
 
 
 def running(cli, address, *options):

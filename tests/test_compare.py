@@ -6,6 +6,7 @@ import math
 import pytest
 import synthetic
 import tampering
+from each import each
 
 from newmark_cli.report import compare as comparing
 from newmark_cli.report.figures import FIGURES
@@ -45,7 +46,7 @@ def test_the_same_results(folders):
     assert found.statuses == found.values == found.verdicts == found.environment == ()
 
 
-@pytest.mark.parametrize(
+@each(
     ("measure", "a", "b", "expected"),
     [
         ("condition", 1.0, 1.0 + 0.9e-6, True),

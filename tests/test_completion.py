@@ -21,7 +21,7 @@ README = (Path(__file__).parents[1] / "README.md").read_text()
 
 
 @pytest.fixture
-def complete(tmp_path):
+def complete(tmp_path, warm):
     """Offered for a line that ends at the cursor, in a folder with a few files."""
     for name in ("mine.yaml", "other.yml", "notes.txt", ".hidden.yaml", "more/own.yaml"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -33,15 +33,11 @@ def complete(tmp_path):
             variables = {"COMP_WORDS": line, "COMP_CWORD": words[-1]}
         else:
             variables = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-        done = subprocess.run(
-            [SCRIPT],
-            env={**os.environ, **variables, "_NEWMARK_STUDY_COMPLETE": f"{shell}_complete"},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-        )
-        assert (done.returncode, done.stderr) == (0, "")
-        return done.stdout
+        asked = {**variables, "_NEWMARK_STUDY_COMPLETE": f"{shell}_complete"}
+        run = warm.start([SCRIPT], tmp_path, env=os.environ | asked)
+        output, errors = run.communicate(timeout=60)
+        assert (run.returncode, errors) == (0, "")
+        return output
 
     return run
 

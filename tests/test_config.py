@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import QUICK
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -224,7 +225,7 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "line", "words"), MISTAKES)
+@each(("old", "new", "line", "words"), MISTAKES)
 def test_mistakes_are_located(tmp_path, old, new, line, words):
     """File, line, key, what was given and what is allowed, in one line."""
     assert old in QUICK

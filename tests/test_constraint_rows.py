@@ -336,8 +336,11 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient(tmp_path):
     )
     mechanism = planar.load(path, "double")
     for decorate in (numba.njit, lambda function: function):
-        exact, differences = (double(decorate, quadratic) for quadratic in (True, False))
-        assert (exact.rows_given, differences.rows_given) == ("exact", "differences")
+        exact = double(decorate, True)
+        assert exact.rows_given == "exact"
+        if not exact.compiled:
+            differences = double(decorate, False)
+            assert differences.rows_given == "differences"
         for seed in range(5):
             u, v, w = anywhere(mechanism, seed)
             expected = dense(mechanism, mechanism.constraint_rows(0.5, u, v, w))

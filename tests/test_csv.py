@@ -7,6 +7,7 @@ import re
 
 import pytest
 import synthetic
+from each import each
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -53,7 +54,7 @@ def test_any_name_reads_back(rows):
         assert parse_csv("\n".join(lines[line - 1 :]))[0][0] == row
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@each("name", FORMULAS)
 def test_no_name_is_a_formula(name):
     """Wherever a spreadsheet begins a cell: at commas, semicolons, tabs and line ends."""
     text = written([(name, "x")])

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from each import each
 
 from newmark_cli.documents import DocumentError, parse
 from newmark_cli.mechanisms import planar
@@ -31,9 +32,9 @@ motions: {{push: {{body: crank, angle: {{rate: {rate}}}}}}}
 BOTH = "assemble: true\nproject_velocities: true"
 
 
-@pytest.mark.parametrize("options", ["project_velocities: true", BOTH])
-@pytest.mark.parametrize("off", [0.0, 1e-12, 1e-10, 1e-9, 3e-9, 1e-8, 3e-8, 1e-7])
-@pytest.mark.parametrize("text", [DRIVEN, FOLDED])
+@each("options", ["project_velocities: true", BOTH])
+@each("off", [0.0, 1e-12, 1e-10, 1e-9, 3e-9, 1e-8, 3e-8, 1e-7])
+@each("text", [DRIVEN, FOLDED])
 def test_driven_at_a_dead_centre(text, off, options):
     """Refused with the line of a constraint, or started with velocities that fit it."""
     document = parse(text.format(off=off, rate=1, options=options), "m.yaml")

@@ -1,9 +1,12 @@
 """The two engines held to each other, the kernel's solver, and forms to one another."""
 
+import itertools
+
 import numpy as np
 import pytest
 from covering import covering
 from damped import damped
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, states
@@ -22,13 +25,15 @@ def named(name):
     return damped() if name == "damped" else problem(name)
 
 
-@pytest.mark.parametrize(
-    ("name", "form", "variant", "integrator"),
-    covering(STEP, FORMS, VARIANTS, INTEGRATORS, strength=3),
-    ids=lambda value: getattr(value, "label", value),
+@each(
+    "name, form, variant, integrator",
+    covering(STEP, FORMS, VARIANTS, INTEGRATORS),
 )
 def test_engines_agree_per_step(name, form, variant, integrator):
-    """Kernel and SciPy march take the same step, to rounding, from states along a run."""
+    """Kernel and SciPy march take the same step, to rounding, from states along a run.
+
+    Both are given the weights of forms and integrators and the factors of scalings: pairs do.
+    """
     subject = named(name)
     scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), STEP[name])
     for first, state in states(subject, integrator, scheme.h):
@@ -41,12 +46,14 @@ def test_engines_agree_per_step(name, form, variant, integrator):
         assert limits[0, -1] < 1e-3 * max(np.linalg.norm(ours.multipliers), 1)
 
 
+#: Every form with two scalings, every scaling with two forms or more.
+TWO_OF_EACH = [
+    (form, [*VARIANTS][(i + k) % len(VARIANTS)]) for i, form in enumerate(FORMS) for k in (0, 3)
+]
 SUBJECTS = {"pendulum": 0.1, "andrews": 1e-3, "damped": 0.1}
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", SUBJECTS)
+@each("name, form, variant", covering(SUBJECTS, FORMS, VARIANTS))
 def test_engines_converge_alike(name, form, variant):
     """At large steps, where every block of J counts: Newton takes as long in both engines.
 
@@ -68,8 +75,7 @@ def test_engines_converge_alike(name, form, variant):
     assert theirs <= 12, counts
 
 
-@pytest.mark.parametrize("name", ["none", "optimal"])
-@pytest.mark.parametrize("form", FORMS)
+@each("form, name", itertools.product(FORMS, ["none", "optimal"]))
 def test_newton_is_quadratic_with_damping(form, name):
     """With the right Y a step of a linear force on a quadric takes few corrections."""
     subject = damped()
@@ -80,8 +86,7 @@ def test_newton_is_quadratic_with_damping(form, name):
         assert 0 < np.median(iterations) <= 8
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("form", FORMS)
+@each("form, variant", TWO_OF_EACH)
 def test_engines_record_the_same_statistics(form, variant):
     """Over 150 steps the rms of every block agrees within a factor of 1.5.
 
@@ -98,8 +103,8 @@ def test_engines_record_the_same_statistics(form, variant):
     assert np.all(np.abs(np.log(rms[0] / rms[1])) < np.log(1.5)), rms
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("name", PROBLEMS)
+@each("variant", VARIANTS)
 def test_all_forms_take_the_same_step(name, variant):
     """Section 3.6: elimination is exact, so every form gives the same u, v, a, λ."""
     subject, integrator = problem(name), Newmark()

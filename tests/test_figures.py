@@ -7,6 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import synthetic
+from each import each
 
 import newmark_cli
 from newmark_cli.errors import ResultsError
@@ -303,10 +304,9 @@ def test_figures_are_made_by_reproduce():
     }
 
 
-@pytest.mark.parametrize(
+@each(
     "figure",
     [f for f in FIGURES.values() if f.curves],
-    ids=lambda f: f"figure-{f.name}",
 )
 def test_shipped_configs_give_what_figures_draw(figure):
     """Every series of a figure has cells, under the labels that the CSV will have."""
@@ -382,7 +382,7 @@ def test_verdicts(tmp_path, slope, zero_at, status, verdict):
     assert ("exactly 0" in found.reason) == (zero_at is not None)
 
 
-@pytest.mark.parametrize(
+@each(
     ("slope", "stderr", "text"),
     [
         (-2.046, 0.0512, "−2.05 ± 0.05"),

@@ -7,6 +7,7 @@ from functools import cache
 import exact_orders
 import numpy as np
 import pytest
+from each import each
 from exact_orders import CONSTRAINTS, LAYOUT, ONE, ZERO, H, Measured, Number, System, random_system
 
 from newmark_cli.newmark.forms import FORMS
@@ -95,9 +96,9 @@ def test_exact_numbers():
     )] == [[np.inf] * 2] * 2  # fmt: skip
 
 
-@EVERY_FORM
 @EVERY_FORMULATION
-@pytest.mark.parametrize(("y", "x"), [(True, True), (False, True), (True, False), (False, False)])
+@each("form", FORMS)
+@each("y, x", [(True, True), (False, True), (True, False), (False, False)])
 def test_blocks(formulation, form, y, x):
     """J, J⁻¹, the residual and all corrections in general position, with and without X and Y."""
     measured = Measured(system(y, x), form, formulation)
@@ -182,7 +183,7 @@ def test_fixed_penalty(form):
     assert [physical[f] for f in "uva"] == [index_1[f] for f in "uva"]
 
 
-@EVERY_FORM
+@each("form", FORMS)
 @pytest.mark.parametrize("formulation", CONDITION)
 def test_condition_numbers(formulation, form):
     """None, left and right as by hand; optimal O(1)."""
@@ -208,8 +209,8 @@ def test_partial_scaling():
     assert orders.condition(named_scaling("partial", FORMS["u-lambda"])) == -2
 
 
-@EVERY_FORM
 @EVERY_FORMULATION
+@each("form", FORMS)
 def test_derived_scaling(formulation, form):
     """Least powers are those of the optimal scaling, and every block of J̄ and J̄⁻¹ is O(1)."""
     orders = form_orders(applied(formulation, form))

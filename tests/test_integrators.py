@@ -1,5 +1,6 @@
 """Integrators: labels, their relations against the textbook, damping, and all orders."""
 
+import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -7,7 +8,9 @@ import numpy as np
 import oracles
 import pytest
 import textbook
+from covering import covering
 from damped import DAMPING, MASS, STIFFNESS, damped
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import INTEGRATORS, copy, march
@@ -76,7 +79,7 @@ def test_labels_name_method_and_parameters():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each(
     ("label", "words"),
     [
         ("newmrk beta=0.25 gamma=0.5", "did you mean 'newmark'"),
@@ -215,9 +218,8 @@ def textbook_motion(integrator):
         return [np.array(x, float) for x in (last.u, last.v, last.a, last.rate, last.multipliers)]
 
 
-@pytest.mark.parametrize("evaluation", ["direct", "compensated"])
-@EVERY_FORM
 @EVERY
+@each("form, evaluation", itertools.product(FORMS.values(), ["direct", "compensated"]))
 def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
     """Stiffness, damping, full M, a force of time: both engines, every form, to rounding."""
     u, v, a, rate, multipliers = textbook_motion(integrator)
@@ -397,9 +399,7 @@ def test_order_of_accuracy(integrator, name):
 # Orders in h of corrections and condition numbers
 
 
-@pytest.mark.parametrize("variant", PAPER_VARIANTS)
-@EVERY_FORM
-@EVERY
+@each("integrator, form, variant", covering(INTEGRATORS, FORMS.values(), PAPER_VARIANTS))
 def test_corrections_have_the_predicted_orders(integrator, form, variant):
     """Scaled and physical, kept and recovered, ± 0.15; the pendulum, rms over 300 steps or more.
 
@@ -425,9 +425,11 @@ def test_corrections_have_the_predicted_orders(integrator, form, variant):
     assert slopes == {key: pytest.approx(order, abs=0.15) for key, order in expected.items()}
 
 
-@pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-3), ("andrews", 1e-7)])
-@EVERY_FORM
 @EVERY
+@each(
+    "name, h, form",
+    [(*at, form) for at in (("pendulum", 1e-3), ("andrews", 1e-7)) for form in FORMS.values()],
+)
 def test_condition_numbers_have_the_predicted_orders(integrator, form, name, h):
     """Every variant at the initial state, ± 0.02 between two step sizes."""
     subject, steps = problem(name), np.array([h, h / 10])

@@ -242,13 +242,10 @@ def test_ignored_signals_stay_ignored(cli):
     """Under nohup, or in the background of a script, only SIGTERM ends a run."""
     cli.write("long.yaml", LONG)
 
-    def ignore():
-        for number in (signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-
-    run = cli.start("run", "long.yaml", "--jobs", 1, preexec_fn=ignore)
+    ignored = (signal.SIGINT, signal.SIGHUP)
+    run = cli.start("run", "long.yaml", "--jobs", 1, ignored=ignored)
     wait_for_cells(cli.folder / "results", 2)
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in ignored:
         run.send_signal(number)
     time.sleep(0.5)
     assert run.poll() is None
@@ -333,14 +330,15 @@ def test_the_cursor_comes_back(cli):
     cli.write("long.yaml", LONG)
     ours, theirs = pty.openpty()
     try:
-        run = subprocess.Popen(
-            [SCRIPT, "run", "long.yaml", "--jobs", "1"], cwd=cli.folder, stderr=theirs,
+        run = cli.start(
+            "run", "long.yaml", "--jobs", "1", stderr=theirs,
             env=os.environ | {"COLUMNS": "120", "TERM": "xterm"},
         )  # fmt: skip
         wait_for_cells(cli.folder / "results", 2)
         time.sleep(0.5)
         run.send_signal(signal.SIGINT)
-        assert run.wait(60) == 130
+        run.communicate(timeout=60)
+        assert run.returncode == 130
         os.write(theirs, b"$")
         text = b""
         while not text.endswith(b"$"):

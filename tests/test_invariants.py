@@ -3,6 +3,7 @@
 import numpy as np
 import oracles
 import pytest
+from each import each
 from marching import start
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, mp, mpf
@@ -315,7 +316,7 @@ def test_forces_are_slopes_of_the_energy(load):
         assert -slope == pytest.approx(force[i], abs=1e-8)
 
 
-@pytest.mark.parametrize(
+@each(
     ("addition", "conserved"),
     [
         ("", True),

@@ -1,9 +1,12 @@
 """Krylov solvers: their solutions, what they record, when they give up."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.sparse.linalg
 from damped import damped
+from each import each
 from marching import assert_same_step, copy, in_motion, march, scheme_of, start
 
 from newmark_cli.errors import InputError
@@ -50,9 +53,8 @@ def right_hand_side(scheme, subject, seed=7):
     return np.random.default_rng(seed).normal(size=size)
 
 
-@pytest.mark.parametrize("h", [1e-2, 1e-5])
-@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", SUBJECTS)
+@each("form, h", itertools.product(FORMS, [1e-2, 1e-5]))
 def test_solutions(name, form, h):
     """As near to that of the LU factors as the condition number says, optimally scaled."""
     subject, scheme = SUBJECTS[name], scheme_of(form, "optimal", h)
@@ -111,9 +113,8 @@ def test_as_many_iterations_as_scipy(form):
     np.testing.assert_allclose(found, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
 
 
-@pytest.mark.parametrize("h", [1e-2, 1e-6])
-@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ["andrews", "slider-crank", "random-chain", "damped"])
+@each("form, h", itertools.product(FORMS, [1e-2, 1e-6]))
 def test_where_symmetric(name, form, h):
     """Elsewhere MINRES is refused, in one line."""
     subject = SUBJECTS[name]
@@ -130,11 +131,19 @@ def test_where_symmetric(name, form, h):
             )
 
 
-@pytest.mark.parametrize("h", [1e-2, 1e-6])
-@pytest.mark.parametrize(
-    ("form", "variant"), [("u-lambda", "optimal"), ("a-lambda", "left"), ("a-lambda", "optimal")]
-)
 @pytest.mark.parametrize("name", [name for name in SUBJECTS if name != "damped"])
+@each(
+    "form, variant, h",
+    [
+        (form, variant, h)
+        for form, variant in (
+            ("u-lambda", "optimal"),
+            ("a-lambda", "left"),
+            ("a-lambda", "optimal"),
+        )
+        for h in (1e-2, 1e-6)
+    ],
+)
 def test_minres_finds_what_gmres_does(name, form, variant, h):
     """As near as the condition number says."""
     subject, scheme = SUBJECTS[name], scheme_of(form, variant, h)

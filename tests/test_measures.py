@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -42,8 +43,8 @@ def test_tiny_corrections_do_not_underflow():
     assert statistics(np.array([3e-200, 4e-200])).rms == pytest.approx(np.sqrt(12.5) * 1e-200)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("name", FORMS)
+@each("variant", VARIANTS)
+@each("name", FORMS)
 def test_physical_corrections(name, variant):
     """Physical = D_R times scaled; eliminated fields by the weights of the form."""
     form, h = FORMS[name], 1e-3

@@ -4,6 +4,7 @@ import contextlib
 import warnings
 
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp, mpf
@@ -63,7 +64,7 @@ def test_known_texts(text, value, order):
     assert monomial.order() == order
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "reason"),
     [
         ("h +", "not a product"),

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from each import each
 
 from newmark_cli.report.slopes import study_slopes
 from newmark_cli.report.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
@@ -35,7 +36,7 @@ def judged(tmp_path_factory):
     return {slope.problem: slope for slope in study_slopes(read_study(path), path)}
 
 
-@pytest.mark.parametrize("series", NAMED.NAMED, ids=lambda series: series.problem)
+@each("series", NAMED.NAMED)
 def test_named_series(judged, series):
     """No right series is a miss, no wrong one passes, and of too few points nothing is said."""
     slope, label = judged[series.problem], TRUTH[series.problem]["label"]

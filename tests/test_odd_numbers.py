@@ -43,8 +43,8 @@ def test_run(cli, h, t_end):
     assert done.stdout.endswith(" -> results/odd.csv\n")
     assert all(line.startswith("newmark-study: odd: ") for line in done.stderr.splitlines())
     for command in ("check", "plot", "show", "report", "info", "verify"):
-        done = cli.start(command)
-        _, errors = done.communicate(timeout=60)
+        done = cli.warm.run([command], cli.folder)
         assert done.returncode in (0, 1, 2)
+        errors = done.stderr
         assert all(line.startswith("newmark-study: ") for line in errors.splitlines()), errors
         assert "internal error" not in errors

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.orders import form_orders, min_plus
@@ -16,8 +17,8 @@ CONDITION = {
 }
 
 
-@pytest.mark.parametrize("variant", PAPER_VARIANTS)
-@pytest.mark.parametrize(("index", "name"), list(enumerate(FORMS)))
+@each("variant", PAPER_VARIANTS)
+@each(("index", "name"), list(enumerate(FORMS)))
 def test_condition_numbers(index, name, variant):
     """Order of C, form by form."""
     found = form_orders(FORMS[name]).condition(named_scaling(variant, FORMS[name]))
@@ -31,8 +32,8 @@ def test_physical_corrections(name):
     assert form_orders(FORMS[name]).physical_corrections() == expected
 
 
-@pytest.mark.parametrize("variant", PAPER_VARIANTS)
-@pytest.mark.parametrize("name", FORMS)
+@each("variant", PAPER_VARIANTS)
+@each("name", FORMS)
 def test_scaled_corrections(name, variant):
     """none and left: as in physical units; right and optimal: all 0 (eqs. 40, 45)."""
     physical = {"u": 0, "v": -1, "a": -2, "lambda": -2}

@@ -1,5 +1,6 @@
 """Single precision: the march computes in it, and its floors are 2²⁹ times those of double."""
 
+import itertools
 from types import SimpleNamespace
 
 import mechanisms
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import QUICK
 from covering import covering
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import interpreted_march, march
@@ -130,10 +132,11 @@ def test_solver_computes_in_its_precision(size, seed, dtype):
     np.testing.assert_array_equal(*solutions)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("stop", [None, Tolerance(1e-5, 1e-4)], ids=["saturation", "tolerance"])
-@pytest.mark.parametrize("evaluation", EVALUATIONS)
 @EVERY_FORM
+@each(
+    "evaluation, stop, precision",
+    itertools.product(EVALUATIONS, [None, Tolerance(1e-5, 1e-4)], PRECISIONS),
+)
 def test_march_computes_in_its_precision(form, evaluation, stop, precision):
     """Compiled and interpreted it takes the same steps bit by bit."""
     subject, steps = problem("four-bar"), 3
@@ -152,7 +155,7 @@ def test_march_computes_in_its_precision(form, evaluation, stop, precision):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize(
+@each(
     ("formulation", "evaluation", "projection", "precision"),
     covering(
         METHODS,
@@ -213,10 +216,9 @@ CASES = [
 T_END = {"pendulum": 3.0, "andrews": 0.02, "slider-crank": 0.5}
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "integrator", "form", "h"),
     CASES,
-    ids=lambda value: getattr(value, "name", None) or getattr(value, "label", None),
 )
 def test_floors_are_those_of_the_precision(name, integrator, form, h):
     """Every correction, scaled and physical, under every scaling: 2²⁹ within a factor of 4."""

@@ -5,6 +5,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from each import each
 from scipy.stats import linregress
 
 from newmark_cli.newmark import compiled_march, march_data, scipy_march
@@ -79,8 +80,8 @@ def test_plain_and_compiled_functions_march_alike(car_axis, form):
         )
 
 
-@pytest.mark.parametrize("frequency", [0.1, 1.0, 10.0, 100.0, 1000.0])
-@pytest.mark.parametrize("t", [0.0, 0.37, 2.9])
+@each("frequency", [0.1, 1.0, 10.0, 100.0, 1000.0])
+@each("t", [0.0, 0.37, 2.9])
 def test_derivatives_of_constraints_at_any_frequency(frequency, t):
     """Φ_t and the curvature of a distance to a driven point, slow or fast."""
     random = np.random.default_rng(int(frequency * 100 + t))

@@ -27,7 +27,6 @@ from conftest import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from warm import SCRIPT
 
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed, store
@@ -131,19 +130,23 @@ def whole(tmp_path_factory, warm):
     return csv(cli.folder / "results", "long")
 
 
-@pytest.mark.parametrize("ending", [*ENDINGS, signal.SIGKILL])
-def test_an_interrupted_run_goes_on(cli, whole, ending):
+def test_an_interrupted_run_goes_on(cli, whole):
     """Ctrl-C exits with 130 and one line; however it ended, the CSV is the same at last."""
     cli.write("long.yaml", LONG)
-    run = cli.start("run", "long.yaml")
-    wait_for_cells(cli.folder / "results", 1)
-    run.send_signal(ending)
-    _, errors = run.communicate(timeout=60)
-    if ending in ENDINGS:
+    kept = 0
+    # The first with threads side by side; then one cell after the other.
+    for ending, jobs in zip([*ENDINGS, signal.SIGKILL], (2, 1, 1, 1), strict=True):
+        run = cli.start("run", "long.yaml", "--jobs", jobs)
+        wait_for_cells(cli.folder / "results", kept + 1)
+        run.send_signal(ending)
+        _, errors = run.communicate(timeout=60)
         kept = len(list((cli.folder / "results/cells").glob("*.json")))
-        require_ended(run, ending, errors, kept, 24)
-        assert errors.count("\n") == 1
-    assert not (cli.folder / "results/long.csv").exists()
+        if ending in ENDINGS:
+            require_ended(run, ending, errors, kept, 24)
+            assert errors.count("\n") == 1
+        else:
+            assert run.returncode == -ending
+        assert not (cli.folder / "results/long.csv").exists()
     done = cli("run", "long.yaml").stdout
     assert "24 ok (" in done
     assert csv(cli.folder / "results", "long") == whole
@@ -445,11 +448,11 @@ def test_a_terminal_shows_progress(cli, quick):
     def shown(*arguments, **environment):
         ours, theirs = pty.openpty()
         try:
-            done = subprocess.run(
-                [SCRIPT, "run", "quick.yaml", *arguments], cwd=cli.folder, timeout=100,
-                stdout=subprocess.PIPE, stderr=theirs,
+            run = cli.start(
+                "run", "quick.yaml", *arguments, stderr=theirs,
                 env=os.environ | {"COLUMNS": "100", "TERM": "xterm"} | environment,
             )  # fmt: skip
+            run.communicate(timeout=100)
             os.write(theirs, b"$")
             text = b""
             while not text.endswith(b"$"):
@@ -457,7 +460,7 @@ def test_a_terminal_shows_progress(cli, quick):
         finally:
             os.close(ours)
             os.close(theirs)
-        assert done.returncode == 0
+        assert run.returncode == 0
         return text[:-1].decode()
 
     def lines(text):
@@ -487,14 +490,15 @@ def test_the_display_counts_failures(cli):
     """Cells that the study accepts are done; others that do not end well have failed."""
     write_swings(cli, "raise", "")
     ours, theirs = pty.openpty()
-    done = subprocess.run(
-        [SCRIPT, "run", "swings.yaml", "--allow-code"], cwd=cli.folder, stderr=theirs,
-        stdout=subprocess.PIPE, env=os.environ | {"COLUMNS": "100", "TERM": "dumb"}, text=True,
+    run = cli.start(
+        "run", "swings.yaml", "--allow-code", stderr=theirs,
+        env=os.environ | {"COLUMNS": "100", "TERM": "dumb"},
     )  # fmt: skip
+    output, _ = run.communicate(timeout=100)
     text = os.read(ours, 4096).decode()
     os.close(ours)
     os.close(theirs)
-    assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
+    assert output == "swings: 1 failed, 1 ok -> results/swings.csv\n"
     assert "100% 1 done, 1 failed, 0 left" in text
 
 

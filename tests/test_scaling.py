@@ -2,6 +2,7 @@
 
 import oracles
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,8 +20,8 @@ from newmark_cli.newmark.scaling import (
 )
 
 
-@pytest.mark.parametrize("variant", PAPER_VARIANTS)
-@pytest.mark.parametrize("name", FORMS)
+@each("variant", PAPER_VARIANTS)
+@each("name", FORMS)
 def test_table_2(name, variant):
     """Every factor of every variant against Table 2, typed again."""
     beta, gamma, h = 0.3, 0.7, 1e-3

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import QUICK
+from each import each
 from jsonschema import Draft7Validator, Draft202012Validator
 from test_config import MISTAKES as CONFIG_MISTAKES
 from test_problems import BODY
@@ -251,7 +252,7 @@ def test_names_come_from_the_registries():
     assert code["required"] == ["python"]
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+@each("file", FILES)
 def test_editors_find_the_schema_and_it_fits(file, folder):
     """The first line of every shipped file names the schema of its kind by a path."""
     text = file.read_text()
@@ -284,19 +285,19 @@ _Yaml12.add_implicit_resolver(
 )
 
 
-@pytest.mark.parametrize(("old", "new"), [mistake[:2] for mistake in CONFIG_MISTAKES])
+@each(("old", "new"), [mistake[:2] for mistake in CONFIG_MISTAKES])
 def test_mistakes_in_configs(folder, old, new):
     """Each that the reader of configs is tested with."""
     assert_agreement(QUICK.replace(old, new), folder)
 
 
-@pytest.mark.parametrize(("old", "new"), [mistake[:2] for mistake in MECHANISM_MISTAKES])
+@each(("old", "new"), [mistake[:2] for mistake in MECHANISM_MISTAKES])
 def test_mistakes_in_mechanisms(folder, old, new):
     """Each that the reader of mechanisms is tested with."""
     assert_agreement(BODY.replace(old, new), folder)
 
 
-@pytest.mark.parametrize(
+@each(
     ("words", "text", "old", "new"),
     [(words, *example) for words, _, examples in BEYOND for example in examples],
 )
@@ -308,7 +309,7 @@ def test_what_no_schema_can_say(folder, words, text, old, new):
     assert not objection
 
 
-@pytest.mark.parametrize(
+@each(
     ("text", "old", "new"),
     [
         (QUICK, "problem: pendulum", "problem: hoist.yaml"),

@@ -8,13 +8,11 @@ import os
 import pty
 import re
 import struct
-import subprocess
 import termios
 
 import pytest
 import synthetic
 from test_slopes import power, series
-from warm import SCRIPT
 
 from newmark_cli.report import text
 from newmark_cli.report.figures import FIGURES
@@ -295,10 +293,11 @@ def on_a_terminal(cli, *arguments, columns=100, **environment):
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     given = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR", "TERM")}
-    process = subprocess.Popen(
-        [SCRIPT, *arguments], cwd=cli.folder, stdout=theirs, stderr=subprocess.DEVNULL,
-        env=given | {"TERM": "xterm-256color"} | environment,
-    )  # fmt: skip
+    with open(os.devnull, "wb") as nowhere:
+        process = cli.start(
+            *arguments, stdout=theirs, stderr=nowhere.fileno(),
+            env=given | {"TERM": "xterm-256color"} | environment,
+        )  # fmt: skip
     os.close(theirs)
     found = b""
     while True:

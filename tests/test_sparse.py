@@ -1,10 +1,13 @@
 """Sparse Jacobians and their march against the dense ones."""
 
+import itertools
+
 import numpy as np
 import pytest
 from conftest import QUICK
 from covering import covering
 from damped import damped
+from each import each
 from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
 from newmark_cli import documents
@@ -30,9 +33,8 @@ STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2, "damped": 1e-2}
 SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
 
 
-@pytest.mark.parametrize("h", [1e-1, 1e-7])
-@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", SUBJECTS)
+@each("form, h", itertools.product(FORMS, [1e-1, 1e-7]))
 def test_same_jacobian(name, form, h):
     """Every entry of J̄, bit by bit, in every variant."""
     subject = SUBJECTS[name]
@@ -47,7 +49,7 @@ def test_same_jacobian(name, form, h):
         np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize(("name", "form", "variant"), covering(STEPS, FORMS, VARIANTS))
+@each("name, form, variant", covering(STEPS, FORMS, VARIANTS))
 def test_marches_agree_per_step(name, form, variant):
     """Dense kernel and sparse march take the same step, to rounding, along a run."""
     subject = SUBJECTS[name]
@@ -60,8 +62,8 @@ def test_marches_agree_per_step(name, form, variant):
         assert_same_step(subject, scheme, ours, reference)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("form", FORMS)
+@each("variant", VARIANTS)
 def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
     """LU of J̄ of a bent chain at h = 1e-7, in the units of each unknown.
 
@@ -85,7 +87,7 @@ def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
     assert np.max(np.abs(found - exact) / units) < 1e-8
 
 
-@pytest.mark.parametrize(("name", "form", "variant"), covering(SUBJECTS, FORMS, VARIANTS))
+@each("name, form, variant", covering(SUBJECTS, FORMS, VARIANTS))
 def test_condition_estimate(name, form, variant):
     """Between a third of the exact 1-norm condition number and all of it; repeatable.
 

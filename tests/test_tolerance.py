@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import QUICK
 from covering import covering
+from each import each
 from marching import INTEGRATORS, march
 
 from newmark_cli.documents import DocumentError
@@ -72,7 +73,7 @@ def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
 
 
 @ENGINES
-@pytest.mark.parametrize(
+@each(
     ("subject", "field", "scaled", "tolerance", "cap"),
     covering(
         [("pendulum", 1e-1), ("andrews", 3e-4)],
@@ -100,9 +101,7 @@ def test_rule(subject, field, scaled, tolerance, cap, engine):
     np.testing.assert_allclose(state.multipliers, multipliers, rtol=0, atol=1e-6 * size)
 
 
-@pytest.mark.parametrize("evaluation", EVALUATIONS)
-@EVERY_FORM
-@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
+@each("integrator, form, evaluation", covering(INTEGRATORS, FORMS.values(), EVALUATIONS))
 def test_engines_count_alike(integrator, form, evaluation):
     """Where rounding is far below the tolerance both engines meet it after as many corrections."""
     subject = problem("four-bar")

@@ -1,96 +1,321 @@
 """The console script in forks of a process that has imported what its commands import.
 
-A command takes a second to start, most of it imports; the suite runs hundreds.  Every
-command still has a process of its own, from the script's first line to its exit code.
-What Python and libraries read from the environment as they start is that of the one
-process: the seed of hashes, Numba's folder of compiled code.
+A command takes a second or two to start, most of it imports; the suite runs hundreds.  Every
+command still has a process of its own, from the script's first line to its exit code, and
+so has the server that it starts for code of the user's.  What Python and libraries read from
+the environment as they start is that of the one process: the seed of hashes, Numba's folder
+of compiled code, the kernel of the BLAS.  Only the last of a process is left out, in which
+Python takes its modules apart.
 """
 
+import atexit
+import contextlib
 import gc
 import importlib
 import json
 import os
 import runpy
+import select
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
+
+from compiled import is_kept
 
 #: The console script of the environment that runs the tests.
 SCRIPT = Path(sys.executable).with_name("newmark-study")
 
 #: What many commands import, with what these import in turn.
 MODULES = (
-    "newmark.compiled_march",
-    "study.compute",
-    "study.collection",
-    "running.runner",
+    "cli.commands",
+    "cli.terminal",
     "library.advising",
     "library.jacobians",
+    "newmark.compiled_march",
+    "newmark.scipy_march",
+    "problems.python_problem",
     "report.check",
+    "report.compare",
+    "report.contradictions",
+    "report.draw_mechanism",
+    "report.page",
+    "report.paper_tables",
     "report.plot",
+    "report.showing",
+    "report.theory",
+    "running.runner",
+    "study.catalogue",
+    "study.collection",
+    "study.compute",
+    "study.motion",
+    "study.schema",
 )
 
 #: Seconds after which a command is ended.
 LIMIT = 200
 
 
+class Started:
+    """A command that was started; used like `subprocess.Popen`.
+
+    Attributes:
+        pid: Of its process.
+        returncode: None until it is known.
+        stdout: Stream of what it prints; None where that goes elsewhere.
+        stderr: The same.
+    """
+
+    def __init__(self, report, stdout, stderr):
+        """Take what the process that forks reports, and the streams."""
+        self._report, self.stdout, self.stderr = report, stdout, stderr
+        self.pid = int(report.readline())
+        self.returncode = None
+
+    def poll(self):
+        """The exit code, or None while it runs."""
+        if self.returncode is None and select.select([self._report], [], [], 0)[0]:
+            self.wait()
+        return self.returncode
+
+    def wait(self, timeout=None):
+        """The exit code, once there is one."""
+        if self.returncode is None:
+            if not select.select([self._report], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired("newmark-study", timeout)
+            self.returncode = int(self._report.readline())
+            self._report.close()
+        return self.returncode
+
+    def send_signal(self, number):
+        """Unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self):
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
+    def communicate(self, timeout=None):
+        """What it prints until both streams end, and wait for it."""
+        until = None if timeout is None else time.monotonic() + timeout
+        found = {stream: [] for stream in (self.stdout, self.stderr) if stream}
+        readers = [
+            threading.Thread(target=lambda to=to, s=stream: to.append(s.read()), daemon=True)
+            for stream, to in found.items()
+        ]
+        for reader in readers:
+            reader.start()
+        for reader in readers:
+            reader.join(None if until is None else max(until - time.monotonic(), 0))
+            if reader.is_alive():
+                raise subprocess.TimeoutExpired("newmark-study", timeout)
+        self.wait(None if until is None else max(until - time.monotonic(), 0))
+        for stream in found:
+            stream.close()
+        return tuple(found[s][0] if s else None for s in (self.stdout, self.stderr))
+
+
 class Warm:
     """The process that is forked."""
 
-    def __init__(self):
-        self._process = subprocess.Popen(
-            [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+    def __init__(self, *modules):
+        """Start it; it imports `MODULES`, and more that are given."""
+        self._control, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, __file__, str(theirs.fileno()), *modules],
+                pass_fds=[theirs.fileno()],
+            )
 
     def run(self, arguments, folder):
         """Run the script in a folder; what it did, like `subprocess.run` with text."""
         out, err = folder.with_suffix(".out"), folder.with_suffix(".err")
-        asked = [[str(SCRIPT), *arguments], str(folder), dict(os.environ), str(out), str(err)]
-        print(json.dumps(asked), file=self._process.stdin, flush=True)
-        code = int(self._process.stdout.readline())
+        with out.open("wb") as to_out, err.open("wb") as to_err:
+            started = self.start([SCRIPT, *arguments], folder, to_out.fileno(), to_err.fileno())
+            code = started.wait(2 * LIMIT)
         return subprocess.CompletedProcess(arguments, code, out.read_text(), err.read_text())
+
+    def start(
+        self, command, folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=None,
+        start_new_session=False, ignored=(),
+    ):  # fmt: skip
+        """Start a script of Python in a folder, and do not wait for it.
+
+        Args:
+            command: The script and its arguments.
+            folder: Where it runs.
+            stdout: A descriptor that it writes to, or a pipe.
+            stderr: The same.
+            env: Its environment; that of this process if omitted.
+            start_new_session: Whether it leads a session of its own.
+            ignored: Signals that it ignores.
+        """
+        asked = {
+            "command": [*map(str, command)], "folder": str(folder),
+            "environment": dict(os.environ if env is None else env),
+            "session": start_new_session, "ignored": [*map(int, ignored)],
+        }  # fmt: skip
+        report, reports = os.pipe()
+        given, streams = [reports], []
+        for target in (stdout, stderr):
+            if target == subprocess.PIPE:
+                ours, theirs = os.pipe()
+                streams.append(os.fdopen(ours))
+                given.append(theirs)
+            else:
+                streams.append(None)
+                given.append(target)
+        socket.send_fds(self._control, [json.dumps(asked).encode()], given)
+        for descriptor, target in zip(given, (subprocess.PIPE, stdout, stderr), strict=True):
+            if target == subprocess.PIPE:
+                os.close(descriptor)
+        return Started(os.fdopen(report), *streams)
 
     def close(self):
         """End the process."""
-        self._process.communicate()
+        self._control.close()
+        self._process.wait()
 
 
-def serve():
-    """Fork for every line of the standard input, and print the exit code."""
-    # What all commands set before they import anything: a fork wants no threads of BLAS.
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    for module in MODULES:
-        importlib.import_module(f"newmark_cli.{module}")
-    from newmark_cli.mechanisms.registry import problem
+def serve(control):
+    """Fork for everyone who asks; tell the number of the process, and its exit code."""
+    woken, wakes = os.pipe()
+    for end in (woken, wakes):
+        os.set_blocking(end, False)
+    signal.signal(signal.SIGCHLD, lambda number, frame: None)
+    signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
+    running = {}
+    while True:
+        ready, _, _ = select.select([control, woken], [], [])
+        if woken in ready:
+            os.read(woken, 4096)
+            for pid in [*running]:
+                ended, status = os.waitpid(pid, os.WNOHANG)
+                if ended:
+                    tell(running.pop(pid), os.waitstatus_to_exitcode(status))
+        if control in ready:
+            asked, given, _, _ = socket.recv_fds(control, 1 << 20, 3)
+            if not asked:
+                return
+            pid = os.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                control.close()
+                for descriptor in (woken, wakes, given[0], *running.values()):
+                    os.close(descriptor)
+                become(stdout=given[1], stderr=given[2], **json.loads(asked))
+            running[pid] = given[0]
+            for descriptor in given[1:]:
+                os.close(descriptor)
+            os.write(given[0], b"%d\n" % pid)
 
-    problem("pendulum")  # has Numba load its registries
-    gc.freeze()  # a collection in a fork would copy every page
-    for line in sys.stdin:
-        child = os.fork()
-        if child == 0:
-            become(*json.loads(line))
-        _, status = os.waitpid(child, 0)
-        print(os.waitstatus_to_exitcode(status), flush=True)
+
+def tell(descriptor, code):
+    """Report an exit code, to nobody if nobody waits for it."""
+    with contextlib.suppress(BrokenPipeError):
+        os.write(descriptor, b"%d\n" % code)
+    os.close(descriptor)
 
 
-def become(command, folder, environment, out, err):
+def become(command, folder, environment, session, ignored, stdout, stderr):
     """Be the process of a command: its arguments, folder, environment, and streams."""
     signal.alarm(LIMIT)
+    if session:
+        os.setsid()
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
+    if "dask.config" in sys.modules:  # has read another
+        sys.modules["dask.config"].refresh()
     os.chdir(folder)
-    create = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-    for stream, path, how in ((0, os.devnull, os.O_RDONLY), (1, out, create), (2, err, create)):
-        opened = os.open(path, how)
-        os.dup2(opened, stream)
-        os.close(opened)
+    null = os.open(os.devnull, os.O_RDONLY)
+    for number, descriptor in enumerate((null, stdout, stderr)):
+        os.dup2(descriptor, number)
+        os.close(descriptor)
     sys.argv = command
     paths = environment.get("PYTHONPATH", "").split(os.pathsep)
-    sys.path[0:1] = [str(SCRIPT.parent), *filter(None, paths)]
-    runpy.run_path(command[0], run_name="__main__")
-    sys.exit()
+    sys.path[0:1] = [str(Path(command[0]).parent), *filter(None, paths)]
+    if "--allow-code" in command:
+        spare_server()
+    try:
+        runpy.run_path(command[0], run_name="__main__")
+    except SystemExit as ending:
+        leave(ending.code)
+    leave(0)
+
+
+def leave(code):
+    """End as Python does, but for taking its modules apart, which takes longer than most do."""
+    threading._shutdown()
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    os._exit(code or 0)
+
+
+def spare_server():
+    """Fork what `newmark_cli.apart` would start: it has imported its modules already.
+
+    The first server of the command is this one.  As if it were started then, it has the
+    command's folder, environment and streams, and leaves signals to it.
+    """
+    from newmark_cli import apart, interrupts
+
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
+    if os.fork() == 0:
+        ours.close()
+        path, given, _, _ = socket.recv_fds(theirs, 1 << 20, 1)
+        theirs.close()
+        if path:
+            sys.path[:] = json.loads(path)
+            apart._serve(given[0])
+        os._exit(0)
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    theirs.close()
+    start = apart._Server.__init__
+
+    def take(self):
+        apart._Server.__init__ = start
+        self.asked_by = os.getpid()
+        self._control, control = socket.socketpair()
+        with control, ours:
+            socket.send_fds(ours, [json.dumps(sys.path).encode()], [control.fileno()])
+
+    apart._Server.__init__ = take
+
+
+def prepare(modules):
+    """Import, and do once what every command that does it would do for itself."""
+    # What all commands set before they import anything: a fork wants no threads of BLAS.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    for module in (*(f"newmark_cli.{name}" for name in MODULES), *modules):
+        importlib.import_module(module)
+    from newmark_cli import march
+    from newmark_cli.mechanisms.registry import problem
+    from newmark_cli.problems import python_problem
+    from newmark_cli.report import draw, panels, style, text
+
+    problem("pendulum")  # has Numba load its registries
+    python_problem.warm()
+    if is_kept():
+        march("pendulum", h=1e-2, steps=1)
+    text.text_table([("a", "b"), ("1", "2")])
+    # Matplotlib makes its parser of formulas when it meets the first.
+    drawing = draw.drawn(panels.Sheet("", (panels.Panel((), "$h^{-1}$"),)))
+    for kind in ("png", "svg"):
+        style.rendered(drawing, kind)
+    gc.collect()
+    gc.freeze()  # a collection in a fork would copy every page
 
 
 if __name__ == "__main__":
-    serve()
+    descriptor, *modules = sys.argv[1:]
+    prepare(modules)
+    serve(socket.socket(fileno=int(descriptor)))
