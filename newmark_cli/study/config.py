@@ -64,7 +64,7 @@ from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Mea
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
 BEYOND = (
     "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
-    "cures", "cures-tolerance", "cures-krylov", "drift",
+    "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
 )  # fmt: skip
 MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
