@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from covering import covering
+from each import each
 from test_formulations import subject_of
 
+import newmark_cli as newmark
 from newmark_cli.newmark.floor import floor, unpredicted
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
@@ -214,3 +216,35 @@ def test_floors_in_a_study(cli):
 def judged(done):
     """What `check --json` has printed."""
     return json.loads(done.stdout)
+
+
+def test_floors_of_matrices_are_those_of_the_problem():
+    """Within the factor of three that how Φ is evaluated may make."""
+    subject, h = subject_of("andrews"), 1e-4
+    march = March(subject, scheme_of("u-lambda", h))
+    march.advance(100)
+    u, v, a, _ = march.here.fields
+    terms = subject.evaluate(march.t, u, v, march.here.multipliers)
+    state = {"u": u, "v": v, "a": a, "lambda": march.here.multipliers}
+    matrices = {"M": subject.M, "G": terms.G, "X": terms.X, "Y": terms.Y, **state}
+    found = newmark.floor(matrices, h=h, integrator="bdf2")
+    expected = floor(subject, march.scheme, march.t, march.here, samples=100)
+    for unknown in ("u", "lambda"):
+        assert 1 / 3 < found.physical[unknown] / expected.physical[unknown] < 3
+
+
+REFUSED = [
+    ("penalty", "andrews", {"formulation": "augmented-lagrangian factor=10"}),
+    ("at most quadratic", "shaken-pendulum", {"evaluation": "compensated"}),
+    ("needs a state", {"M": [[1, 0], [0, 1]], "G": [[1], [0]]}, {}),
+    ("rate of G", {"M": [[1, 0], [0, 1]], "G": [[1], [0]]}, {"formulation": "ggl"}),
+    ("u-lambda", "andrews", {"form": "u-lamda"}),
+    ("h must be", "andrews", {"h": -1}),
+]
+
+
+@each("said, subject, options", REFUSED)
+def test_what_the_library_refuses(said, subject, options):
+    """One line that says what is wrong."""
+    with pytest.raises(newmark.ArgumentError, match=said):
+        newmark.floor(subject, **{"h": 1e-3} | options)
