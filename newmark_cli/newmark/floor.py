@@ -132,12 +132,14 @@ class _Results:
 
     def __init__(self, values: Array, dtype: type[Any], random: np.random.Generator) -> None:
         self.unit = _unit(values, dtype)
+        # Units are powers of two: their reciprocals are exact.  Exact zeros have none.
+        self._rounds = self.unit > 0
+        self._per_unit = np.divide(1.0, self.unit, out=np.zeros_like(self.unit), where=self._rounds)
         self._phase = random.uniform(-0.5, 0.5, size=self.unit.shape)
 
     def lie(self, off: Array, where: Any = True) -> None:
         """Let exact results lie so far from the machine number that `rounded` counts from."""
-        phase = np.divide(off, self.unit, out=np.zeros_like(self.unit), where=self.unit > 0)
-        self._phase = np.where(where, phase, self._phase)
+        self._phase = np.where(where, off * self._per_unit, self._phase)
 
     def lie_like(self, others: "_Results", where: Any) -> None:
         """Let exact results lie between machine numbers as others do."""
@@ -145,12 +147,11 @@ class _Results:
 
     def rounded(self, moved: Array) -> Array:
         """By how much the machine numbers move, from one of them, when the exact results do."""
-        place = np.divide(moved, self.unit, out=np.zeros_like(self.unit), where=self.unit > 0)
-        return np.asarray(self.unit * np.rint(place + self._phase))
+        return np.asarray(self.unit * np.rint(moved * self._per_unit + self._phase))
 
     def errors(self, moved: Array) -> Array:
         """Rounding errors of the moved results."""
-        return np.where(self.unit > 0, self.rounded(moved) - self.exact(moved), 0.0)
+        return np.asarray((self.rounded(moved) - self.exact(moved)) * self._rounds)
 
     def exact(self, moved: Array) -> Array:
         """How far the exact results are from the machine number that `rounded` counts from."""
@@ -270,9 +271,13 @@ class _Model:
             off = self._nearest(off + self.right * scaled)
         return recorded
 
+    def _split(self, vector: Array) -> list[Array]:
+        """(N,) block by block."""
+        return [vector[begin:end] for begin, end in zip((0, *self.ends), self.ends, strict=False)]
+
     def _nearest(self, off: Array) -> Array:
         """(N,) how far off the nearest machine numbers of the unknowns are; η as it is."""
-        parts = np.split(off, self.ends[:-1])
+        parts = self._split(off)
         for k, results in enumerate(self._of_unknowns):
             parts[k] = results.nearest(parts[k])
         return np.concatenate(parts)
@@ -298,7 +303,7 @@ class _Model:
     def _norms(self, scaled: Array) -> Array:
         """(blocks,) norms of what the march records of a correction."""
         scheme, p = self.scheme, len(self.kept)
-        parts = np.split(scaled, self.ends[:-1])
+        parts = self._split(scaled)
         norms = [float(np.linalg.norm(part)) for part in parts]
         if scheme.stabilised:
             assert self.constraining is not None
@@ -360,7 +365,7 @@ class _Model:
         """
         rhs = np.zeros(self.jacobian.size)
         rhs[: self.problem.n] = random.normal(size=self.problem.n)
-        parts = np.split(self.right * self.jacobian.solve(self.left * rhs), self.ends[:-1])
+        parts = self._split(self.right * self.jacobian.solve(self.left * rhs))
         directions = self.weights @ np.array(parts[: len(self.kept)])
         if self.scheme.compensated:
             self._of_shift.lie(directions[0] * _factor(directions[0], self._of_shift.unit))
@@ -377,7 +382,7 @@ class _Model:
     def _roundings(self, off: Array) -> Array:
         """(N,) ρ, the rounding error of the residual, but for what does not change."""
         n, p = self.problem.n, len(self.kept)
-        parts = np.split(off, self.ends[:-1])
+        parts = self._split(off)
         push = np.zeros(n)
         if self.constraining and self.constraining.stabilised:
             push = self.constraining.pushed(self._directions, parts[p + 1])
