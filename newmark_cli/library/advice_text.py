@@ -101,12 +101,18 @@ def plain(value: Any) -> Any:
     """Plain values for JSON: keys that are numbers become text."""
     if isinstance(value, Mapping):
         return {
-            f"{key:g}" if isinstance(key, float) else str(key): plain(item)
+            _key(key) if isinstance(key, float) else str(key): plain(item)
             for key, item in value.items()
         }
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _key(number: float) -> str:
+    """A number as a key, with all digits where six are too few to tell it from others."""
+    short = f"{number:g}"
+    return short if float(short) == number else repr(number)
 
 
 def titled(title: str, rows: Sequence[Sequence[str]]) -> str:

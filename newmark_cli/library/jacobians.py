@@ -217,7 +217,7 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
         )
     if max(matrix.shape[0] for matrix in several.values()) > MOST_UNKNOWNS:
         raise ArgumentError(f"jacobian: at most {MOST_UNKNOWNS} rows")
-    return several, named, [arguments.positive("h", step, " of seconds") for step in steps]
+    return several, named, [arguments.step_size(step) for step in steps]
 
 
 def _apart(array: Array, where: str) -> dict[str, Array]:
@@ -233,12 +233,15 @@ def _blocks(given: Any) -> tuple[Form, dict[str, int]]:
     if isinstance(given, str):
         pairs = [part.partition("=") for part in given.split(",")]
         try:
-            given = {name.strip(): int(size) for name, _, size in pairs}
+            read = [(name.strip(), int(size)) for name, _, size in pairs]
         except ValueError:
             raise ArgumentError(
                 "blocks must be names and sizes such as u=8,lambda=7, given "
                 f"{arguments.shown(given)}"
             ) from None
+        if len(dict(read)) < len(read):
+            raise ArgumentError(f"blocks: a name is there twice, given {arguments.shown(given)}")
+        given = dict(read)
     if not isinstance(given, Mapping):
         raise ArgumentError(f"blocks must be a mapping of names to sizes, given {given!r}")
     sizes = {str(name): arguments.count(f"blocks: {name}", n, 1) for name, n in given.items()}
@@ -248,6 +251,11 @@ def _blocks(given: Any) -> tuple[Form, dict[str, int]]:
         raise ArgumentError(f"blocks: no form has {','.join(sizes)} in this order; it is {allowed}")
     if len({sizes[name] for name in form.kept}) > 1:
         raise ArgumentError(f"blocks: {', '.join(form.kept)} must have the same size")
+    if sizes["lambda"] > (n := sizes[form.kept[0]]):
+        raise ArgumentError(
+            f"blocks: lambda must be at most {n}, the number of coordinates, given "
+            f"{sizes['lambda']}: more constraints are redundant"
+        )
     return form, sizes
 
 
