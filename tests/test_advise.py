@@ -12,6 +12,7 @@ import mpmath
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse
 
 import newmark_cli as newmark
 from newmark_cli import matrices
@@ -773,3 +774,30 @@ def test_jacobians_with_impossible_blocks_and_steps(blocks, h, said):
     unscaled = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
     with pytest.raises(newmark.NewmarkError, match=said):
         newmark.advise_jacobian(unscaled, blocks=blocks, h=h)
+
+
+def test_jacobians_may_be_sparse():
+    """Sparse matrices, one or several, give what dense ones give."""
+    dense = [np.array([[4 / h**2, 0, -1], [0, 4 / h**2, 0], [1, 0, 0]]) for h in (1e-3, 1e-4)]
+    several = {"blocks": "u=2,lambda=1", "h": np.array([1e-3, 1e-4])}
+    sparse = [scipy.sparse.csr_array(matrix) for matrix in dense]
+    found = newmark.advise_jacobian(sparse, **several)
+    assert found == newmark.advise_jacobian(dense, **several)
+    assert (found.found, found.measured) == ("none", True)
+    one = {"blocks": "u=2,lambda=1", "h": np.array(1e-3)}
+    expected = newmark.advise_jacobian(dense[0], **one)
+    assert newmark.advise_jacobian(scipy.sparse.csr_matrix(dense[0]), **one) == expected
+    assert expected.h == (1e-3,)
+
+
+@pytest.mark.parametrize("given", [5, None, np.array(5.0)])
+def test_what_is_no_jacobian(given):
+    """Anything but matrices and paths is refused."""
+    with pytest.raises(newmark.NewmarkError, match="jacobian must be a matrix, several of them"):
+        newmark.advise_jacobian(given, blocks="u=2,lambda=1", h=1e-3)
+
+
+def test_a_step_size_may_be_an_array_without_dimensions(one_constraint):
+    """NumPy's scalars and arrays of one number are step sizes."""
+    found = newmark.advise(one_constraint, h=np.array(1e-3))
+    assert found.condition == newmark.advise(one_constraint, h=1e-3).condition

@@ -328,7 +328,9 @@ class _Schemes:
 
 def _step_sizes(given: Any) -> list[float]:
     """Step sizes, the smallest last."""
-    several = given if isinstance(given, list | tuple | np.ndarray) and len(given) else [given]
+    if isinstance(given, np.ndarray):
+        given = given.reshape(-1).tolist()
+    several = given if isinstance(given, list | tuple) and len(given) else [given]
     return sorted({arguments.step_size(one) for one in several}, reverse=True)
 
 
