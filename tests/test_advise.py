@@ -801,3 +801,18 @@ def test_a_step_size_may_be_an_array_without_dimensions(one_constraint):
     """NumPy's scalars and arrays of one number are step sizes."""
     found = newmark.advise(one_constraint, h=np.array(1e-3))
     assert found.condition == newmark.advise(one_constraint, h=1e-3).condition
+
+
+def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):
+    """Coarse compensated steps, and formulations with a penalty, are said to have no floors."""
+    coarse = newmark.advise("double-pendulum", h=0.3, evaluation="compensated", tolerance=1e-8)
+    assert "cannot be judged: no floor is predicted at these step sizes" in coarse.findings[0]
+    assert any("no tolerances at h = 0.3: G changes by more" in one for one in coarse.findings)
+    assert "nan" not in str(coarse)
+    with pytest.raises(newmark.NewmarkError, match="cannot be judged: with a penalty"):
+        newmark.advise(
+            "double-pendulum", h=1e-3, formulation="augmented-lagrangian", tolerance=1e-8
+        )
+    twice = ("--tolerance", "1e-8", "--tolerance", "1e-9")
+    refused = cli("advise", "pendulum", "--h", "1e-3", *twice, code=2)
+    assert "all unknowns: given twice" in refused.stderr

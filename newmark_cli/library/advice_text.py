@@ -1,5 +1,6 @@
 """Advice as text for a terminal or a notebook."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -92,9 +93,13 @@ def _tolerance_rows(advice: "Advice") -> list[list[str]]:
         row = [f"{h:g}", unknown]
         for precision in PRECISIONS:
             one = found[precision]
-            row += [f"{one.scaled:.2g}", "" if one.physical is None else f"{one.physical:.2g}"]
+            row += ["" if size is None else _size(size) for size in (one.scaled, one.physical)]
         rows.append(row)
     return rows
+
+
+def _size(size: float) -> str:
+    return "not predicted" if math.isnan(size) else f"{size:.2g}"
 
 
 def plain(value: Any) -> Any:

@@ -269,11 +269,23 @@ def advise(
         name: {step: about.floors(schemes.but(precision=name).at(step)) for step in steps}
         for name in PRECISIONS
     }
+    why = unpredicted(least)
+    if why and tests.tolerances:
+        raise ArgumentError(f"a tolerance cannot be judged: {why}")
+    turning = [f"{one.h:g}" for one in _tolerances(floors, schemes) if math.isnan(one.scaled)]
     findings = (
         *diagnosed(tests, about, each, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
-        *([f"no floors and no tolerances: {why}"] if (why := unpredicted(least)) else []),
+        *([f"no floors and no tolerances: {why}"] if why else []),
+        *(
+            [
+                f"no floors and no tolerances at h = {', '.join(dict.fromkeys(turning))}: "
+                "G changes by more than a quarter within a step"
+            ]
+            if turning
+            else []
+        ),
         *about.notes,
     )
     return Advice(
