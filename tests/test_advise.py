@@ -12,12 +12,15 @@ import mpmath
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse
 
 import newmark_cli as newmark
 from newmark_cli import matrices
 from newmark_cli.library.advising import Equilibration
 from newmark_cli.library.scalings import integrator_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
+from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.noise import carried
 from newmark_cli.problems.index_1 import Index1
 
@@ -722,3 +725,94 @@ def test_noise_of_multipliers_is_that_of_a_march(name, h, integrator):
     (own,) = [one for one in advice.noise if one.cure == ""]
     predicted = advice.multipliers * (own.carried[1.0] / h) ** 2
     assert measured / 3 < predicted < 3 * measured
+
+
+@pytest.fixture
+def one_constraint():
+    """Two unit masses on a line, with a state."""
+    state = {"u": [1.0, 0.5], "v": [1.0, 2.0], "a": [1.0, 1.0], "lambda": [3.0]}
+    return {"M": np.eye(2), "G": np.array([[1.0], [0.5]]), **state}
+
+
+def test_a_single_multiplier_may_be_a_number(one_constraint):
+    """λ of one constraint as a number, and G as a vector, give what arrays give."""
+    alike = {**one_constraint, "G": np.array([1.0, 0.5]), "lambda": 3.0}
+    found = newmark.advise(alike, h=1e-3).to_dict()
+    assert found == newmark.advise(one_constraint, h=1e-3).to_dict()
+    assert found["multipliers"] == 3
+
+
+def test_a_transposed_gradient_is_told(one_constraint):
+    """Rows of constraints in place of columns are said to be that."""
+    transposed = {**one_constraint, "G": one_constraint["G"].T}
+    with pytest.raises(newmark.NewmarkError, match="given 1 by 2; give its transpose"):
+        newmark.advise(transposed, h=1e-3)
+
+
+def test_floors_know_index_3_as_an_object(one_constraint):
+    """The default formulation, given as an object, is not refused for matrices."""
+    named = newmark.floor(one_constraint, h=1e-3)
+    assert newmark.floor(one_constraint, h=1e-3, formulation=Formulation(INDEX_3)) == named
+
+
+def test_step_sizes_that_are_nearly_equal_stay_apart_in_json(one_constraint):
+    """Keys have the digits that tell them apart."""
+    found = newmark.advise(one_constraint, h=[1e-3, 1.0000001e-3]).to_dict()
+    assert set(found["condition"]) == {"0.001", "0.0010000001"}
+
+
+@pytest.mark.parametrize(
+    ("blocks", "h", "said"),
+    [
+        ("u=2,lambda=1", 1e-300, "h must be between 1e-12 and 1e3 seconds, given 1e-300"),
+        ("u=1,lambda=2", 1e-3, "lambda must be at most 1, the number of coordinates, given 2"),
+        ("u=2,u=2,lambda=1", 1e-3, "a name is there twice"),
+    ],
+)
+def test_jacobians_with_impossible_blocks_and_steps(blocks, h, said):
+    """Step sizes out of range, and blocks that no mechanism has, are refused."""
+    unscaled = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
+    with pytest.raises(newmark.NewmarkError, match=said):
+        newmark.advise_jacobian(unscaled, blocks=blocks, h=h)
+
+
+def test_jacobians_may_be_sparse():
+    """Sparse matrices, one or several, give what dense ones give."""
+    dense = [np.array([[4 / h**2, 0, -1], [0, 4 / h**2, 0], [1, 0, 0]]) for h in (1e-3, 1e-4)]
+    several = {"blocks": "u=2,lambda=1", "h": np.array([1e-3, 1e-4])}
+    sparse = [scipy.sparse.csr_array(matrix) for matrix in dense]
+    found = newmark.advise_jacobian(sparse, **several)
+    assert found == newmark.advise_jacobian(dense, **several)
+    assert (found.found, found.measured) == ("none", True)
+    one = {"blocks": "u=2,lambda=1", "h": np.array(1e-3)}
+    expected = newmark.advise_jacobian(dense[0], **one)
+    assert newmark.advise_jacobian(scipy.sparse.csr_matrix(dense[0]), **one) == expected
+    assert expected.h == (1e-3,)
+
+
+@pytest.mark.parametrize("given", [5, None, np.array(5.0)])
+def test_what_is_no_jacobian(given):
+    """Anything but matrices and paths is refused."""
+    with pytest.raises(newmark.NewmarkError, match="jacobian must be a matrix, several of them"):
+        newmark.advise_jacobian(given, blocks="u=2,lambda=1", h=1e-3)
+
+
+def test_a_step_size_may_be_an_array_without_dimensions(one_constraint):
+    """NumPy's scalars and arrays of one number are step sizes."""
+    found = newmark.advise(one_constraint, h=np.array(1e-3))
+    assert found.condition == newmark.advise(one_constraint, h=1e-3).condition
+
+
+def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):
+    """Coarse compensated steps, and formulations with a penalty, are said to have no floors."""
+    coarse = newmark.advise("double-pendulum", h=0.3, evaluation="compensated", tolerance=1e-8)
+    assert "cannot be judged: no floor is predicted at these step sizes" in coarse.findings[0]
+    assert any("no tolerances at h = 0.3: G changes by more" in one for one in coarse.findings)
+    assert "nan" not in str(coarse)
+    with pytest.raises(newmark.NewmarkError, match="cannot be judged: with a penalty"):
+        newmark.advise(
+            "double-pendulum", h=1e-3, formulation="augmented-lagrangian", tolerance=1e-8
+        )
+    twice = ("--tolerance", "1e-8", "--tolerance", "1e-9")
+    refused = cli("advise", "pendulum", "--h", "1e-3", *twice, code=2)
+    assert "all unknowns: given twice" in refused.stderr

@@ -37,6 +37,8 @@ def _tolerances(
     found = {}
     for text in given:
         name, _, value = text.rpartition("=")
+        if (name or "all") in found:
+            raise click.BadParameter(f"{name or 'all unknowns'}: given twice")
         try:
             found[name or "all"] = float(value)
         except ValueError:

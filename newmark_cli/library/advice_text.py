@@ -1,5 +1,6 @@
 """Advice as text for a terminal or a notebook."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -92,21 +93,31 @@ def _tolerance_rows(advice: "Advice") -> list[list[str]]:
         row = [f"{h:g}", unknown]
         for precision in PRECISIONS:
             one = found[precision]
-            row += [f"{one.scaled:.2g}", "" if one.physical is None else f"{one.physical:.2g}"]
+            row += ["" if size is None else _size(size) for size in (one.scaled, one.physical)]
         rows.append(row)
     return rows
+
+
+def _size(size: float) -> str:
+    return "not predicted" if math.isnan(size) else f"{size:.2g}"
 
 
 def plain(value: Any) -> Any:
     """Plain values for JSON: keys that are numbers become text."""
     if isinstance(value, Mapping):
         return {
-            f"{key:g}" if isinstance(key, float) else str(key): plain(item)
+            _key(key) if isinstance(key, float) else str(key): plain(item)
             for key, item in value.items()
         }
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _key(number: float) -> str:
+    """A number as a key, with all digits where six are too few to tell it from others."""
+    short = f"{number:g}"
+    return short if float(short) == number else repr(number)
 
 
 def titled(title: str, rows: Sequence[Sequence[str]]) -> str:

@@ -269,11 +269,23 @@ def advise(
         name: {step: about.floors(schemes.but(precision=name).at(step)) for step in steps}
         for name in PRECISIONS
     }
+    why = unpredicted(least)
+    if why and tests.tolerances:
+        raise ArgumentError(f"a tolerance cannot be judged: {why}")
+    turning = [f"{one.h:g}" for one in _tolerances(floors, schemes) if math.isnan(one.scaled)]
     findings = (
         *diagnosed(tests, about, each, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
-        *([f"no floors and no tolerances: {why}"] if (why := unpredicted(least)) else []),
+        *([f"no floors and no tolerances: {why}"] if why else []),
+        *(
+            [
+                f"no floors and no tolerances at h = {', '.join(dict.fromkeys(turning))}: "
+                "G changes by more than a quarter within a step"
+            ]
+            if turning
+            else []
+        ),
         *about.notes,
     )
     return Advice(
@@ -328,12 +340,10 @@ class _Schemes:
 
 def _step_sizes(given: Any) -> list[float]:
     """Step sizes, the smallest last."""
-    several = given if isinstance(given, list | tuple | np.ndarray) and len(given) else [given]
-    found = sorted({arguments.positive("h", one, " of seconds") for one in several}, reverse=True)
-    if not 1e-12 <= found[-1] <= found[0] <= 1e3:
-        given = ", ".join(f"{one:g}" for one in found)
-        raise ArgumentError(f"h must be between 1e-12 and 1e3 seconds, given {given}")
-    return found
+    if isinstance(given, np.ndarray):
+        given = given.reshape(-1).tolist()
+    several = given if isinstance(given, list | tuple) and len(given) else [given]
+    return sorted({arguments.step_size(one) for one in several}, reverse=True)
 
 
 def _require_fit(about: Subject, formulation: Formulation, evaluation: str) -> None:

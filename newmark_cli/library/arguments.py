@@ -42,6 +42,14 @@ def positive(name: str, given: Any, unit: str = "") -> float:
     return value
 
 
+def step_size(given: Any) -> float:
+    """A step size (s) of which factors and floors are finite numbers."""
+    value = positive("h", given, " of seconds")
+    if not 1e-12 <= value <= 1e3:
+        raise ArgumentError(f"h must be between 1e-12 and 1e3 seconds, given {value:g}")
+    return value
+
+
 def count(name: str, given: Any, least: int = 0) -> int:
     """A whole number."""
     if isinstance(given, bool | np.bool_) or not isinstance(given, Integral):

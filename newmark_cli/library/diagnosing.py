@@ -75,7 +75,7 @@ class Tests:
 
 
 def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) -> float:
-    """Largest floor of an unknown, or of `ALL`, among those of several states.
+    """Largest floor of an unknown, or of `ALL`, among those of several states; NaN if one has none.
 
     Args:
         floors: Of the states.
@@ -85,7 +85,7 @@ def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) ->
     """
     names = scheme.form.solved if unknown == ALL else (unknown,)
     found: list[Mapping[str, float]] = [getattr(floor, kind) for floor in floors]
-    return max(math.hypot(*(of[name] for name in names)) for of in found)
+    return float(np.max([math.hypot(*(of[name] for name in names)) for of in found]))
 
 
 def diagnosed(
@@ -125,10 +125,13 @@ def _of_correction(
     name = "all unknowns" if unknown == ALL else _SYMBOLS.get(unknown, unknown)
     reached = {h: largest(found, unknown, tested, schemes[h]) for h, found in floors.items()}
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
+    reached = {h: size for h, size in reached.items() if not math.isnan(size)}
+    if not reached:
+        return f"{test}: cannot be judged: no floor is predicted at these step sizes"
     verdict = _verdict(test, tolerance, reached)
     if _is_met(tolerance, reached):
         return verdict
-    least = min(schemes)
+    least = min(reached)
     scheme, of_all = schemes[least], floors[least]
     worst = unknown
     if unknown == ALL:

@@ -56,7 +56,7 @@ def floor(
         >>> [f"{found.physical[unknown]:.0e}" for unknown in ("u", "lambda")]
         ['7e-18', '7e-07']
     """
-    step = arguments.positive("h", h, " of seconds")
+    step = arguments.step_size(h)
     chosen = formulation_of(formulation)
     formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
     scheme = Scheme(
@@ -76,7 +76,7 @@ def floor(
             "evaluation: compensated needs constraints that are at most quadratic in u and do "
             f"not depend on time; those of {about.name} do"
         )
-    if formulation != INDEX_3 and not about.formulations:
+    if chosen.method != INDEX_3 and not about.formulations:
         raise ArgumentError(
             f"formulation {chosen.label}: needs the rate of G, which matrices at one state do not "
             "tell; allowed: index-3"

@@ -1,7 +1,7 @@
 """A Jacobian from anywhere: which scaling is in it, and what to multiply it by."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -121,9 +121,9 @@ def advise_jacobian(
     two, at two step sizes, the order in h of every block is measured.
 
     Args:
-        jacobian: (N, N) matrix; a list of them; or the path of an .npz file with ``J``, of
-            one matrix or (k, N, N), and if you like ``h`` and ``blocks``, or of an .mtx file;
-            or a list of paths.  Signs of G and of rows do not matter.
+        jacobian: (N, N) matrix, dense or sparse; a list of them; or the path of an .npz file
+            with ``J``, of one matrix or (k, N, N), and if you like ``h`` and ``blocks``, or of
+            an .mtx file; or a list of paths.  Signs of G and of rows do not matter.
         blocks: Unknown → size, in the order of the columns; rows in the order D, V, K, C. As
             text ``"u=8,lambda=7"``.
         h: Step size (s) of each.
@@ -187,8 +187,11 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
     """Name → matrix, the blocks that a file names, and the step sizes."""
     if isinstance(jacobian, str | Path):
         jacobian = [Path(jacobian)]
-    elif not isinstance(jacobian, np.ndarray):
-        jacobian = list(jacobian)
+    jacobian = _dense(jacobian)
+    if not isinstance(jacobian, np.ndarray) and isinstance(jacobian, Iterable):
+        jacobian = [_dense(one) for one in jacobian]
+    if not isinstance(jacobian, list | np.ndarray) or getattr(jacobian, "ndim", 1) == 0:
+        raise ArgumentError("jacobian must be a matrix, several of them, or paths of files")
     several: dict[str, Array] = {}
     named: str | None = None
     steps: list[Any] = []
@@ -208,7 +211,8 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
             name = "jacobian" if one else f"jacobian {place + 1}"
             several[name] = array_of(matrix, name)
     if h is not None:
-        steps = list(h) if isinstance(h, list | tuple | np.ndarray) else [h]
+        steps = np.reshape(h, -1).tolist() if isinstance(h, np.ndarray) else h
+        steps = list(steps) if isinstance(steps, list | tuple) else [steps]
     if len(steps) == 1:
         steps *= len(several)
     if len(steps) != len(several):
@@ -217,7 +221,12 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
         )
     if max(matrix.shape[0] for matrix in several.values()) > MOST_UNKNOWNS:
         raise ArgumentError(f"jacobian: at most {MOST_UNKNOWNS} rows")
-    return several, named, [arguments.positive("h", step, " of seconds") for step in steps]
+    return several, named, [arguments.step_size(step) for step in steps]
+
+
+def _dense(given: Any) -> Any:
+    """A sparse matrix as an array; anything else as it is."""
+    return given.toarray() if callable(getattr(given, "toarray", None)) else given
 
 
 def _apart(array: Array, where: str) -> dict[str, Array]:
@@ -233,12 +242,15 @@ def _blocks(given: Any) -> tuple[Form, dict[str, int]]:
     if isinstance(given, str):
         pairs = [part.partition("=") for part in given.split(",")]
         try:
-            given = {name.strip(): int(size) for name, _, size in pairs}
+            read = [(name.strip(), int(size)) for name, _, size in pairs]
         except ValueError:
             raise ArgumentError(
                 "blocks must be names and sizes such as u=8,lambda=7, given "
                 f"{arguments.shown(given)}"
             ) from None
+        if len(dict(read)) < len(read):
+            raise ArgumentError(f"blocks: a name is there twice, given {arguments.shown(given)}")
+        given = dict(read)
     if not isinstance(given, Mapping):
         raise ArgumentError(f"blocks must be a mapping of names to sizes, given {given!r}")
     sizes = {str(name): arguments.count(f"blocks: {name}", n, 1) for name, n in given.items()}
@@ -248,6 +260,11 @@ def _blocks(given: Any) -> tuple[Form, dict[str, int]]:
         raise ArgumentError(f"blocks: no form has {','.join(sizes)} in this order; it is {allowed}")
     if len({sizes[name] for name in form.kept}) > 1:
         raise ArgumentError(f"blocks: {', '.join(form.kept)} must have the same size")
+    if sizes["lambda"] > (n := sizes[form.kept[0]]):
+        raise ArgumentError(
+            f"blocks: lambda must be at most {n}, the number of coordinates, given "
+            f"{sizes['lambda']}: more constraints are redundant"
+        )
     return form, sizes
 
 

@@ -29,6 +29,8 @@ from newmark_cli.problems.problem import Problem, ProblemError, Terms
 
 #: Names of the matrices and vectors that a file or a dict may have.
 NAMES = ("M", "G", "X", "Y", "u", "v", "a", "lambda")
+#: Those that are vectors, of a single number where n or m is 1.
+_VECTORS = ("u", "v", "a", "lambda")
 #: Most unknowns n + m whose condition numbers are computed.
 MOST_UNKNOWNS = 1_500
 #: Most unknowns n + m for which a motion is marched to look at more states than the start.
@@ -285,7 +287,11 @@ def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
     Raises:
         MatrixError: When a matrix is missing or cannot be used.
     """
-    found = {name: array_of(given[name], f"{where}: {name}") for name in NAMES if name in given}
+    found = {
+        name: array_of(given[name], f"{where}: {name}", scalar=name in _VECTORS)
+        for name in NAMES
+        if name in given
+    }
     for name in ("M", "G"):
         if name not in found:
             raise matrices.MatrixError(f"{where}: {name} is missing; needed: M, G")
@@ -297,6 +303,11 @@ def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
     if gradient.ndim == 1:  # a single constraint
         gradient = found["G"] = gradient[:, None]
     m = gradient.shape[1]
+    if gradient.shape[0] != n == gradient.shape[1]:
+        raise matrices.MatrixError(
+            f"{where}: G must have a row for each of the {n} coordinates, given "
+            f"{gradient.shape[0]} by {n}; give its transpose"
+        )
     square, vector = dict.fromkeys(("X", "Y"), (n, n)), dict.fromkeys(("u", "v", "a"), (n,))
     found = {name: array.reshape(-1) if name in vector else array for name, array in found.items()}
     if "lambda" in found:
@@ -326,8 +337,8 @@ def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
     return OfMatrices(where, linearisation, not missing, notes)
 
 
-def array_of(given: Any, where: str) -> Array:
-    """A matrix of a dict or a file as finite real numbers."""
+def array_of(given: Any, where: str, scalar: bool = False) -> Array:
+    """A matrix of a dict or a file as finite real numbers; a single one only if `scalar`."""
     if callable(getattr(given, "toarray", None)):
         given = given.toarray()
     try:
@@ -336,7 +347,7 @@ def array_of(given: Any, where: str) -> Array:
         array = np.empty(0, object)
     if array.dtype.kind == "c":
         raise matrices.MatrixError(f"{where} is complex; must be real")
-    if array.dtype.kind not in "iufb" or array.ndim not in (1, 2):
+    if array.dtype.kind not in "iufb" or array.ndim not in ((0, 1, 2) if scalar else (1, 2)):
         raise matrices.MatrixError(f"{where} must be a matrix or a vector of numbers")
     if not np.all(np.isfinite(array)):
         raise matrices.MatrixError(f"{where} has NaN or infinity; must be finite")
