@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.report.claims import Claim, Finding, FloorClaim, evaluate
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
 from newmark_cli.report.figures import FIGURES
@@ -16,6 +17,9 @@ from newmark_cli.report.text import markdown
 from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.study.axes import SeriesKey
+
+#: Points of a study from which on its predicted floors are judged.
+_FEWEST_FLOORS = 10
 
 
 @dataclass(frozen=True)
@@ -64,18 +68,25 @@ class Floors:
 
 
 def _floors(slopes: Sequence[Slope]) -> list[Floors]:
-    """What is claimed of each study that has both corrections and their predicted floors."""
+    """What is claimed of each study that has both corrections and their predicted floors.
+
+    Nine in ten of a few points would mean all of them; and where a Krylov solver stops,
+    rounding is not what is left.
+    """
     there = {slope.key for slope in slopes}
     pairs: dict[str, list[tuple[Curve, Curve]]] = {}
+    points: Counter[str] = Counter()
     for slope in slopes:
-        if slope.measure == "correction":
+        if slope.measure == "correction" and slope.linear_solver not in (GMRES, MINRES):
             predicted = floor_of(slope.key)
             if predicted in there:
                 both = (_curve(predicted), _curve(slope.key))
                 pairs.setdefault(slope.study, []).append(both)
+                points[slope.study] += len(slope.h)
     return [
         Floors(study, tuple(measured for _, measured in both), (FloorClaim(tuple(both)),))
         for study, both in pairs.items()
+        if points[study] >= _FEWEST_FLOORS
     ]
 
 
