@@ -8,7 +8,12 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import allow_code_option, as_json_text
+from newmark_cli.cli.options import (
+    allow_code_option,
+    as_json_text,
+    evaluation_option,
+    formulation_option,
+)
 from newmark_cli.errors import ArgumentError, InputError
 
 if TYPE_CHECKING:
@@ -91,17 +96,8 @@ def _tolerances(
 )
 @click.option("--beta", type=float, metavar="BETA", help="Parameter of Newmark's scheme.")
 @click.option("--gamma", type=float, metavar="GAMMA", help="Parameter of Newmark's scheme.")
-@click.option(
-    "--formulation",
-    metavar="FORMULATION",
-    shell_complete=complete("formulations"),
-    help="Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
-)
-@click.option(
-    "--evaluation",
-    type=click.Choice(["direct", "compensated"]),
-    help="How residuals are evaluated; direct by default.",
-)
+@formulation_option
+@evaluation_option
 @click.option(
     "--precision",
     type=click.Choice(["float64", "float32"]),

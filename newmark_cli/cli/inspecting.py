@@ -15,6 +15,8 @@ from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
     complete_config,
+    evaluation_option,
+    formulation_option,
     results_folder,
 )
 from newmark_cli.errors import InputError
@@ -38,18 +40,8 @@ if TYPE_CHECKING:
     shell_complete=complete("preconditioning"),
     help="One scaling; the paper's four by default.",
 )
-@click.option(
-    "--evaluation",
-    type=click.Choice(["direct", "compensated"]),
-    default=None,
-    help="How residuals are evaluated; direct by default.",
-)
-@click.option(
-    "--formulation",
-    metavar="FORMULATION",
-    shell_complete=complete("formulations"),
-    help="Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
-)
+@evaluation_option
+@formulation_option
 @click.option(
     "--config",
     "file",

@@ -45,6 +45,21 @@ allow_code_option = click.option(
 )
 
 
+evaluation_option = click.option(
+    "--evaluation",
+    type=click.Choice(["direct", "compensated"]),
+    help="How residuals are evaluated; direct by default.",
+)
+
+
+formulation_option = click.option(
+    "--formulation",
+    metavar="FORMULATION",
+    shell_complete=complete("formulations"),
+    help="Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
+)
+
+
 format_option = click.option(
     "--format",
     "kind",

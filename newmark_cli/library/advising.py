@@ -13,7 +13,7 @@ from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.advice_text import plain, sections
 from newmark_cli.library.diagnosing import ALL, SPREAD, Tests, diagnosed, largest, one_sided
-from newmark_cli.library.linearised import Subject, subject_of
+from newmark_cli.library.linearised import Subject, require_fit, subject_of
 from newmark_cli.library.scalings import (
     Factors,
     formulation_of,
@@ -249,7 +249,7 @@ def advise(
         preconditioning_of(scaling, "scaling"),
         arguments.one_of("precision", precision, PRECISIONS),
     )
-    _require_fit(about, chosen, evaluation)
+    require_fit(about, chosen, evaluation)
     each = {step: schemes.at(step) for step in steps}
     largest_step, least = each[steps[0]], each[steps[-1]]
     tests = Tests.of(
@@ -344,19 +344,6 @@ def _step_sizes(given: Any) -> list[float]:
         given = given.reshape(-1).tolist()
     several = given if isinstance(given, list | tuple) and len(given) else [given]
     return sorted({arguments.step_size(one) for one in several}, reverse=True)
-
-
-def _require_fit(about: Subject, formulation: Formulation, evaluation: str) -> None:
-    if not about.formulations and formulation.method != INDEX_3:
-        raise ArgumentError(
-            f"formulation {formulation.label}: needs the rate of G, which matrices do not tell; "
-            "allowed: index-3"
-        )
-    if evaluation == COMPENSATED and about.quadratic is False:
-        raise ArgumentError(
-            f"{about.name}: compensated evaluation needs constraints that are at most quadratic in "
-            "u and do not depend on time"
-        )
 
 
 def _conditions(

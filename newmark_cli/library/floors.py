@@ -6,11 +6,11 @@ import numpy as np
 
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
-from newmark_cli.library.linearised import subject_of
+from newmark_cli.library.linearised import require_fit, subject_of
 from newmark_cli.library.scalings import formulation_of, integrator_or_newmark, preconditioning_of
 from newmark_cli.newmark.floor import Floor, unpredicted
 from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Scheme
+from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Scheme
 
 
 def floor(
@@ -71,16 +71,7 @@ def floor(
     if reason := unpredicted(scheme):
         raise ArgumentError(f"formulation {chosen.label}: {reason}")
     about = subject_of(subject, None if t_end is None else arguments.positive("t_end", t_end))
-    if evaluation == COMPENSATED and about.quadratic is False:
-        raise ArgumentError(
-            "evaluation: compensated needs constraints that are at most quadratic in u and do "
-            f"not depend on time; those of {about.name} do"
-        )
-    if chosen.method != INDEX_3 and not about.formulations:
-        raise ArgumentError(
-            f"formulation {chosen.label}: needs the rate of G, which matrices at one state do not "
-            "tell; allowed: index-3"
-        )
+    require_fit(about, chosen, evaluation)
     floors = about.floors(scheme)
     if not floors:
         raise ArgumentError(f"{about.name}: a floor needs a state: u, v, a, lambda")

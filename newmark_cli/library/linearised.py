@@ -18,11 +18,12 @@ from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
 from newmark_cli.newmark.constraints import constraining_of
 from newmark_cli.newmark.floor import Floor, floor, unpredicted
 from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import form_blocks
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.linear import linear_problem
 from newmark_cli.problems.problem import Problem, ProblemError, Terms
@@ -105,11 +106,7 @@ class OfMatrices:
 
     def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
         """J, unscaled."""
-        if scheme.formulation.method != INDEX_3:
-            raise ArgumentError(
-                f"formulation {scheme.formulation.label}: needs the rate of G, which matrices at "
-                "one state do not tell; allowed: index-3"
-            )
+        require_fit(self, scheme.formulation, scheme.evaluation)
         mass, x, y, g = self.terms
         terms = Terms(np.zeros(self.n), np.zeros(self.m), x, y, g)
         return np.asarray(np.block(form_blocks(scheme, terms, mass)))
@@ -251,6 +248,25 @@ def _unknowns(scheme: Scheme, fields: Sequence[Array], multipliers: Array) -> Ar
     sizes = scheme.form.sizes(n, m)
     parts = zip(scheme.form.solved, sizes, strict=True)
     return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
+
+
+def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> None:
+    """Refuse what nothing can be said of.
+
+    Raises:
+        ArgumentError: For a formulation that matrices do not tell enough of, and for
+            compensated evaluation of constraints that are not quadratic.
+    """
+    if not about.formulations and formulation.method != INDEX_3:
+        raise ArgumentError(
+            f"formulation {formulation.label}: needs the rate of G, which matrices do not tell; "
+            "allowed: index-3"
+        )
+    if evaluation == COMPENSATED and about.quadratic is False:
+        raise ArgumentError(
+            f"{about.name}: compensated evaluation needs constraints that are at most quadratic in "
+            "u and do not depend on time"
+        )
 
 
 def subject_of(given: Any, t_end: float | None = None) -> Subject:

@@ -284,9 +284,8 @@ class _Model:
 
     def _off(self, random: np.random.Generator) -> Array:
         """(N,) by how much the first iterate is off in the unknowns."""
-        dtype, off = self.scheme.dtype, np.zeros(self.jacobian.size)
+        dtype, sizes = self.scheme.dtype, []
         in_u = _UNITS_OFF * _unit(self.fields[0], dtype)
-        begin = 0
         for k, source in enumerate(self.kept):
             enough = _UNITS_OFF * _unit(self.moving[source], dtype)
             if weight := abs(float(self.weights[0, k])):
@@ -294,10 +293,11 @@ class _Model:
             if self.scheme.compensated:
                 # An increment is off by no more than it is.
                 enough = np.minimum(enough, np.sqrt(np.mean(self.moving[source] ** 2)))
-            off[begin : self.ends[k]] = enough * random.normal(size=len(enough))
-            begin = self.ends[k]
-        enough = _UNITS_OFF * _unit(self.multipliers, dtype)
-        off[begin : begin + len(enough)] = enough * random.normal(size=len(enough))
+            sizes.append(enough)
+        sizes.append(_UNITS_OFF * _unit(self.multipliers, dtype))
+        found = np.concatenate(sizes)
+        off = np.zeros(self.jacobian.size)
+        off[: len(found)] = found * random.normal(size=len(found))
         return off
 
     def _norms(self, scaled: Array) -> Array:

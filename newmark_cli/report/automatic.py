@@ -33,6 +33,7 @@ from newmark_cli.report.text import in_words
 from newmark_cli.report.verdicts import PASS, SHOWN
 from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall_times
 from newmark_cli.study import axes
+from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
 from newmark_cli.study.measures import FLOOR_OF, RECORDS, symbol
 
@@ -73,13 +74,6 @@ class SeriesFigure(OfParts):
             self._panel(part, [series[curve.key] for curve in part.curves], places, several)
             for part in self.parts
         ]
-        every_slope = {slope.key: slope for slope in results.slopes}
-        floors = [
-            [every_slope.get(floor_of(curve.key) or curve.key) for curve in part.curves]
-            if RECORDS[part.curves[0].measure].name in FLOOR_OF
-            else []
-            for part in self.parts
-        ]
         alike = several and _alike(series.values())
         if alike:
             every = list(series.values())
@@ -87,9 +81,10 @@ class SeriesFigure(OfParts):
                 _with_limits(panel, [series[curve.key] for curve in part.curves], every)
                 for panel, part in zip(panels, self.parts, strict=True)
             ]
+        every_slope = {slope.key: slope for slope in results.slopes}
         panels = [
-            replace(panel, traces=(*panel.traces, *_floors(some)))
-            for panel, some in zip(panels, floors, strict=True)
+            replace(panel, traces=(*panel.traces, *_floors(part, every_slope)))
+            for panel, part in zip(panels, self.parts, strict=True)
         ]
         fitted = any(not np.isnan(slope.expected) for slope in series.values())
         apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
@@ -128,12 +123,13 @@ class SeriesFigure(OfParts):
 _FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
 
 
-def _floors(slopes: Iterable["Slope | None"]) -> list[Trace]:
-    """The predicted floors of measured series."""
-    found = [slope for slope in slopes if slope is not None]
+def _floors(part: Part, slopes: Mapping[SeriesKey, "Slope"]) -> list[Trace]:
+    """The predicted floors of measured series, where there are any."""
+    keys = (floor_of(curve.key) for curve in part.curves)
     return [
-        traces.trace(slope, "predicted floor", _FLOOR, fit="", name="predicted floor")
-        for slope in found
+        traces.trace(slopes[key], "predicted floor", _FLOOR, fit="", name="predicted floor")
+        for key in keys
+        if key is not None and key in slopes
     ]
 
 

@@ -911,6 +911,11 @@ TRAJECTORY = Measure(
 
 # -- floor ------------------------------------------------------------------------------------
 
+#: What is measured → its prediction.
+FLOOR_OF: Mapping[str, str] = MappingProxyType(
+    {"correction": "floor", "physical_correction": "physical_floor"}
+)
+
 
 class _Floors(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
@@ -941,7 +946,7 @@ class _Floors(Observer):
                 "primary",
                 statistics(np.array([at[k][unknown] for at in self._found])),
             )
-            for k, name in enumerate(("floor", "physical_floor"))
+            for k, name in enumerate(FLOOR_OF.values())
             for unknown in self._scheme.form.unknowns
         ]
 
@@ -971,14 +976,8 @@ FLOOR = Measure(
     _Floors,
     stop=False,
     rows=lambda form: [
-        (name, unknown, "primary", "")
-        for name in ("floor", "physical_floor")
-        for unknown in form.unknowns
+        (name, unknown, "primary", "") for name in FLOOR_OF.values() for unknown in form.unknowns
     ],
-)
-#: What is measured → its prediction.
-FLOOR_OF: Mapping[str, str] = MappingProxyType(
-    {"correction": "floor", "physical_correction": "physical_floor"}
 )
 
 
