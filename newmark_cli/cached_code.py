@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import os
 import pickle
+import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,34 @@ def cached_njit(**options: Any) -> Callable[[Any], Any]:
         return dispatcher
 
     return decorated
+
+
+def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
+    """Bytes that stand in the folder of a function's compiled code; made where they do not.
+
+    Args:
+        function: Whose folder it is.
+        name: File, by itself enough to tell what it holds.
+        make: Makes them.
+    """
+    try:
+        folder = Path(_Cache(function).cache_path)
+    except RuntimeError:  # no locator
+        return make()
+    path = folder / name
+    with contextlib.suppress(OSError):
+        content = path.read_bytes()
+        if hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]:
+            return content[_DIGEST:]
+    made = make()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            file.write(hashlib.sha256(made).digest() + made)
+        os.replace(file.name, path)
+    except OSError as error:
+        _warn(str(folder), f"{folder}: {error.strerror}")
+    return made
 
 
 class _Damaged(Exception):

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from newmark_cli.newmark import compiled_march, kernel, march_data
-from newmark_cli.newmark.constraints import constraining_of
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import ProblemTables, State, recording
+from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import DIRECT, Scheme, Tolerance
+from newmark_cli.newmark.scheme import DIRECT, Scheme
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
@@ -45,22 +44,13 @@ def march(engine, subject, scheme, state, first, steps, **options):
 
 def interpreted_march(subject, scheme, state, first, norms, iterations, record=None):
     """The kernel's march as Python runs it, and all that it calls."""
-    dtype, stop = scheme.dtype, scheme.stop or Tolerance()
-    tables = ProblemTables(
-        subject.ints, subject.reals.astype(dtype), subject.mass_values.astype(dtype),
-        *subject.pattern,
-    )  # fmt: skip
-    constraining = constraining_of(subject, scheme)
+    engine = compiled_march.Engine(subject, scheme)
+    compiled = engine.arguments(state, first, norms, iterations, record)
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):
                 patch.setattr(kernel, name, function.py_func)
-        return kernel._march(
-            subject.function.py_func, subject.derivatives.py_func, tables, scheme.tables,
-            constraining.tables() if constraining else None, state, scheme.compensated, subject.t0,
-            scheme.h, first, scheme.iteration_cap, scheme.settled_below, stop.absolute,
-            stop.relative, norms, iterations, record or recording(state, np.empty(0)),
-        )  # fmt: skip
+        return kernel._march(*(getattr(given, "py_func", given) for given in compiled))
 
 
 def start(subject, integrator=None, h=1e-2):

@@ -153,9 +153,9 @@ def march_of(subject, scheme, engine="kernel", **options) -> March:
     """A march by one of the engines: the kernel, SciPy dense or sparse."""
     march = March(subject, scheme, "sparse-lu" if engine == "sparse" else "dense-lu", **options)
     if engine == "dense":
-        march._engine = partial(scipy_march.march, system=march.system)
+        march._engine = partial(scipy_march.march, subject, scheme, system=march.system)
     if engine == "interpreted":
-        march._engine = interpreted_march
+        march._engine = partial(interpreted_march, subject, scheme)
     return march
 
 

@@ -54,6 +54,8 @@ class FormulationTables(NamedTuple):
     projector_values: Array  #: an entry of M⁻¹
     first: IndexArray  #: pairs of entries of G in one constraint, for GGᵀ
     second: IndexArray
+    gt_places: IndexArray  #: (p, E) of Gᵀ in the first row of constraints of the dense matrix
+    g_places: IndexArray  #: (E,) of −G; both count entries row by row
 
 
 class Tangents(NamedTuple):
@@ -231,6 +233,11 @@ class Constraining:
         terms = self.projector
         first, second = self.pairs if self.penalty else [np.empty(0, np.int64)] * 2
         unit = float(np.abs(self.problem.mass_values).max())
+        n, pattern = self.problem.n, self.problem.pattern
+        p, size = len(scheme.form.kept), sum(scheme.form.sizes(n, self.problem.m))
+        row = (1 + len(scheme.form.extra_rows)) * n + pattern.g_columns
+        gt_places = [row * size + k * n + pattern.g_rows for k in range(p)]
+        g_places = pattern.g_rows * size + p * n + pattern.g_columns
         return FormulationTables(
             rows=self.weights.astype(dtype),
             eta=self.eta.astype(dtype),
@@ -250,6 +257,9 @@ class Constraining:
             projector_values=terms.values.astype(dtype),
             first=first.astype(np.int64),
             second=second.astype(np.int64),
+            # Unsigned, as numba tests signed ones for their sign.
+            gt_places=np.array(gt_places).astype(np.uint64),
+            g_places=g_places.astype(np.uint64),
         )
 
 

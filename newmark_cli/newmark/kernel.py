@@ -56,6 +56,23 @@ def derivatives_type(dtype):
     )  # fmt: skip
 
 
+def solve_type(dtype):
+    """Numba type of what solves the linear system, in the arithmetic of a dtype.
+
+    It is handed the sources (E,), the entries of X, Y and G, the right-hand side (N,),
+    which it overwrites with the solution, and the arrays of `march_data.MatrixTables`.
+    It returns COMPLETED, SINGULAR, or PIVOTING where it leaves the step to another.
+    """
+    scalar = from_dtype(dtype)
+    vector = scalar[::1]
+    return types.FunctionType(
+        types.int64(
+            vector, vector, vector, types.uint32[::1], types.uint32[::1], vector,
+            types.uint32[::1], types.uint64[::1], vector,
+        )
+    )  # fmt: skip
+
+
 class _Iterate(NamedTuple):
     """What Newton iterates on: the fields, or their increments over the step."""
 
@@ -84,32 +101,11 @@ class _History(NamedTuple):
     rows: np.ndarray  #: (r, n) to rows V, K
 
 
-class _Blocks(NamedTuple):
-    """D_L J D_R: what stays, and factors and places of the entries that change.
-
-    A place is an index into the matrix as one vector.  Places are unsigned, as numba
-    tests signed ones for their sign.
-    """
-
-    constant: np.ndarray  #: (N, N) M in row D, the identities in V and K
-    x_factors: np.ndarray  #: (p,) of X, in row D
-    y_factors: np.ndarray  #: (p,) of Y, in row D
-    gt_factors: np.ndarray  #: (p,) of Gᵀ, in row C
-    g_factor: float  #: of −G, in row D
-    x_places: np.ndarray  #: (p, entries of X)
-    y_places: np.ndarray  #: (p, entries of Y)
-    gt_places: np.ndarray  #: (p, entries of G)
-    g_places: np.ndarray  #: (entries of G,)
-    mass_rows: np.ndarray  #: (entries of M,) in M itself
-    mass_columns: np.ndarray  #: (entries of M,)
-
-
 class _System(NamedTuple):
-    """(D_L J D_R) q̄ = −D_L b."""
+    """D_L J D_R of a formulation, dense."""
 
-    matrix: np.ndarray  #: (N, N) D_L J D_R, until it is solved
+    matrix: np.ndarray  #: (N, N) until it is solved
     entries: np.ndarray  #: (N²,) the same memory as one vector
-    rhs: np.ndarray  #: (N,) −D_L b, then the correction q̄
     columns: np.ndarray  #: (N,) the solver's work space
     row: np.ndarray  #: (N,) likewise
 
@@ -152,13 +148,15 @@ def _size(tables, n, m):
 def _allocate(problem, tables, state, compensated, h):
     """Return room for what the march overwrites in every step."""
     n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
-    size = _size(tables, n, m)
+    of_x = problem.x_rows.shape[0]
+    of_y = of_x + problem.y_rows.shape[0]
+    sources = np.empty(of_y + problem.g_rows.shape[0], dtype)
     values = _Values(
         force=np.empty(n, dtype),
         phi=np.empty(m, dtype),
-        x=np.empty(problem.x_rows.shape[0], dtype),
-        y=np.empty(problem.y_rows.shape[0], dtype),
-        g=np.empty(problem.g_rows.shape[0], dtype),
+        x=sources[:of_x],
+        y=sources[of_x:of_y],
+        g=sources[of_y:],
     )
     iterate = _Iterate(
         compensated=compensated,
@@ -172,81 +170,19 @@ def _allocate(problem, tables, state, compensated, h):
         dynamics=np.empty(n, dtype),
         rows=np.empty((tables.row_weights.shape[0], n), dtype),
     )
-    matrix = np.empty((size, size), dtype)
-    system = _System(
+    return sources, values, iterate, history, np.empty(_size(tables, n, m), dtype)
+
+
+@_compile
+def _allocate_system(size, like):
+    """Return room for a dense matrix."""
+    matrix = np.empty((size, size), like.dtype)
+    return _System(
         matrix=matrix,
         entries=matrix.ravel(),
-        rhs=np.empty(size, dtype),
         columns=np.empty(size, np.uint64),
-        row=np.empty(size, dtype),
+        row=np.empty(size, like.dtype),
     )
-    return values, iterate, history, system
-
-
-@_inline
-def _lay_out(problem, tables, n, m):
-    """Return the part of the Jacobian that is the same at all states."""
-    p, dtype = tables.kept.shape[0], tables.left.dtype
-    size = _size(tables, n, m)
-    blocks = _Blocks(
-        constant=np.zeros((size, size), dtype),
-        x_factors=np.empty(p, dtype),
-        y_factors=np.empty(p, dtype),
-        gt_factors=np.empty(p, dtype),
-        g_factor=tables.left[0] * tables.right[p],
-        x_places=np.empty((p, problem.x_rows.shape[0]), np.uint64),
-        y_places=np.empty((p, problem.y_rows.shape[0]), np.uint64),
-        gt_places=np.empty((p, problem.g_rows.shape[0]), np.uint64),
-        g_places=np.empty(problem.g_rows.shape[0], np.uint64),
-        mass_rows=problem.mass_rows.astype(np.uint64),
-        mass_columns=problem.mass_columns.astype(np.uint64),
-    )
-    _fill_constant(problem, tables, n, blocks.constant)
-    _fill_factors(tables, blocks)
-    _find_places(problem, tables, n, size, blocks)
-    return blocks
-
-
-@_inline
-def _fill_constant(problem, tables, n, constant):
-    """Add M in row D and the identities in V and K to ``constant`` (N, N)."""
-    for k in range(tables.kept.shape[0]):
-        factor = tables.left[0] * tables.dynamic_weights[k] * tables.right[k]
-        for e in range(problem.mass_rows.shape[0]):
-            i, j = problem.mass_rows[e], k * n + problem.mass_columns[e]
-            constant[i, j] += factor * problem.mass_values[e]
-        for r in range(tables.row_weights.shape[0]):
-            factor = tables.left[1 + r] * tables.row_weights[r, k] * tables.right[k]
-            for i in range(n):
-                constant[(1 + r) * n + i, k * n + i] = factor
-
-
-@_inline
-def _fill_factors(tables, blocks):
-    """Set the factors of X and Y in row D and of Gᵀ in row C."""
-    of_constraints = tables.row_weights.shape[0] + 1
-    for k in range(tables.kept.shape[0]):
-        u_weight, v_weight, right = tables.weights[0, k], tables.weights[1, k], tables.right[k]
-        blocks.x_factors[k] = tables.left[0] * u_weight * right
-        blocks.y_factors[k] = tables.left[0] * v_weight * right
-        if of_constraints < tables.left.shape[0]:
-            blocks.gt_factors[k] = tables.left[of_constraints] * u_weight * right
-
-
-@_inline
-def _find_places(problem, tables, n, size, blocks):
-    """Set where the entries of X, Y, Gᵀ and G stand in the (size, size) matrix."""
-    p, constraint_row = tables.kept.shape[0], (1 + tables.row_weights.shape[0]) * n
-    for k in range(p):
-        for e in range(problem.x_rows.shape[0]):
-            blocks.x_places[k, e] = problem.x_rows[e] * size + k * n + problem.x_columns[e]
-        for e in range(problem.y_rows.shape[0]):
-            blocks.y_places[k, e] = problem.y_rows[e] * size + k * n + problem.y_columns[e]
-        for e in range(problem.g_rows.shape[0]):
-            row = constraint_row + problem.g_columns[e]
-            blocks.gt_places[k, e] = row * size + k * n + problem.g_rows[e]
-    for e in range(problem.g_rows.shape[0]):
-        blocks.g_places[e] = problem.g_rows[e] * size + p * n + problem.g_columns[e]
 
 
 # -- at the beginning of a step -------------------------------------------------------------
@@ -313,16 +249,16 @@ def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
 
 
 @_inline
-def _assemble_residual(problem, tables, blocks, history, moving, values, rhs):
+def _assemble_residual(problem, tables, history, moving, values, rhs):
     """Set ``rhs`` (N,) to −D_L b, row blocks D, the kept ones of V and K, C."""
-    _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs)
+    _assemble_residual_of_motion(problem, tables, history, moving, values, rhs)
     first, extra = tables.kept.shape[0] * moving.shape[1], tables.row_weights.shape[0]
     for i in range(values.phi.shape[0]):
         rhs[first + i] = -tables.left[1 + extra] * values.phi[i]
 
 
 @_inline
-def _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs):
+def _assemble_residual_of_motion(problem, tables, history, moving, values, rhs):
     """Set rows D and the kept ones of V and K of −D_L b."""
     left, kept = tables.left, tables.kept
     n, p, extra = moving.shape[1], kept.shape[0], tables.row_weights.shape[0]
@@ -332,9 +268,9 @@ def _assemble_residual_of_motion(problem, tables, blocks, history, moving, value
         weight = tables.dynamic_weights[k]
         if weight != 0:
             source = kept[k]
-            for e in range(blocks.mass_rows.shape[0]):
-                rhs[blocks.mass_rows[e]] -= (
-                    problem.mass_values[e] * weight * moving[source, blocks.mass_columns[e]]
+            for e in range(problem.mass_rows.shape[0]):
+                rhs[problem.mass_rows[e]] -= (
+                    problem.mass_values[e] * weight * moving[source, problem.mass_columns[e]]
                 )
     for i in range(n):
         rhs[i] *= left[0]
@@ -347,32 +283,12 @@ def _assemble_residual_of_motion(problem, tables, blocks, history, moving, value
 
 
 @_inline
-def _assemble_jacobian(weights, blocks, values, system):
-    """Set the matrix to D_L J D_R; ``weights`` (3, p) are the ∂(u, v, a)/∂(kept)."""
-    entries = system.entries
-    _assemble_jacobian_of_motion(weights, blocks, values, system)
-    for k in range(weights.shape[1]):
-        if weights[0, k] != 0:
-            for e in range(values.g.shape[0]):
-                entries[blocks.gt_places[k, e]] += blocks.gt_factors[k] * values.g[e]
-    for e in range(values.g.shape[0]):
-        entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
-
-
-@_inline
-def _assemble_jacobian_of_motion(weights, blocks, values, system):
-    """Set the matrix to the constant part, X and Y of D_L J D_R."""
-    entries = system.entries
-    for i in range(system.matrix.shape[0]):
-        for j in range(system.matrix.shape[1]):
-            system.matrix[i, j] = blocks.constant[i, j]
-    for k in range(weights.shape[1]):
-        if weights[0, k] != 0:
-            for e in range(values.x.shape[0]):
-                entries[blocks.x_places[k, e]] += blocks.x_factors[k] * values.x[e]
-        if weights[1, k] != 0:
-            for e in range(values.y.shape[0]):
-                entries[blocks.y_places[k, e]] += blocks.y_factors[k] * values.y[e]
+def _assemble(sources, constant, places, origins, coefficients, entries):
+    """Set the entries of D_L J D_R: constants, and coefficients times sources."""
+    for e in range(constant.shape[0]):
+        entries[e] = constant[e]
+    for e in range(places.shape[0]):
+        entries[places[e]] += coefficients[e] * sources[origins[e]]
 
 
 @_compile
@@ -428,6 +344,23 @@ def solve_in_place(matrix, rhs, columns, values):
         for i in range(k):
             rhs[i] -= matrix[i, k] * solved
     return True
+
+
+@_compile
+def solve_pivoting(
+    sources, rhs, constant, places, origins, coefficients, structure, room, work
+):  # fmt: skip
+    """Solve D_L J D_R q̄ = −D_L b with partial pivoting; of `solve_type`.
+
+    The matrix is dense: places count its entries row by row, ``room`` (N,) and ``work``
+    (N² + N,) are work space.
+    """
+    size = rhs.shape[0]
+    entries = work[: size * size]
+    _assemble(sources, constant, places, origins, coefficients, entries)
+    if solve_in_place(entries.reshape(size, size), rhs, room, work[size * size :]):
+        return COMPLETED
+    return SINGULAR
 
 
 @_inline
@@ -651,7 +584,7 @@ def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
 
 
 @_compile
-def _add_constraints_to_jacobian(problem, tables, blocks, extra, n, values, work, system):
+def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system):
     """Add the rows of constraints, −G, the columns of η and the penalty to D_L J D_R."""
     entries, matrix, weights = system.entries, system.matrix, tables.weights
     p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
@@ -666,17 +599,19 @@ def _add_constraints_to_jacobian(problem, tables, blocks, extra, n, values, work
                 tangent = weights[0, k] * work.tangents[row, 0, e]
                 tangent += weights[1, k] * work.tangents[row, 1, e]
                 tangent += weights[2, k] * work.tangents[row, 2, e]
-                entries[blocks.gt_places[k, e] + np.uint64(further)] += factor * tangent
+                entries[extra.gt_places[k, e] + np.uint64(further)] += factor * tangent
     if rows > 0:
+        factor = tables.left[0] * tables.right[p]
         for e in range(values.g.shape[0]):
-            entries[blocks.g_places[e]] -= blocks.g_factor * values.g[e]
+            entries[extra.g_places[e]] -= factor * values.g[e]
     if extra.penalty > 0:
         for e in range(extra.first.shape[0]):
             first, second = extra.first[e], extra.second[e]
             product = extra.penalty * (values.g[first] * values.g[second])
             i, j = problem.g_rows[first], problem.g_rows[second]
             for k in range(p):
-                matrix[i, k * n + j] += blocks.x_factors[k] * product
+                factor = tables.left[0] * weights[0, k] * tables.right[k]
+                matrix[i, k * n + j] += factor * product
     if extra.stabilised != 0:
         _add_columns_of_eta(problem, tables, extra, n, values, work, matrix)
 
@@ -864,7 +799,7 @@ def _keep(state, record, place):
 
 
 def _march(
-    evaluate, derive, problem, tables, extra, state, compensated, t_start, h, first, cap,
+    evaluate, derive, solve, problem, tables, matrix, extra, state, compensated, t_start, h, first, cap,
     settled_below, absolute, relative, norms, iterations, record,
 ):  # fmt: skip
     """The march as numba compiles it; see `march`.
@@ -875,16 +810,17 @@ def _march(
     number = fields.dtype.type
     to_tolerance = absolute > 0 or relative > 0
     n, m = fields.shape[1], multipliers.shape[0]
-    blocks = _lay_out(problem, tables, n, m)
-    values, iterate, history, system = _allocate(problem, tables, state, compensated, h)
-    new_past = np.empty_like(past)
+    sources, values, iterate, history, rhs = _allocate(problem, tables, state, compensated, h)
+    new_past, before_step = np.empty_like(past), np.empty_like(multipliers)
     # The arguments of the problem's function at the iterate.
     u, v, ints, reals = fields[0], fields[1], problem.ints, problem.reals
     force, phi, x, y, g = values
-    moving, shift, g_old, rhs = iterate.moving, iterate.shift, iterate.g_old, system.rhs
+    moving, shift, g_old = iterate.moving, iterate.shift, iterate.g_old
+    constant, places, origins, coefficients, structure, room, scratch = matrix
     kept, keeping = 0, record.steps
     if extra is not None:
         work = _allocate_constraining(problem, tables, state, extra, norms.shape[1])
+        system = _allocate_system(rhs.shape[0], rhs)
         rate, curvature, r, r_old, q = work.rate, work.curvature, work.r, work.r_old, work.q
         accelerations, shifted, p = fields[3], work.shifted, tables.kept.shape[0]
         rated = extra.differentiated != 0 or extra.level > 0
@@ -906,6 +842,8 @@ def _march(
             _begin_step(extra, g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
+        for k in range(m):
+            before_step[k] = multipliers[k]
         previous, solves = np.inf, 0
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < cap:
@@ -915,8 +853,14 @@ def _march(
                     _increase_phi(
                         state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
                     )
-                _assemble_residual(problem, tables, blocks, history, moving, values, rhs)
-                _assemble_jacobian(tables.weights, blocks, values, system)
+                _assemble_residual(problem, tables, history, moving, values, rhs)
+                ending = solve(
+                    sources, rhs, constant, places, origins, coefficients, structure, room, scratch
+                )
+                if ending != COMPLETED:
+                    for k in range(m):
+                        multipliers[k] = before_step[k]
+                    return ending, s
             else:
                 if extra.penalty == 0 or solves == 0:
                     evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
@@ -934,14 +878,12 @@ def _march(
                     derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
                     _rate_of_constraints(problem, iterate, state, values, work)
                 _assemble_constraints(problem, extra, state, values, work)
-                _assemble_residual_of_motion(problem, tables, blocks, history, moving, values, rhs)
+                _assemble_residual_of_motion(problem, tables, history, moving, values, rhs)
                 _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
-                _assemble_jacobian_of_motion(tables.weights, blocks, values, system)
-                _add_constraints_to_jacobian(
-                    problem, tables, blocks, extra, n, values, work, system
-                )
-            if not solve_in_place(system.matrix, rhs, system.columns, system.row):
-                return SINGULAR, s
+                _assemble(sources, constant, places, origins, coefficients, system.entries)
+                _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
+                if not solve_in_place(system.matrix, rhs, system.columns, system.row):
+                    return SINGULAR, s
             solves += 1
             norm_square = _square(rhs)
             if extra is None:
@@ -1076,7 +1018,7 @@ def is_compiled(dtype, formulated):
 
 
 def march(
-    evaluate, derive, problem, tables, extra, state, compensated, t_start, h, first, cap,
+    evaluate, derive, solve, problem, tables, matrix, extra, state, compensated, t_start, h, first, cap,
     settled_below, absolute, relative, norms, iterations, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
@@ -1088,8 +1030,10 @@ def march(
         evaluate: Compiled function of the problem, of :func:`evaluate_type`.
         derive: Compiled derivatives of its constraints, of :func:`derivatives_type`;
             None without a formulation.
-        problem, tables, state: See the classes; ``state`` is overwritten.  The type
-            of its numbers is the march's.
+        solve: Compiled solver of its linear systems, of :func:`solve_type`; not used with a
+            formulation, whose matrix is dense and solved with partial pivoting.
+        problem, tables, matrix, state: See the classes; ``state`` is overwritten.  The
+            type of its numbers is the march's.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
         compensated: Whether the tables relate increments; needs constraints that
             are quadratic in u and do not depend on time.
@@ -1110,11 +1054,12 @@ def march(
         record: Overwritten with the states after the steps that it names.
 
     Returns:
-        How the march ended (COMPLETED, SINGULAR, DIVERGED) and the steps done.
+        How the march ended (COMPLETED, SINGULAR, DIVERGED, PIVOTING) and the steps done;
+        in the last case ``state.past`` and ``state.multipliers`` are those after them.
     """
     dtype, formulated = state.fields.dtype, extra is not None
     arguments = (
-        problem, tables, extra, state, compensated, float(t_start), float(h), first, cap,
+        problem, tables, matrix, extra, state, compensated, float(t_start), float(h), first, cap,
         float(settled_below), float(absolute), float(relative), norms, iterations, record,
     )  # fmt: skip
     with _compiling:
@@ -1122,6 +1067,7 @@ def march(
             functions = (
                 evaluate_type(dtype),
                 derivatives_type(dtype) if formulated else types.none,
+                solve_type(dtype),
             )
             made = _compile(_march)
             made.compile((*functions, *(typeof(a) for a in arguments)))
@@ -1129,4 +1075,4 @@ def march(
             # one function, in every process.
             made.disable_compile()
             _compiled[dtype, formulated] = made
-    return _compiled[dtype, formulated](evaluate, derive, *arguments)
+    return _compiled[dtype, formulated](evaluate, derive, solve, *arguments)

@@ -1,7 +1,7 @@
 """One march that can be observed: cells, drawings and the library all take it."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge
@@ -23,6 +23,10 @@ from newmark_cli.problems.starting import corrected_velocity
 _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
 #: Most numbers that are recorded between two halts.
 _MOST_RECORDED = 2_000_000
+
+
+#: Takes the state, steps done, norms, iterations and a record; returns ending and steps.
+_Engine = Callable[..., tuple[int, int]]
 
 
 def _by_kernel(problem: Problem, solver: str) -> bool:
@@ -127,11 +131,12 @@ class March:
         self.solver = choice.choose(linear_solver, problem, scheme.form)
         self.system = systems.system(self.solver, problem, scheme, krylov)
         if _by_kernel(problem, self.solver):
-            constraining = self.system.constraining
-            extra = constraining.tables() if constraining else None
-            self._engine = partial(compiled_march.march, extra=extra)
+            engine = compiled_march.Engine(
+                problem, scheme, constraining=self.system.constraining
+            )
+            self._engine: _Engine = engine.march
         else:
-            self._engine = partial(scipy_march.march, system=self.system)
+            self._engine = partial(scipy_march.march, problem, scheme, system=self.system)
         if state is None:
             self.state = initial_state(problem, scheme)
         else:
@@ -216,9 +221,7 @@ class March:
         """How it ended, the steps taken, and norms and iterations of all."""
         norms = np.zeros((steps, len(self.scheme.recorded)))
         iterations = np.zeros(steps, np.int64)
-        ending, taken = self._engine(
-            self.problem, self.scheme, self.state, self.done, norms, iterations, record=record
-        )
+        ending, taken = self._engine(self.state, self.done, norms, iterations, record=record)
         return ending, taken, norms, iterations
 
     def _go_back(self, before: State) -> None:

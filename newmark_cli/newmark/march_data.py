@@ -8,6 +8,8 @@ import numpy as np
 MOST_POSITIONS = 5
 #: How a march ends; only a Krylov solver stagnates.
 COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
+#: A step that static elimination leaves to a solver that exchanges rows; no march ends so.
+PIVOTING = 4
 #: What results call the endings before the last step.
 ENDINGS = {SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated"}
 
@@ -50,6 +52,21 @@ class ProblemTables(NamedTuple):
     y_columns: np.ndarray
     g_rows: np.ndarray
     g_columns: np.ndarray
+
+
+class MatrixTables(NamedTuple):
+    """D_L J D_R and how a solver of the kernel takes it; see `kernel.solve_type`.
+
+    S is the number of its entries, T of terms; what a place means is the solver's matter.
+    """
+
+    constant: np.ndarray  #: (S,) what no state changes
+    places: np.ndarray  #: (T,) where a coefficient times a source is added
+    origins: np.ndarray  #: (T,) the source: an entry of X, then of Y, then of G
+    coefficients: np.ndarray  #: (T,)
+    structure: np.ndarray  #: indices known to the solver
+    room: np.ndarray  #: indices that it may overwrite
+    work: np.ndarray  #: numbers that it may overwrite
 
 
 class State(NamedTuple):

@@ -14,7 +14,8 @@ from newmark_cli.newmark.jacobian import (
     scaled_jacobian,
     scaling_factors,
 )
-from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.linear import assembly
+from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
 
@@ -78,6 +79,28 @@ def dense_lu(matrix: Array, rhs: Array) -> Array:
         except scipy.linalg.LinAlgWarning as warning:
             raise np.linalg.LinAlgError(str(warning)) from None
     return np.asarray(scipy.linalg.lu_solve(factors, rhs, check_finite=False))
+
+
+def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
+    """D_L J D_R as `newmark_cli.newmark.kernel.solve_pivoting` reads it.
+
+    Of a formulation beside index 3 it has the constants, X and Y, and no room to solve.
+    """
+    dtype, size = scheme.dtype, assembly.unknowns(problem, scheme)
+    fixed = assembly.constants(problem, scheme)
+    sums = (assembly.of_motion if scheme.formulated else assembly.of_index_3)(problem, scheme)
+    constant = np.zeros(size * size, dtype)
+    np.add.at(constant, fixed.rows * size + fixed.columns, fixed.values)
+    room = 0 if scheme.formulated else size
+    return MatrixTables(
+        constant=constant,
+        places=(sums.rows * size + sums.columns).astype(np.uint32),
+        origins=sums.origins.astype(np.uint32),
+        coefficients=sums.coefficients,
+        structure=np.empty(0, np.uint32),
+        room=np.empty(room, np.uint64),
+        work=np.empty(room * (room + 1), dtype),
+    )
 
 
 class DenseSystem:

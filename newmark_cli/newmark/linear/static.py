@@ -1,0 +1,149 @@
+"""Static elimination: an order analysed once, no row exchanged; see `static_elimination`."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark import static_elimination
+from newmark_cli.newmark.linear import assembly, generated
+from newmark_cli.newmark.linear.ordering import static_order
+from newmark_cli.newmark.march_data import MatrixTables
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem
+
+
+class StaticElimination:
+    """D_L J D_R of index 3 as static elimination takes it.
+
+    Attributes:
+        size: N.
+        operations: Multiplications and subtractions of a factorisation.
+    """
+
+    def __init__(self, problem: Problem, scheme: Scheme) -> None:
+        self.problem, self.scheme = problem, scheme
+        self.size = assembly.unknowns(problem, scheme)
+        self._constants = assembly.constants(problem, scheme)
+        self._sums = assembly.of_index_3(problem, scheme)
+        every = [self._constants, self._sums]
+        rows, columns = (
+            np.concatenate([getattr(part, side) for part in every]) for side in ("rows", "columns")
+        )
+        self._order = static_order(problem, len(scheme.form.kept), rows, columns)
+        self._row_place, self._column_place = (_inverse(side) for side in self._order)
+        keys = np.unique(self._column_place[columns] * self.size + self._row_place[rows])
+        starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
+        (
+            self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
+        ) = static_elimination.analyse(self.size, starts, keys % self.size)  # fmt: skip
+        below = np.diff(self.lower_starts)
+        self.operations = int(below[self.upper_rows].sum())
+
+    @cached_property
+    def units(self) -> tuple[Array, Array]:
+        """Units of rows and of columns in their order, the first signed as the pivots are.
+
+        At the start, without X and Y, which is what J̄ tends to as h decreases, every pivot
+        is about one in them: fields as far as the update relations couple them to the
+        highest kept one, that one by the diagonal of M, λ by that of GᵀM⁻¹G.  Powers of
+        two, so that they round nothing.
+        """
+        problem, scheme, tables = self.problem, self.scheme, self.scheme.tables
+        n, m, pattern, p = problem.n, problem.m, problem.pattern, len(tables.kept)
+        relations = scheme.relations
+        left, right = tables.left.astype(float), tables.right.astype(float)
+        # The fields change like this when the highest kept one changes by 1.
+        change = np.array([relations.u_from_a, relations.v_from_a, 1.0])
+        change /= change[tables.kept[-1]]
+        mass = np.zeros(n)
+        diagonal = pattern.mass_rows == pattern.mass_columns
+        np.add.at(mass, pattern.mass_rows[diagonal], problem.mass_values[diagonal])
+        inertia = abs(left[0] * right[p - 1] * relations.acceleration[0] * change[2]) * mass
+        values = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(m))
+        with np.errstate(divide="ignore"):
+            of_highest = 1 / np.sqrt(inertia)
+            softness = np.zeros(m)
+            np.add.at(softness, pattern.g_columns, values.g**2 * of_highest[pattern.g_rows] ** 2)
+            of_constraints = 1 / np.sqrt(softness)
+        rows, columns = [of_highest * np.sign(left[0] * right[p - 1])], [of_highest]
+        for r in range(1, p):
+            k = p - 1 - r
+            unit = abs(change[tables.kept[k]] * right[p - 1] / right[k]) * of_highest
+            rows.append(1 / (left[r] * float(tables.row_weights[r - 1, k]) * right[k] * unit))
+            columns.insert(0, unit)
+        rows.append(of_constraints / (left[-1] * change[0] * right[p - 1]))
+        columns.append(of_constraints / (left[0] * right[p]))
+        return (
+            _power_of_two(np.concatenate(rows)[self._order.rows]),
+            _power_of_two(np.concatenate(columns)[self._order.columns]),
+        )
+
+    @cached_property
+    def tables(self) -> MatrixTables:
+        """All of it as `solve` reads it."""
+        tables = self._tables()
+        if self.operations <= generated.OPERATIONS_AT_MOST:
+            tables.room[static_elimination.ADDRESS] = generated.address(tables)
+        return tables
+
+    @property
+    def solve(self) -> Any:
+        """What eliminates; of `newmark_cli.newmark.kernel.solve_type`."""
+        if self.operations <= generated.OPERATIONS_AT_MOST:
+            return static_elimination.solve_generated
+        return static_elimination.solve_in_order
+
+    def _tables(self) -> MatrixTables:
+        size, dtype = self.size, self.scheme.dtype
+        row_units, column_units = self.units
+        constant_rows, constant_columns, constant = self._in_order(
+            self._constants.rows, self._constants.columns, self._constants.values
+        )
+        keys, slots = np.unique(constant_columns * size + constant_rows, return_inverse=True)
+        constant_rows, constant_columns = keys % size, keys // size
+        constant = np.bincount(slots, constant, len(keys))
+        rows, columns, coefficients = self._in_order(
+            self._sums.rows, self._sums.columns, self._sums.coefficients
+        )
+        by_column = np.argsort(columns, kind="stable")
+        sections = [
+            self._order.rows, self._order.columns,
+            np.searchsorted(constant_columns, np.arange(size + 1)), constant_rows,
+            np.searchsorted(columns[by_column], np.arange(size + 1)),
+            self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
+        ]  # fmt: skip
+        begins = np.cumsum([0, *map(len, sections)])[:-1]
+        room = np.array([*begins, 0, size], np.uint64)
+        work = np.zeros(5 * size + len(self.lower_rows) + len(self.upper_rows), dtype)
+        work[:size], work[size : 2 * size] = row_units, column_units
+        return MatrixTables(
+            constant=constant.astype(dtype),
+            places=rows[by_column].astype(np.uint32),
+            origins=self._sums.origins[by_column].astype(np.uint32),
+            coefficients=coefficients[by_column].astype(dtype),
+            structure=np.concatenate(sections).astype(np.uint32),
+            room=room,
+            work=work,
+        )
+
+    def _in_order(
+        self, rows: IndexArray, columns: IndexArray, values: Array
+    ) -> tuple[IndexArray, IndexArray, Array]:
+        """Places in the order of elimination, and values in its units."""
+        rows, columns = self._row_place[rows], self._column_place[columns]
+        row_units, column_units = self.units
+        return rows, columns, row_units[rows] * values.astype(float) * column_units[columns]
+
+
+def _power_of_two(values: Array) -> Array:
+    """The powers of two nearest to values, signed; 1 for what is not finite."""
+    found = np.ldexp(np.sign(values), np.rint(np.log2(np.abs(values))).astype(int))
+    return np.where(np.isfinite(values) & (values != 0), found, 1.0)
+
+
+def _inverse(order: IndexArray) -> IndexArray:
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return place

@@ -1,0 +1,242 @@
+"""Gaussian elimination in an order that is fixed beforehand, column by column.
+
+Pattern, order and fill are analysed once; what is left in every iteration are loops over
+lists of indices (Gilbert & Peierls 1988; the refactorisation of KLU, Davis & Palamadai
+Natarajan 2010), without exchanging rows.  A diagonal scaling of the matrix scales its
+factors and changes nothing else.
+
+The matrix is taken in units of its own, powers of two that make its entries about one
+at the start and its pivots positive.  They are watched: no pivot may become negative, and
+no multiplier of the elimination exceed `LARGEST_MULTIPLIER`; else the elimination gives up.
+
+All of it is called through `kernel.solve_type` or from Python, never from other compiled
+code: numba's disk cache does not notice a change in another file.
+"""
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from newmark_cli.cached_code import cached_njit
+from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
+
+_compile = cached_njit(nogil=True, error_model="numpy")
+
+#: Largest multiplier of an elimination.
+LARGEST_MULTIPLIER = 1e4
+
+#: Sections of ``structure``, in this order; ``room`` has where they begin, then the
+#: address of code that is made for the pattern, if there is any, and N.
+SECTIONS = (
+    "row_order", "column_order",
+    "constant_starts", "constant_rows", "term_starts",
+    "upper_starts", "upper_rows", "lower_starts", "lower_rows",
+)  # fmt: skip
+(
+    ROW_ORDER, COLUMN_ORDER, CONSTANT_STARTS, CONSTANT_ROWS, TERM_STARTS,
+    UPPER_STARTS, UPPER_ROWS, LOWER_STARTS, LOWER_ROWS,
+) = range(len(SECTIONS))  # fmt: skip
+
+ADDRESS = len(SECTIONS)
+
+
+def sections(tables):
+    """What ``structure`` holds: `SECTIONS` by name."""
+    ends = [*tables.room[1 : len(SECTIONS)].astype(int), len(tables.structure)]
+    return {
+        name: tables.structure[int(begin) : end]
+        for name, begin, end in zip(SECTIONS, tables.room, ends, strict=False)
+    }
+
+
+@_compile
+def analyse(size, starts, rows):
+    """Fill of an elimination without row exchanges.
+
+    Args:
+        size: N.
+        starts: (N + 1,) where the columns of the matrix begin.
+        rows: Rows of its entries, in the order of elimination.
+
+    Returns:
+        Starts and rows of the columns of the strict upper factor, then of the strict lower
+        one, rows ascending.
+    """
+    upper_starts, lower_starts = np.zeros(size + 1, np.int64), np.zeros(size + 1, np.int64)
+    upper_rows, lower_rows = np.empty(4 * size, np.int64), np.empty(4 * size, np.int64)
+    there = np.full(size, -1, np.int64)
+    for j in range(size):
+        least, most = j, j
+        for e in range(starts[j], starts[j + 1]):
+            there[rows[e]] = j
+            least, most = min(least, rows[e]), max(most, rows[e])
+        upper, lower = upper_starts[j], lower_starts[j]
+        for k in range(least, j):
+            if there[k] == j:
+                if upper == upper_rows.shape[0]:
+                    upper_rows = np.concatenate((upper_rows, np.empty_like(upper_rows)))
+                upper_rows[upper] = k
+                upper += 1
+                for e in range(lower_starts[k], lower_starts[k + 1]):
+                    there[lower_rows[e]] = j
+                    most = max(most, lower_rows[e])
+        for i in range(j + 1, most + 1):
+            if there[i] == j:
+                if lower == lower_rows.shape[0]:
+                    lower_rows = np.concatenate((lower_rows, np.empty_like(lower_rows)))
+                lower_rows[lower] = i
+                lower += 1
+        upper_starts[j + 1], lower_starts[j + 1] = upper, lower
+    return upper_starts, upper_rows[:upper], lower_starts, lower_rows[:lower]
+
+
+@_compile
+def eliminate(sources, constant, places, origins, coefficients, structure, room, work):
+    """Factorise the matrix of these sources; see `solve_in_order` for the arguments.
+
+    Returns:
+        False where a pivot is not one: the matrix needs another order.
+    """
+    size = np.intp(room[-1])
+    constant_starts = structure[np.intp(room[CONSTANT_STARTS]) :]
+    constant_rows = structure[np.intp(room[CONSTANT_ROWS]) :]
+    term_starts = structure[np.intp(room[TERM_STARTS]) :]
+    upper_starts = structure[np.intp(room[UPPER_STARTS]) :]
+    upper_rows = structure[np.intp(room[UPPER_ROWS]) :]
+    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
+    lower_rows = structure[np.intp(room[LOWER_ROWS]) :]
+    lower_size = np.intp(lower_starts[size])
+    inverse, column = work[2 * size : 3 * size], work[3 * size : 4 * size]
+    lower = work[5 * size : 5 * size + lower_size]
+    upper = work[5 * size + lower_size :]
+    one, limit = work.dtype.type(1), work.dtype.type(LARGEST_MULTIPLIER)
+    for j in range(size):
+        for e in range(upper_starts[j], upper_starts[j + 1]):
+            column[upper_rows[e]] = 0
+        column[j] = 0
+        for e in range(lower_starts[j], lower_starts[j + 1]):
+            column[lower_rows[e]] = 0
+        for e in range(constant_starts[j], constant_starts[j + 1]):
+            column[constant_rows[e]] = constant[e]
+        for e in range(term_starts[j], term_starts[j + 1]):
+            column[places[e]] += coefficients[e] * sources[origins[e]]
+        for e in range(upper_starts[j], upper_starts[j + 1]):
+            k = upper_rows[e]
+            factor = column[k]
+            upper[e] = factor
+            if factor != 0:
+                for i in range(lower_starts[k], lower_starts[k + 1]):
+                    column[lower_rows[i]] -= lower[i] * factor
+        reciprocal = one / column[j]
+        inverse[j] = reciprocal
+        largest = work.dtype.type(0)
+        for e in range(lower_starts[j], lower_starts[j + 1]):
+            factor = column[lower_rows[e]] * reciprocal
+            lower[e] = factor
+            largest = max(largest, abs(factor))
+        # A pivot may be zero, or not a number.
+        if not (reciprocal > 0 and largest <= limit):
+            return False
+    return True
+
+
+@_compile
+def substitute(rhs, structure, room, work):
+    """Overwrite ``rhs`` (N,) with the solution, of the factors that `eliminate` left."""
+    size = np.intp(room[-1])
+    row_order = structure[np.intp(room[ROW_ORDER]) :]
+    column_order = structure[np.intp(room[COLUMN_ORDER]) :]
+    upper_starts = structure[np.intp(room[UPPER_STARTS]) :]
+    upper_rows = structure[np.intp(room[UPPER_ROWS]) :]
+    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
+    lower_rows = structure[np.intp(room[LOWER_ROWS]) :]
+    lower_size = np.intp(lower_starts[size])
+    row_units, column_units = work[:size], work[size : 2 * size]
+    inverse, solution = work[2 * size : 3 * size], work[4 * size : 5 * size]
+    lower, upper = work[5 * size : 5 * size + lower_size], work[5 * size + lower_size :]
+    for j in range(size):
+        solution[j] = rhs[row_order[j]] * row_units[j]
+    for j in range(size):
+        solved = solution[j]
+        for e in range(lower_starts[j], lower_starts[j + 1]):
+            solution[lower_rows[e]] -= lower[e] * solved
+    for j in range(size - 1, -1, -1):
+        solved = solution[j] * inverse[j]
+        rhs[column_order[j]] = solved * column_units[j]
+        for e in range(upper_starts[j], upper_starts[j + 1]):
+            solution[upper_rows[e]] -= upper[e] * solved
+
+
+@_compile
+def substitute_transposed(rhs, structure, room, work):
+    """The same for the transposed matrix."""
+    size = np.intp(room[-1])
+    row_order = structure[np.intp(room[ROW_ORDER]) :]
+    column_order = structure[np.intp(room[COLUMN_ORDER]) :]
+    upper_starts = structure[np.intp(room[UPPER_STARTS]) :]
+    upper_rows = structure[np.intp(room[UPPER_ROWS]) :]
+    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
+    lower_rows = structure[np.intp(room[LOWER_ROWS]) :]
+    lower_size = np.intp(lower_starts[size])
+    row_units, column_units = work[:size], work[size : 2 * size]
+    inverse, solution = work[2 * size : 3 * size], work[4 * size : 5 * size]
+    lower, upper = work[5 * size : 5 * size + lower_size], work[5 * size + lower_size :]
+    for j in range(size):
+        value = rhs[column_order[j]] * column_units[j]
+        for e in range(upper_starts[j], upper_starts[j + 1]):
+            value -= upper[e] * solution[upper_rows[e]]
+        solution[j] = value * inverse[j]
+    for j in range(size - 1, -1, -1):
+        value = solution[j]
+        for e in range(lower_starts[j], lower_starts[j + 1]):
+            value -= lower[e] * solution[lower_rows[e]]
+        solution[j] = value
+        rhs[row_order[j]] = value * row_units[j]
+
+
+@_compile
+def solve_in_order(
+    sources, rhs, constant, places, origins, coefficients, structure, room, work
+):  # fmt: skip
+    """Solve D_L J D_R q̄ = −D_L b by static elimination; of `kernel.solve_type`.
+
+    Args:
+        sources: (E,) entries of X, Y and G.
+        rhs: (N,) overwritten with the solution.
+        constant: (S,) entries that no state changes, by columns in their order, in these
+            units, as coefficients are.
+        places: (T,) row, in the order of elimination, to which a term adds.
+        origins, coefficients: (T,) the source of a term and its factor.
+        structure, room: Orders, pattern and fill; see `SECTIONS`.
+        work: Units of rows and of columns (N,), in their order, the first signed as the
+            pivots are; then room: inverse pivots, two vectors, the lower and the upper
+            factor.
+    """
+    if not eliminate(sources, constant, places, origins, coefficients, structure, room, work):
+        return PIVOTING
+    substitute(rhs, structure, room, work)
+    return COMPLETED
+
+
+@intrinsic
+def _call(typing, address, sources, rhs, constant, coefficients, work):
+    """Call what stands at an address with five arrays of one type of number."""
+    signature = types.int64(address, sources, rhs, constant, coefficients, work)
+
+    def generate(context, builder, signature, arguments):
+        arrays = [
+            context.make_array(kind)(context, builder, given).data
+            for kind, given in zip(signature.args[1:], arguments[1:], strict=True)
+        ]
+        result = context.get_value_type(types.int64)
+        kind = type(builder.function.ftype)(result, [array.type for array in arrays])
+        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arrays)
+
+    return signature, generate
+
+
+@_compile
+def solve_generated(
+    sources, rhs, constant, places, origins, coefficients, structure, room, work
+):  # fmt: skip
+    """The same by the code that `linear.generated` has made for the pattern."""
+    return _call(room[ADDRESS], sources, rhs, constant, coefficients, work)
