@@ -7,7 +7,7 @@ from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.march_data import State, recording
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import DIRECT, Scheme
 
@@ -45,7 +45,10 @@ def march(engine, subject, scheme, state, first, steps, **options):
 def interpreted_march(subject, scheme, state, first, norms, iterations, record=None):
     """The kernel's march as Python runs it, and all that it calls."""
     engine = compiled_march.Engine(subject, scheme)
-    compiled = engine.arguments(state, first, norms, iterations, record)
+    compiled = engine.arguments(
+        state, first, norms, iterations, np.zeros(len(norms), np.int64),
+        recording(state, np.empty(0)) if record is None else record,
+    )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):

@@ -256,7 +256,8 @@ def march(
             recovered after a projection, else newton.
         start: ``"consistent"``, or ``"corrected"``: velocities from which λ of the
             trapezoidal rule does not alternate.
-        linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"gmres"``, ``"minres"``.
+        linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"static-lu"``,
+            ``"gmres"``, ``"minres"``.
         krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES and MINRES.
         stop: ``{"absolute": 1e-8}`` or ``{"relative": 1e-8}``: size of the scaled
             correction at which Newton's iteration stops; where rounding stops it, eq. 50,
@@ -437,7 +438,7 @@ def _require_fit(problem: Problem, scheme: Scheme, linear_solver: str) -> None:
     if scheme.precision != "float64":
         if not problem.single:
             raise ArgumentError(f"precision: {problem.name} is computed in float64 only")
-        if choose(linear_solver, problem, scheme.form) != DENSE:
+        if choose(linear_solver, problem, scheme.form, scheme.formulated) != DENSE:
             raise ArgumentError(f"precision: {scheme.precision} needs linear_solver {DENSE!r}")
     try:
         with np.errstate(all="ignore"):

@@ -40,6 +40,11 @@ class Traits:
     m: int
     sample: Problem
 
+    @property
+    def compiled(self) -> bool:
+        """Whether its functions are compiled."""
+        return self.sample.compiled
+
 
 def _traits(problem: Problem) -> Traits:
     return Traits(problem.name, problem.n, problem.m, problem)

@@ -1,28 +1,25 @@
 """The compiled kernel behind the same call as the SciPy march."""
 
-from typing import Any, Protocol
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.newmark import kernel
+from newmark_cli.newmark import kernel, scipy_march
 from newmark_cli.newmark.constraints import Constraining, constraining_of
-from newmark_cli.newmark.linear.dense import dense_tables
-from newmark_cli.newmark.march_data import MatrixTables, ProblemTables, Record, State, recording
+from newmark_cli.newmark.linear.dense import dense_tables, no_tables
+from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.march_data import (
+    PIVOTING,
+    ProblemTables,
+    Record,
+    State,
+    recording,
+)
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
-
-
-class Compiled(Protocol):
-    """A linear solver of the kernel."""
-
-    @property
-    def solve(self) -> Any:
-        """Its compiled function, of `kernel.solve_type`."""
-
-    @property
-    def tables(self) -> MatrixTables:
-        """What that function is handed."""
 
 
 class Engine:
@@ -30,23 +27,32 @@ class Engine:
 
     Args:
         problem, scheme: What marches, and how.
-        solver: A linear solver of the kernel; partial pivoting when omitted.
+        static: Its static elimination; partial pivoting when omitted.
         constraining: The scheme's formulation, found anew when omitted.
+
+    Attributes:
+        pivoted: Steps in which static elimination left a correction to partial pivoting.
     """
 
     def __init__(
         self,
         problem: Problem,
         scheme: Scheme,
-        solver: Compiled | None = None,
+        static: StaticSystem | None = None,
         constraining: Constraining | None = None,
     ) -> None:
+        self.static, self.pivoted = static, 0
         self.problem, self.scheme = problem, scheme
         constraining = constraining or constraining_of(problem, scheme)
         self._extra = constraining.tables() if constraining else None
         self._derive = problem.derivatives if constraining else None
-        self._matrix = solver.tables if solver else dense_tables(problem, scheme)
-        self._solve = solver.solve if solver else kernel.solve_pivoting
+        self._solve, self._matrix = kernel.solve_pivoting, None
+        if static is None or static.dense:
+            self._matrix = self._dense = dense_tables(problem, scheme)
+        if static:
+            self._solve, self._matrix = static.elimination.solve, static.elimination.tables
+            if not static.dense:
+                self._dense = no_tables(scheme)
         dtype, pattern = scheme.dtype, problem.pattern
         self._tables = ProblemTables(
             problem.ints,
@@ -68,13 +74,34 @@ class Engine:
     ) -> tuple[int, int]:
         """Advance ``state``; see `newmark_cli.newmark.scipy_march.march`.
 
-        Returns:
-            How the march ended and the steps done; PIVOTING where the next step is left to
-            a solver that exchanges rows.
+        What static elimination refuses is solved with partial pivoting, correction by
+        correction where the matrix is small, else step by step; that what came before has
+        no part in it keeps the march independent of where it halts.
         """
-        given = self.arguments(state, first, norms, iterations, record)
-        ending, done = kernel.march(*given)  # type: ignore[no-untyped-call]
-        return ending, done
+        record = recording(state, np.empty(0)) if record is None else record
+        pivoted = np.zeros(len(norms), np.int64)
+        done = 0
+        while True:
+            rest = norms[done:], iterations[done:], pivoted[done:], _after(record, done)
+            given = self.arguments(state, first + done, *rest)
+            ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
+            done += taken
+            if ending == PIVOTING:
+                # Too large for a dense matrix.
+                one, pivoted[done] = slice(done, done + 1), 1
+                ending, taken = self._by_scipy(
+                    state, first + done, norms[one], iterations[one], record=_after(record, done)
+                )
+                done += taken
+                if taken == 1 and done < len(norms):
+                    continue
+            self.pivoted += int(pivoted[:done].sum())
+            return ending, done
+
+    @cached_property
+    def _by_scipy(self) -> Callable[..., tuple[int, int]]:
+        assert self.static is not None
+        return partial(scipy_march.march, self.problem, self.scheme, system=self.static.pivoting)
 
     def arguments(
         self,
@@ -82,7 +109,8 @@ class Engine:
         first: int,
         norms: Array,
         iterations: IndexArray,
-        record: Record | None = None,
+        pivoted: IndexArray,
+        record: Record,
     ) -> tuple[Any, ...]:
         """What `newmark_cli.newmark.kernel.march` is given."""
         scheme = self.scheme
@@ -91,9 +119,11 @@ class Engine:
             self.problem.function,
             self._derive,
             self._solve,
+            kernel.solve_pivoting,
             self._tables,
             scheme.tables,
             self._matrix,
+            self._dense,
             self._extra,
             state,
             scheme.compensated,
@@ -106,8 +136,15 @@ class Engine:
             stop.relative,
             norms,
             iterations,
-            recording(state, np.empty(0)) if record is None else record,
+            pivoted,
+            record,
         )
+
+
+def _after(record: Record, done: int) -> Record:
+    """What is to be recorded once so many steps are done."""
+    k = int(np.searchsorted(record.steps, done))
+    return Record(record.steps[k:] - done, record.fields[k:], record.multipliers[k:])
 
 
 def march(

@@ -24,7 +24,13 @@ import numpy as np
 from numba import from_dtype, typeof, types
 
 from newmark_cli.cached_code import cached_njit
-from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, MOST_POSITIONS, SINGULAR
+from newmark_cli.newmark.march_data import (
+    COMPLETED,
+    DIVERGED,
+    MOST_POSITIONS,
+    PIVOTING,
+    SINGULAR,
+)
 
 #: A function by itself, and one that becomes a part of its caller.  Without fastmath:
 #: compiled and interpreted, the march gives the same bits.
@@ -799,8 +805,9 @@ def _keep(state, record, place):
 
 
 def _march(
-    evaluate, derive, solve, problem, tables, matrix, extra, state, compensated, t_start, h, first, cap,
-    settled_below, absolute, relative, norms, iterations, record,
+    evaluate, derive, solve, instead, problem, tables, matrix, dense, extra, state,
+    compensated, t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
+    pivoted, record,
 ):  # fmt: skip
     """The march as numba compiles it; see `march`.
 
@@ -857,6 +864,12 @@ def _march(
                 ending = solve(
                     sources, rhs, constant, places, origins, coefficients, structure, room, scratch
                 )
+                if ending == PIVOTING and dense.room.shape[0] > 0:
+                    pivoted[s] = 1
+                    ending = instead(
+                        sources, rhs, dense.constant, dense.places, dense.origins,
+                        dense.coefficients, dense.structure, dense.room, dense.work,
+                    )  # fmt: skip
                 if ending != COMPLETED:
                     for k in range(m):
                         multipliers[k] = before_step[k]
@@ -1018,8 +1031,9 @@ def is_compiled(dtype, formulated):
 
 
 def march(
-    evaluate, derive, solve, problem, tables, matrix, extra, state, compensated, t_start, h, first, cap,
-    settled_below, absolute, relative, norms, iterations, record,
+    evaluate, derive, solve, instead, problem, tables, matrix, dense, extra, state,
+    compensated, t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
+    pivoted, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
 
@@ -1032,8 +1046,11 @@ def march(
             None without a formulation.
         solve: Compiled solver of its linear systems, of :func:`solve_type`; not used with a
             formulation, whose matrix is dense and solved with partial pivoting.
+        instead: Another of them, which exchanges rows, for what the first one refuses.
         problem, tables, matrix, state: See the classes; ``state`` is overwritten.  The
             type of its numbers is the march's.
+        dense: What ``instead`` is handed; without room for it the march ends where it
+            would be needed.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
         compensated: Whether the tables relate increments; needs constraints that
             are quadratic in u and do not depend on time.
@@ -1051,6 +1068,7 @@ def march(
             those of the eliminated fields behind them.
         iterations: (steps,) overwritten with the corrections computed; negative
             where the step ended above ``settled_below``, or above the tolerance.
+        pivoted: (steps,) set to 1 where ``instead`` was needed.
         record: Overwritten with the states after the steps that it names.
 
     Returns:
@@ -1059,14 +1077,16 @@ def march(
     """
     dtype, formulated = state.fields.dtype, extra is not None
     arguments = (
-        problem, tables, matrix, extra, state, compensated, float(t_start), float(h), first, cap,
-        float(settled_below), float(absolute), float(relative), norms, iterations, record,
+        problem, tables, matrix, dense, extra, state, compensated, float(t_start), float(h),
+        first, cap, float(settled_below), float(absolute), float(relative), norms, iterations,
+        pivoted, record,
     )  # fmt: skip
     with _compiling:
         if (dtype, formulated) not in _compiled:
             functions = (
                 evaluate_type(dtype),
                 derivatives_type(dtype) if formulated else types.none,
+                solve_type(dtype),
                 solve_type(dtype),
             )
             made = _compile(_march)
@@ -1075,4 +1095,4 @@ def march(
             # one function, in every process.
             made.disable_compile()
             _compiled[dtype, formulated] = made
-    return _compiled[dtype, formulated](evaluate, derive, solve, *arguments)
+    return _compiled[dtype, formulated](evaluate, derive, solve, instead, *arguments)

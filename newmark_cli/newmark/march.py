@@ -13,6 +13,7 @@ from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
+from newmark_cli.newmark.linear.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
@@ -21,6 +22,8 @@ from newmark_cli.problems.starting import corrected_velocity
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
 _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
+#: Most of static elimination: a fraction of a second, by its operations.
+_STATIC_OPERATIONS = 2e7
 #: Most numbers that are recorded between two halts.
 _MOST_RECORDED = 2_000_000
 
@@ -30,7 +33,7 @@ _Engine = Callable[..., tuple[int, int]]
 
 
 def _by_kernel(problem: Problem, solver: str) -> bool:
-    return solver == choice.DENSE and problem.compiled
+    return solver in (choice.DENSE, choice.STATIC) and problem.compiled
 
 
 def is_ready(problem: Problem, scheme: Scheme, solver: str) -> bool:
@@ -85,12 +88,14 @@ class Stretch:
         iterations: (steps,) corrections computed; negative where a step did not converge.
         looks: (k,) steps whose states were recorded, counted from the start of the march.
         record: Those states.
+        pivoted: Steps that static elimination left to partial pivoting.
     """
 
     norms: Array
     iterations: IndexArray
     looks: IndexArray
     record: Record
+    pivoted: int = 0
 
 
 class March:
@@ -128,13 +133,18 @@ class March:
             done: Steps that it had taken.
         """
         self.problem, self.scheme = problem, scheme
-        self.solver = choice.choose(linear_solver, problem, scheme.form)
+        self.solver = choice.choose(linear_solver, problem, scheme.form, scheme.formulated)
         self.system = systems.system(self.solver, problem, scheme, krylov)
+        self._longest = _STRETCH.get(self.solver, 1)
+        static = self.system if isinstance(self.system, StaticSystem) else None
+        if static:
+            in_step = static.elimination.operations + 20 * static.elimination.size
+            self._longest = max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
+        self._compiled: compiled_march.Engine | None = None
         if _by_kernel(problem, self.solver):
-            engine = compiled_march.Engine(
-                problem, scheme, constraining=self.system.constraining
-            )
-            self._engine: _Engine = engine.march
+            formulation = self.system.constraining
+            self._compiled = compiled_march.Engine(problem, scheme, static, formulation)
+            self._engine: _Engine = self._compiled.march
         else:
             self._engine = partial(scipy_march.march, problem, scheme, system=self.system)
         if state is None:
@@ -192,9 +202,12 @@ class March:
         """
         before, begin = State(*(array.copy() for array in self.state)), self.done
         record = recording(self.state, np.array(looks, np.int64) - (begin + 1))
+        pivoted = self._pivoted
         try:
             ending, taken, norms, iterations = self._marched(steps, record)
+            again = 0
             if ending != COMPLETED:
+                again = self._pivoted - pivoted
                 # Newton has overwritten the state on its way to a step that there is not.
                 self._go_back(before)
                 self._marched(taken, recording(self.state, np.empty(0)))
@@ -208,6 +221,7 @@ class March:
                 iterations[:taken],
                 np.array(looks[:reached], np.int64),
                 Record(*(array[:reached] for array in record)),
+                again or self._pivoted - pivoted,
             )
             self.ending, self.done = ending, begin + taken
             return stretch
@@ -216,6 +230,10 @@ class March:
             self._go_back(before)
             self.ending, self.done = COMPLETED, begin
             raise
+
+    @property
+    def _pivoted(self) -> int:
+        return self._compiled.pivoted if self._compiled else 0
 
     def _marched(self, steps: int, record: Record) -> tuple[int, int, Array, IndexArray]:
         """How it ended, the steps taken, and norms and iterations of all."""
@@ -245,7 +263,7 @@ class March:
             What was recorded since the last halt, of bounded size; the march stands at
             its end.
         """
-        longest = _STRETCH[self.solver]
+        longest = self._longest
         if len(looks):
             numbers = self.state.fields.size + self.state.multipliers.size
             longest = max(1, min(longest, _MOST_RECORDED // numbers))

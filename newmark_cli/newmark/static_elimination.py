@@ -16,6 +16,7 @@ code: numba's disk cache does not notice a change in another file.
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
+
 from newmark_cli.cached_code import cached_njit
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
 
@@ -37,15 +38,6 @@ SECTIONS = (
 ) = range(len(SECTIONS))  # fmt: skip
 
 ADDRESS = len(SECTIONS)
-
-
-def sections(tables):
-    """What ``structure`` holds: `SECTIONS` by name."""
-    ends = [*tables.room[1 : len(SECTIONS)].astype(int), len(tables.structure)]
-    return {
-        name: tables.structure[int(begin) : end]
-        for name, begin, end in zip(SECTIONS, tables.room, ends, strict=False)
-    }
 
 
 @_compile
@@ -239,4 +231,4 @@ def solve_generated(
     sources, rhs, constant, places, origins, coefficients, structure, room, work
 ):  # fmt: skip
     """The same by the code that `linear.generated` has made for the pattern."""
-    return _call(room[ADDRESS], sources, rhs, constant, coefficients, work)
+    return _call(room[ADDRESS], sources, rhs, constant, coefficients, work)  # type: ignore[call-arg]

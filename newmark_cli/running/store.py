@@ -259,6 +259,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "met": outcome.met,
         "history": [[step, multipliers.tolist()] for step, multipliers in outcome.history],
         "lacks": list(outcome.lacks),
+        "pivoted": outcome.pivoted,
         "drift": [[step, values.tolist()] for step, values in outcome.drift],
         "trajectory": {name: values.tolist() for name, values in outcome.trajectory.items()},
     }
@@ -280,6 +281,7 @@ def _outcome(record: dict[str, Any]) -> Outcome:
         lacks=tuple(_text(reason) for reason in record.get("lacks", ())),
         drift=[(_count(step), _vector(values)) for step, values in record.get("drift", ())],
         trajectory=_columns(record.get("trajectory", {})),
+        pivoted=_count(record.get("pivoted", 0)),
     )
 
 

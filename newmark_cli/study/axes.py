@@ -307,7 +307,8 @@ class Cell:
     @property
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
-        return choose(self.linear_solver, self.problem.load(), self.formulated)
+        formulated = self.formulation != CONSTRAINTS or self.projection.level > 0
+        return choose(self.linear_solver, self.problem.load(), self.formulated, formulated)
 
     @property
     def weight(self) -> int:

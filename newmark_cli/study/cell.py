@@ -32,6 +32,7 @@ class Outcome:
             ``u[A.x]`` and so on; empty where none were to be.
         lacks: Why rows of the CSV are empty although the march reached its end: the
             reason for each thing that was not to be had, such as a reference.
+        pivoted: Steps that static elimination left to partial pivoting.
     """
 
     measurements: list[Measurement]
@@ -44,6 +45,7 @@ class Outcome:
     lacks: tuple[str, ...] = ()
     drift: Sequence[tuple[int, Array]] = ()
     trajectory: Mapping[str, Array | IndexArray] = field(default_factory=dict)
+    pivoted: int = 0
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def compute(
     march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
     observers = [measure.observe(cell, march, reference) for measure in measures]
-    counts = [np.zeros(0, np.int64)]
+    counts, pivoted = [np.zeros(0, np.int64)], 0
     if cell.steps == 0:
         for observer in observers:
             observer.sees(march)
@@ -70,6 +70,7 @@ def compute(
     for stretch in march.stretches(cell.steps, stops, looks) if cell.steps else ():
         on_steps(len(stretch.iterations))
         counts.append(stretch.iterations)
+        pivoted += stretch.pivoted
         for observer in observers:
             observer.took(stretch)
         if march.ending == march_data.COMPLETED:
@@ -88,4 +89,5 @@ def compute(
         history=[entry for observer in observers for entry in observer.history],
         drift=[entry for observer in observers for entry in observer.drift],
         trajectory={name: at for each in observers for name, at in each.trajectory.items()},
+        pivoted=pivoted,
     )

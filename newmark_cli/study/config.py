@@ -29,7 +29,7 @@ from newmark_cli.documents import (
 )
 from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import CORRECTED, TOTAL
+from newmark_cli.newmark.formulation import CONSTRAINTS, CORRECTED, TOTAL
 from newmark_cli.newmark.integrator import is_trapezoidal
 from newmark_cli.newmark.kept import ENERGY
 from newmark_cli.newmark.linear.choice import (
@@ -38,7 +38,9 @@ from newmark_cli.newmark.linear.choice import (
     GMRES,
     MINRES,
     SPARSE,
+    STATIC,
     choose,
+    not_static,
 )
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
@@ -171,7 +173,7 @@ class _Rules(StrictModel):
         yield from self._missed()
         if not (
             COMPENSATED in self.evaluation
-            or MINRES in self.linear_solver
+            or {MINRES, STATIC} & set(self.linear_solver)
             or "float32" in self.precision
         ):
             return
@@ -184,6 +186,9 @@ class _Rules(StrictModel):
                     f"compensated needs constraints that are quadratic in u and do not depend on "
                     f"time; those of {spec.label} are not, or not declared so",
                 )
+            if STATIC in self.linear_solver and (why := not_static(traits, self._formulated)):
+                yield misfit("linear_solver", why)
+                return
             # Members of one family have one sample, and there may be a thousand.
             if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
                 looked_at.append(traits.sample)
@@ -255,6 +260,13 @@ class _Rules(StrictModel):
                     f"symmetric; take {GMRES}",
                 )
 
+    @property
+    def _formulated(self) -> bool:
+        """Whether any cell marches anything but index 3."""
+        return any(each.formulation() != CONSTRAINTS for each in self.formulation) or any(
+            each.projection().level > 0 for each in self.projection
+        )
+
     def formulated(self) -> list[Form]:
         """Every form in every formulation."""
         return [
@@ -270,7 +282,8 @@ class _Rules(StrictModel):
         """Values along each axis by which cells differ, as CSVs would have them."""
         given = axes.values(self)
         solvers = [
-            (DENSE, SPARSE) if solver == AUTO else (solver,) for solver in given["linear_solver"]
+            (DENSE, SPARSE, STATIC) if solver == AUTO else (solver,)
+            for solver in given["linear_solver"]
         ]
         given["linear_solver"] = tuple(chain.from_iterable(solvers))
         return {**given, "measure": self.measure, "initial": (self.steps == 0,)}

@@ -58,6 +58,7 @@ from newmark_cli.newmark.linear.choice import (
     DENSE,
     LINEAR_SOLVERS,
     SPARSE,
+    STATIC,
     Krylov,
 )
 from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
@@ -575,13 +576,15 @@ def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
 
 
 def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
-    if AUTO in solvers and {DENSE, SPARSE} & set(solvers):
-        raise ValueError(f"{AUTO} stands for {DENSE} or {SPARSE}, which is then given twice")
+    if AUTO in solvers and {DENSE, SPARSE, STATIC} & set(solvers):
+        raise ValueError(
+            f"{AUTO} stands for {DENSE}, {STATIC} or {SPARSE}, which is then given twice"
+        )
     return solvers
 
 
 def _written_solvers(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    both = [{"contains": {"const": AUTO}}, {"contains": {"enum": [DENSE, SPARSE]}}]
+    both = [{"contains": {"const": AUTO}}, {"contains": {"enum": [DENSE, SPARSE, STATIC]}}]
     return _written_once_or_more(schema, handler) | {"not": {"type": "array", "allOf": both}}
 
 

@@ -81,6 +81,7 @@ def record(
                 "status": outcome.status,
                 **({"reason": outcome.reason} if outcome.reason else {}),
                 **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
+                **({"pivoted_steps": outcome.pivoted} if outcome.pivoted else {}),
                 "wall_seconds": round(taken, 4),
             }
             for cell, outcome, taken in zip(cells, outcomes, seconds, strict=True)

@@ -5,7 +5,7 @@ of X, Y and G at their patterns, one after the other.  Which constant, which sou
 which coefficients is decided here, once; the engines only multiply and add.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def of_index_3(problem: Problem, scheme: Scheme) -> Sums:
     return _sums(found, scheme)
 
 
-_Part = tuple[IndexArray, IndexArray, IndexArray, np.floating]  # type: ignore[type-arg]
+_Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any]]
 
 
 def _of_motion(problem: Problem, scheme: Scheme) -> list[_Part]:

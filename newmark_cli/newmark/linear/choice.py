@@ -8,15 +8,15 @@ import numpy as np
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import Form
 
-DENSE, SPARSE = "dense-lu", "sparse-lu"
+DENSE, SPARSE, STATIC = "dense-lu", "sparse-lu", "static-lu"
 GMRES, MINRES = "gmres", "minres"
 AUTO = "auto"
-LINEAR_SOLVERS = (AUTO, DENSE, SPARSE, GMRES, MINRES)
+LINEAR_SOLVERS = (AUTO, DENSE, SPARSE, STATIC, GMRES, MINRES)
 
 #: Most unknowns for which `AUTO` takes the dense kernel.  Time per Newton iteration
-#: of both marches, optimally scaled, on chains and rows of four-bars of growing
-#: size: they are equal at 300 to 370 unknowns in the (u, λ) and the (u, v, a, λ)
-#: form; at 30 the kernel is 20 times as fast, at 1200 the sparse march 6 times.
+#: of both marches with partial pivoting, optimally scaled, on chains and rows of
+#: four-bars of growing size: they are equal at 300 to 370 unknowns in the (u, λ) and the
+#: (u, v, a, λ) form; at 30 the kernel is 20 times as fast, at 1200 the sparse march 6 times.
 DENSE_UP_TO = 300
 #: Most unknowns for which a dense matrix is built at all: 3 GB each.
 _DENSE_AT_MOST = 20_000
@@ -37,22 +37,53 @@ class Counted(Protocol):
     def m(self) -> int:
         """Constraints."""
 
+    @property
+    def compiled(self) -> bool:
+        """Whether its functions are compiled."""
 
-def choose(linear_solver: str, problem: Counted, form: Form) -> str:
+
+def choose(linear_solver: str, problem: Counted, form: Form, formulated: bool = False) -> str:
     """The solver that one of `LINEAR_SOLVERS` means for a problem and a form.
 
+    `AUTO` takes partial pivoting up to `DENSE_UP_TO` unknowns, although static elimination
+    is faster there too: it does not see a diagonal scaling, and what a scaling does for a
+    solver that does is what most studies are about.  Beyond, where `SPARSE` takes an order
+    that hides the scaling as well, it takes static elimination wherever that is possible.
+
+    Args:
+        linear_solver: One of `LINEAR_SOLVERS`.
+        problem, form: What it is to solve.
+        formulated: Whether it is anything but index 3; see `Scheme.formulated`.
+
     Raises:
-        InputError: When a dense matrix is asked for that no memory holds.
+        InputError: When a dense matrix is asked for that no memory holds, or static
+            elimination of what it cannot eliminate.
     """
     unknowns = sum(form.sizes(problem.n, problem.m))
     if linear_solver == AUTO:
-        return DENSE if unknowns <= DENSE_UP_TO else SPARSE
+        if unknowns <= DENSE_UP_TO:
+            return DENSE
+        return SPARSE if formulated or not problem.compiled else STATIC
+    if linear_solver == STATIC and (why := not_static(problem, formulated)):
+        raise InputError(why)
     if linear_solver == DENSE and unknowns > _DENSE_AT_MOST:
         raise InputError(
             f"linear_solver {DENSE}: {problem.name}, {form.described} has {unknowns} unknowns, "
             f"at most {_DENSE_AT_MOST} are allowed; take {SPARSE}"
         )
     return linear_solver
+
+
+def not_static(problem: Counted, formulated: bool) -> str:
+    """Why static elimination cannot solve for a problem; empty where it can."""
+    if formulated:
+        return f"{STATIC} solves index 3 without a projection only; take {DENSE} or {SPARSE}"
+    if not problem.compiled:
+        return (
+            f"{STATIC} needs compiled functions, those of {problem.name} are plain Python; "
+            f"take {DENSE} or {SPARSE}"
+        )
+    return ""
 
 
 class Stagnation(np.linalg.LinAlgError):

@@ -103,6 +103,14 @@ def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
     )
 
 
+def no_tables(scheme: Scheme) -> MatrixTables:
+    """Nothing, for a matrix that is too large to be dense."""
+    no_numbers, nowhere = np.empty(0, scheme.dtype), np.empty(0, np.uint32)
+    return MatrixTables(
+        no_numbers, nowhere, nowhere, no_numbers, nowhere, np.empty(0, np.uint64), no_numbers
+    )
+
+
 class DenseSystem:
     """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`."""
 

@@ -15,9 +15,10 @@ import llvmlite.binding as llvm
 import llvmlite.ir as ir
 import numpy as np
 
+from newmark_cli.arrays import IndexArray
 from newmark_cli.cached_code import kept_bytes
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, MatrixTables
-from newmark_cli.newmark.static_elimination import LARGEST_MULTIPLIER, sections
+from newmark_cli.newmark.static_elimination import LARGEST_MULTIPLIER, SECTIONS
 
 #: Most multiplications and subtractions of an elimination that is written out.  Compiling
 #: takes 0.1 s for so many, and from there on longer than in proportion.
@@ -85,6 +86,13 @@ def _digest(tables: MatrixTables) -> str:
     return digest.hexdigest()[:32]
 
 
+def _sections(tables: MatrixTables) -> dict[str, IndexArray]:
+    """What ``structure`` holds, by name."""
+    begins = tables.room[: len(SECTIONS)].astype(int)
+    parts = np.split(tables.structure, begins[1:])
+    return dict(zip(SECTIONS, parts, strict=True))
+
+
 def _module(tables: MatrixTables) -> ir.Module:
     """The function, as `static_elimination` reads the same tables."""
     module = ir.Module()
@@ -105,7 +113,7 @@ def _module(tables: MatrixTables) -> ir.Module:
     def value(array: ir.Argument, place: int) -> ir.Value:
         return build.load(at(array, place))
 
-    of = {name: part.tolist() for name, part in sections(tables).items()}
+    of = {name: part.tolist() for name, part in _sections(tables).items()}
     places, origins = tables.places.tolist(), tables.origins.tolist()
     size = int(tables.room[-1])
 

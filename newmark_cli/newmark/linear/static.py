@@ -4,14 +4,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse
+from scipy.sparse.linalg import LinearOperator, onenormest
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import static_elimination
+from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.linear import assembly, generated
+from newmark_cli.newmark.linear.choice import DENSE_UP_TO
+from newmark_cli.newmark.linear.dense import BalancedJacobian, DenseSystem
 from newmark_cli.newmark.linear.ordering import static_order
-from newmark_cli.newmark.march_data import MatrixTables
+from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem, mass_matrix
+from newmark_cli.newmark.march_data import COMPLETED, MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Problem, Values
 
 
 class StaticElimination:
@@ -103,7 +109,7 @@ class StaticElimination:
         )
         keys, slots = np.unique(constant_columns * size + constant_rows, return_inverse=True)
         constant_rows, constant_columns = keys % size, keys // size
-        constant = np.bincount(slots, constant, len(keys))
+        constant = np.bincount(slots, constant, len(keys)).astype(float)
         rows, columns, coefficients = self._in_order(
             self._sums.rows, self._sums.columns, self._sums.coefficients
         )
@@ -135,6 +141,121 @@ class StaticElimination:
         rows, columns = self._row_place[rows], self._column_place[columns]
         row_units, column_units = self.units
         return rows, columns, row_units[rows] * values.astype(float) * column_units[columns]
+
+    def sources(self, values: Values) -> Array:
+        """(E,) what the terms multiply."""
+        return np.concatenate([values.x, values.y, values.g]).astype(self.scheme.dtype)
+
+    def matrix(self, values: Values) -> scipy.sparse.csc_array:
+        """D_L J D_R at a state."""
+        sums = self._sums.coefficients * self.sources(values)[self._sums.origins]
+        rows, columns, entries = (
+            np.concatenate(both)
+            for both in zip(self._constants, (*self._sums[:2], sums), strict=True)
+        )
+        return scipy.sparse.csc_array((entries, (rows, columns)), (self.size, self.size))
+
+    def factors(self, values: Values) -> "Factors | None":
+        """LU factors at a state; None where rows would have to be exchanged."""
+        tables = self._tables()
+        done = static_elimination.eliminate(self.sources(values), *tables)
+        return Factors(tables) if done else None
+
+
+class Factors:
+    """LU factors that static elimination has left."""
+
+    def __init__(self, tables: MatrixTables) -> None:
+        self._given = tables.structure, tables.room, tables.work
+
+    def solve(self, rhs: Array) -> Array:
+        """Solution of A x = rhs."""
+        solution = rhs.astype(self._given[2].dtype)
+        static_elimination.substitute(solution, *self._given)
+        return solution
+
+    def solve_transposed(self, rhs: Array) -> Array:
+        """Solution of Aᵀ x = rhs."""
+        solution = rhs.astype(self._given[2].dtype)
+        static_elimination.substitute_transposed(solution, *self._given)
+        return solution
+
+
+class StaticBalancedJacobian:
+    """J̄ at a state, in the units of its elimination, which no scaling changes."""
+
+    def __init__(self, matrix: scipy.sparse.csc_array, factors: Factors) -> None:
+        self.size, self._matrix, self._factors = matrix.shape[0], matrix, factors
+
+    def solve(self, rhs: Array) -> Array:
+        """Solution of J̄ q̄ = rhs."""
+        return self._factors.solve(rhs)
+
+    def condition(self) -> float:
+        """1-norm condition number, its inverse estimated; see `SparseBalancedJacobian`."""
+        inverse = LinearOperator(
+            (self.size, self.size),
+            matvec=lambda x: self._factors.solve(np.ravel(x)),
+            rmatvec=lambda x: self._factors.solve_transposed(np.ravel(x)),
+            dtype=float,
+        )
+        norm = abs(self._matrix).sum(axis=0).max()
+        return float(norm * onenormest(inverse, t=1))
+
+
+class StaticSystem:
+    """J̄ of a scheme on a problem, and the kernel's static elimination of it.
+
+    Attributes:
+        elimination: For the kernel.
+        pivoting: The system that takes what static elimination refuses: dense up to
+            `DENSE_UP_TO` unknowns, else sparse.
+    """
+
+    constraining = None
+
+    def __init__(self, problem: Problem, scheme: Scheme) -> None:
+        self.problem, self.scheme = problem, scheme
+        self.mass = mass_matrix(problem)
+        self.elimination = StaticElimination(problem, scheme)
+
+    @property
+    def dense(self) -> bool:
+        """Whether `pivoting` is dense, and condition numbers are in the 2-norm."""
+        return self.elimination.size <= DENSE_UP_TO
+
+    @cached_property
+    def pivoting(self) -> DenseSystem | SparseSystem:
+        """What exchanges rows."""
+        return (DenseSystem if self.dense else SparseSystem)(self.problem, self.scheme)
+
+    def times_mass(self, vector: Array) -> Array:
+        """M times (n,)."""
+        return np.asarray(self.mass @ vector)
+
+    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
+        """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
+        solution = rhs.copy()
+        sources, tables = self.elimination.sources(values), self.elimination.tables
+        if self.elimination.solve(sources, solution, *tables) == COMPLETED:
+            return solution
+        return self.pivoting.solve(values, rhs, tangents)
+
+    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
+        """J̄, the numbers that `solve` takes, without its zeros."""
+        found = self.elimination.matrix(values)
+        found.eliminate_zeros()
+        return found
+
+    def balanced(
+        self, t: float, state: State
+    ) -> BalancedJacobian | SparseBalancedJacobian | StaticBalancedJacobian:
+        """J̄ at a state, to be solved accurately."""
+        if not self.dense:
+            values = self.problem.values(t, state.fields[0], state.fields[1], state.multipliers)
+            if (factors := self.elimination.factors(values)) is not None:
+                return StaticBalancedJacobian(self.elimination.matrix(values), factors)
+        return self.pivoting.balanced(t, state)
 
 
 def _power_of_two(values: Array) -> Array:

@@ -6,10 +6,11 @@ import scipy.sparse
 
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Constraining, Tangents
-from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, Krylov
+from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, STATIC, Krylov
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.krylov import KrylovSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.linear.static import StaticSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
@@ -69,6 +70,8 @@ def system(
     """
     if linear_solver in (GMRES, MINRES):
         return KrylovSystem(problem, scheme, krylov or Krylov(), symmetric=linear_solver == MINRES)
+    if linear_solver == STATIC:
+        return StaticSystem(problem, scheme)
     if linear_solver == SPARSE:
         return SparseSystem(problem, scheme)
     return DenseSystem(problem, scheme)
