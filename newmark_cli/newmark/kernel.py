@@ -102,7 +102,7 @@ class _Values(NamedTuple):
 class _History(NamedTuple):
     """What the past adds to the equations of one step."""
 
-    fields: np.ndarray  #: (3, n) to u, v, a
+    fields: np.ndarray  #: (3, n) to u, v, a; not set of those that are kept
     dynamics: np.ndarray  #: (n,) to row D
     rows: np.ndarray  #: (r, n) to rows V, K
 
@@ -198,19 +198,22 @@ def _allocate_system(size, like):
 def _collect_history(problem, tables, past, history):
     """Set what the past (P, n) adds to the fields and to rows D, V and K."""
     for f in range(3):
-        for i in range(past.shape[1]):
-            value = past[0, i] * tables.past_weights[f, 0]
+        if not _contains(tables.kept, f):
+            for i in range(past.shape[1]):
+                history.fields[f, i] = past[0, i] * tables.past_weights[f, 0]
             for q in range(1, past.shape[0]):
-                value += past[q, i] * tables.past_weights[f, q]
-            history.fields[f, i] = value
+                weight = tables.past_weights[f, q]
+                for i in range(past.shape[1]):
+                    history.fields[f, i] += past[q, i] * weight
     for i in range(past.shape[1]):
         history.dynamics[i] = 0
         for r in range(history.rows.shape[0]):
             history.rows[r, i] = 0
     for q in range(past.shape[0]):
+        weight = tables.dynamic_past[q]
         for e in range(problem.mass_rows.shape[0]):
             history.dynamics[problem.mass_rows[e]] += (
-                problem.mass_values[e] * tables.dynamic_past[q] * past[q, problem.mass_columns[e]]
+                problem.mass_values[e] * weight * past[q, problem.mass_columns[e]]
             )
         for r in range(history.rows.shape[0]):
             for i in range(past.shape[1]):
@@ -222,10 +225,12 @@ def _predict(tables, past, moving):
     """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
     for f in range(3):
         for i in range(past.shape[1]):
-            value = past[0, i] * tables.predictor[f, 0]
-            for q in range(1, past.shape[0]):
-                value += past[q, i] * tables.predictor[f, q]
-            moving[f, i] = value
+            moving[f, i] = past[0, i] * tables.predictor[f, 0]
+        for q in range(1, past.shape[0]):
+            weight = tables.predictor[f, q]
+            if weight != 0:
+                for i in range(past.shape[1]):
+                    moving[f, i] += past[q, i] * weight
 
 
 @_inline
@@ -398,10 +403,10 @@ def _correct(tables, correction, moving, multipliers, norms, s):
 
 
 @_inline
-def _recover(tables, history, past, moving):
-    """Evaluate the eliminated fields afresh from the kept ones."""
+def _recover(tables, history, past, moving, first, last):
+    """Evaluate the eliminated fields from the first to the last afresh from the kept ones."""
     kept, weights = tables.kept, tables.weights
-    for f in range(3):
+    for f in range(first, last + 1):
         if not _contains(kept, f):
             for i in range(moving.shape[1]):
                 value = history.fields[f, i]
@@ -907,14 +912,15 @@ def _march(
                     break
                 previous = norm
                 displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
-                _recover(tables, history, past, moving)
+                # Nothing but the end of the step needs a.
+                _recover(tables, history, past, moving, 0, 1)
                 _take_increments(iterate, state)
             else:
                 displacement_square = _norms_of_blocks(tables, extra, rhs, n, work)
                 if extra.penalty > 0:
                     # λ follows from Φ after the correction.
                     _apply(tables, extra, rhs, moving, multipliers, work)
-                    _recover(tables, history, past, moving)
+                    _recover(tables, history, past, moving, 0, 2)
                     _take_increments(iterate, state)
                     evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
                     if compensated:
@@ -935,7 +941,7 @@ def _march(
                     break
                 if extra.penalty == 0:
                     _apply(tables, extra, rhs, moving, multipliers, work)
-                    _recover(tables, history, past, moving)
+                    _recover(tables, history, past, moving, 0, 2)
                     _recover_pushed(tables, extra, moving, work)
                     _take_increments(iterate, state)
             if to_tolerance:
@@ -949,6 +955,9 @@ def _march(
             settled = settled + 1 if small else 0
             if small and (to_tolerance or norm == 0):
                 break
+        if extra is None:
+            _recover(tables, history, past, moving, 2, 2)
+            _take_increments(iterate, state)
         iterations[s] = solves if settled > 0 else -solves
         if extra is not None and extra.level > 0:
             positions = 0

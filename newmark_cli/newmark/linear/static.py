@@ -25,6 +25,9 @@ class StaticElimination:
 
     Attributes:
         size: N.
+        order: In which rows and unknowns are eliminated.
+        upper_starts, upper_rows, lower_starts, lower_rows: The strict factors by columns,
+            in that order.
         operations: Multiplications and subtractions of a factorisation.
     """
 
@@ -37,8 +40,8 @@ class StaticElimination:
         rows, columns = (
             np.concatenate([getattr(part, side) for part in every]) for side in ("rows", "columns")
         )
-        self._order = static_order(problem, len(scheme.form.kept), rows, columns)
-        self._row_place, self._column_place = (_inverse(side) for side in self._order)
+        self.order = static_order(problem, len(scheme.form.kept), rows, columns)
+        self._row_place, self._column_place = (_inverse(side) for side in self.order)
         keys = np.unique(self._column_place[columns] * self.size + self._row_place[rows])
         starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
         (
@@ -82,8 +85,8 @@ class StaticElimination:
         rows.append(of_constraints / (left[-1] * change[0] * right[p - 1]))
         columns.append(of_constraints / (left[0] * right[p]))
         return (
-            _power_of_two(np.concatenate(rows)[self._order.rows]),
-            _power_of_two(np.concatenate(columns)[self._order.columns]),
+            _power_of_two(np.concatenate(rows)[self.order.rows]),
+            _power_of_two(np.concatenate(columns)[self.order.columns]),
         )
 
     @cached_property
@@ -115,7 +118,7 @@ class StaticElimination:
         )
         by_column = np.argsort(columns, kind="stable")
         sections = [
-            self._order.rows, self._order.columns,
+            self.order.rows, self.order.columns,
             np.searchsorted(constant_columns, np.arange(size + 1)), constant_rows,
             np.searchsorted(columns[by_column], np.arange(size + 1)),
             self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
