@@ -486,8 +486,8 @@ class _Builder:
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
             pattern=Pattern(*mass, *x, *y, *g),
             mass_values=np.array([self.mass[place] for place in sorted(self.mass)]),
-            drawing=mechanism,
-            points=tuple(self.moving),
+            drawing_given=mechanism,
+            points_given=tuple(self.moving),
             # Links, bars and sliders are; laws of time are not carried by increments.
             quadratic=not mechanism.motions,
             single=True,
