@@ -1,6 +1,6 @@
 """Mechanisms of any size: a planar mechanism, made from a few numbers.
 
-Each is made twice: as the data of a `planar.Mechanism`, as a file would have them, for
+Each is made twice: as the data of a `models.Mechanism`, as a file would have them, for
 drawings, and as the arrays that `planar.build` makes of these data, without the detour over
 a million parts.
 """
@@ -46,7 +46,7 @@ class Family:
     Attributes:
         title: One line.
         size: Its parameters, whole numbers.
-        mechanism: Sizes, by name → data of a `planar.Mechanism`.
+        mechanism: Sizes, by name → data of a `models.Mechanism`.
         linked: Sizes, by name → the same as arrays.
     """
 
@@ -65,10 +65,10 @@ class Family:
         return self.linked(**sizes).problem(name, partial(self.drawing, sizes))
 
     def drawing(self, sizes: Mapping[str, int]) -> Any:
-        """The `planar.Mechanism` of these sizes, part by part."""
-        from newmark_cli.mechanisms import planar
+        """The `models.Mechanism` of these sizes, part by part."""
+        from newmark_cli.mechanisms.models import Mechanism
 
-        return planar.Mechanism.model_validate(self.mechanism(**sizes))
+        return Mechanism.model_validate(self.mechanism(**sizes))
 
 
 def chain(links: int) -> dict[str, Any]:

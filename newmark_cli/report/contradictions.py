@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import Form
 from newmark_cli.newmark.formulation import Formulation, Projection, formulated
@@ -576,6 +575,8 @@ def _several(case: Mapping[str, Any], axis: axes.Axis) -> Sequence[Any]:
 
 
 def _problem_label(given: Any) -> str | None:
+    from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
+
     if isinstance(given, dict):
         if "python" in given:
             return None
