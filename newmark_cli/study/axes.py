@@ -455,7 +455,8 @@ class SeriesKey:
         place = None if name.startswith("_") else _places().get(name)
         if place is None:
             raise AttributeError(name)
-        return self.values[place]
+        value = self.__dict__[name] = self.values[place]  # found there the next time
+        return value
 
     def named(self) -> dict[str, str]:
         """Axis → value."""
