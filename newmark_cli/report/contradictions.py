@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import compress, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -511,7 +512,9 @@ def _of_record(rows: Sequence[_Row], record: Mapping[str, Any]) -> Iterator[tupl
     lines: dict[CellKey, int] = {}
     for row in rows:
         lines.setdefault(row.cell, row.line)
-    given = [row.cell for row in rows]
+    # One for each cell: its rows share it.
+    given = [rows[0].cell]
+    given += [row.cell for before, row in pairwise(rows) if row.cell is not before.cell]
     end = rows[-1].line
     try:
         grid = list(_grid(config))
@@ -676,7 +679,8 @@ def _told(expected: Iterable[CellKey]) -> Callable[[CellKey], CellKey]:
     unknown = {place for cell in expected for place, value in enumerate(cell) if value is None}
     if not unknown:
         return lambda cell: cell
-    return lambda cell: tuple(v for place, v in enumerate(cell) if place not in unknown)
+    known = [place not in unknown for place in range(len(_WRITTEN))]
+    return lambda cell: tuple(compress(cell, known))
 
 
 def _without_repeats(

@@ -381,13 +381,19 @@ def _failed(key: SeriesKey, role: str) -> Slope:
     )
 
 
+@cache
+def _require_words(method: str, formulation: str, projection: str) -> None:
+    """Refuse words of a CSV that cannot be read."""
+    integrator.parse(method)
+    Formulation.parse(formulation)
+    Projection.parse(projection)
+
+
 def _predicted(key: SeriesKey, path: Path) -> float:
     """Order by theory; NaN where it says nothing."""
     record = RECORDS[key.measure]
     try:
-        integrator.parse(key.integrator)
-        Formulation.parse(key.formulation)
-        Projection.parse(key.projection)
+        _require_words(key.integrator, key.formulation, key.projection)
         if key.form not in FORMS:
             raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
         for name, given, known in (

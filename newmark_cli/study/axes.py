@@ -150,7 +150,7 @@ class Cell:
     )
     preconditioning: Preconditioning = axis(
         write=lambda cell: cell.preconditioning.label,
-        same=canonical,
+        same=cache(canonical),
         since=(0, 0),
         inner=True,
         config=lambda: _keys().Variants,
