@@ -5,10 +5,10 @@ So tables carry marks in place of the escape character.  The marks are drawn by 
 each process: nobody can have written one into a file.
 """
 
-import secrets
+import os
 
 _ESCAPE = "\x1b"
-_MARK = f"<{secrets.token_hex(16)}>"
+_MARK = f"<{os.urandom(16).hex()}>"
 
 
 def marked(text: str) -> str:

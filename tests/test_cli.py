@@ -303,6 +303,46 @@ def test_list_builds_nothing():
     assert done.stdout.endswith("HEAVY []\n"), done.stdout + done.stderr
 
 
+#: Commands that compute nothing → what of all that is slow to import they need.
+READING = {
+    ("check", "pendulum-u"): set(),
+    ("compare", "results", "results"): {"pandas"},
+    ("info", "--cells"): set(),
+    ("info", "--config"): {"yaml"},
+    ("list", "--json"): {"pydantic", "yaml"},
+    ("orders",): set(),
+    ("plot", "1", "6"): {"matplotlib", "pydantic", "yaml"},
+    ("prune", "--dry-run"): set(),
+    ("report",): {"matplotlib", "pydantic", "yaml"},
+    ("schema",): {"pydantic", "yaml"},
+    ("schema", "mechanism"): {"pydantic", "yaml"},
+    ("show",): set(),
+    ("tables",): {"pydantic", "yaml"},
+    ("validate", "andrews-u.yaml"): {"pydantic", "yaml"},
+    ("verify",): set(),
+}
+
+
+@pytest.mark.parametrize("command", READING, ids=" ".join)
+def test_reading_commands_import_no_more_than_they_need(command, committed_folder, tmp_path):
+    """None of them compiles; where nothing is drawn or no YAML is read, they skip that too."""
+    (tmp_path / "results").mkdir()
+    for name in ("pendulum-u", "andrews-u", "all-forms"):
+        for kind in ("csv", "json"):
+            shutil.copy(committed_folder / f"{name}.{kind}", tmp_path / "results")
+    shutil.copy(committed_folder.parent / "configs" / "andrews-u.yaml", tmp_path)
+    code = (
+        "import sys\nfrom newmark_cli.cli import main\n"
+        "try:\n    main(sys.argv[1:])\nexcept SystemExit as end:\n    assert end.code == 0\n"
+        "heavy = {'llvmlite', 'matplotlib', 'numba', 'pandas', 'pydantic', 'scipy', 'yaml'}\n"
+        "print('HEAVY', sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert f"HEAVY {sorted(READING[command])}\n" in done.stdout, done.stdout[-300:] + done.stderr
+
+
 def test_help_is_light():
     """--help imports neither numpy nor pandas, nor anything else that is heavy."""
     code = (

@@ -5,6 +5,8 @@ import io
 import json
 import re
 
+import numpy as np
+import pandas as pd
 import pytest
 import synthetic
 from each import each
@@ -16,8 +18,8 @@ from newmark_cli.report import slopes
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.history import read_histories
 from newmark_cli.study import results
-from newmark_cli.study.reading import read_csv, read_study
-from newmark_cli.study.results import csv_text, parse_csv
+from newmark_cli.study.reading import SERIES, read_csv, read_rows, read_study
+from newmark_cli.study.results import NUMBERS, csv_text, parse_csv
 
 #: What programs end a line with, or have ended it with.
 LINE_ENDS = ("\n", "\r", "\r\n", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029")
@@ -121,6 +123,32 @@ def swing(name):
         gradient=lambda u, t: u[:, None],
     )
 """
+
+
+@pytest.mark.parametrize("study", ["pendulum-u", "andrews-u", "krylov", "sensitivity"])
+def test_rows_and_series_are_those_that_pandas_finds(committed_folder, study):
+    """Numbers to the last bit; series in the order of their first rows, each with its own."""
+    path = committed_folder / f"{study}.csv"
+    frame = pd.read_csv(path, keep_default_na=False, dtype=object)
+    for column in NUMBERS:
+        frame[column] = frame[column].replace("", "nan").astype(float)
+    table = read_rows(path)
+    for column in NUMBERS:
+        np.testing.assert_array_equal(table[column], frame[column].to_numpy(float), column)
+    axes = [name for name in SERIES if name in frame]  # others have one value only
+    groups = frame.groupby([*axes, frame["steps"] == 0], sort=False)
+    found = slopes.study_slopes(table, path)
+    assert len(found) == len(groups) > 3
+    for slope, (_, rows) in zip(found, groups, strict=True):
+        assert (slope.measure, slope.quantity) == tuple(rows.iloc[0][["measure", "quantity"]])
+        assert slope.h.tolist() == rows["h"].tolist()
+        assert slope.statuses == tuple(rows["status"])
+        np.testing.assert_array_equal(slope.values, slope.record.drawn(rows))
+    texts = [
+        csv_text(slopes.COLUMNS, [slope.row() for slope in each])
+        for each in (found, slopes.study_slopes(read_study(path), path))
+    ]
+    assert texts[0] == texts[1]
 
 
 def test_a_run_with_any_name_can_be_read(cli):

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from marching import march, start
 
+from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.linked import Made
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import compiled_march
@@ -39,6 +41,62 @@ def test_starts_on_the_constraints(spec):
     assert np.abs(terms.G.T @ subject.v0).max() <= 1e-14
     assert np.linalg.matrix_rank(terms.G) == subject.m
     assert np.linalg.eigvalsh(subject.M)[0] > 0
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 10, 57, 1000])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_arrays_are_those_of_the_parts(family, size):
+    """Each number, place, name and flag is what `planar.build` makes of the family's data."""
+    spec = member(family, size)
+    data = planar.Mechanism.model_validate(FAMILIES[family].mechanism(**dict(spec.sizes)))
+    found, expected = spec.load(), planar.build(spec.label, data)
+    assert found.m >= size
+    made = {"pattern", "drawing_given", "points_given", "constraints_given"}
+    for field in dataclasses.fields(found):
+        if field.name not in made:
+            assert_same(getattr(found, field.name), getattr(expected, field.name), field.name)
+    for key in found.pattern._fields:
+        assert_same(getattr(found.pattern, key), getattr(expected.pattern, key), key)
+    for key in (
+        "content", "drawing", "points", "coordinate_names", "constraint_names",
+    ):  # fmt: skip
+        assert getattr(found, key) == getattr(expected, key), key
+    assert list(found.constraints_given) == list(expected.constraints_given)
+    last = found.n - 1
+    assert found.point_of(last) == expected.point_of(last) == expected.points[-1]
+
+
+def assert_same(found, expected, name):
+    """Equal; arrays to the last bit, and of one type."""
+    if isinstance(expected, np.ndarray):
+        assert (found.dtype, found.shape) == (expected.dtype, expected.shape), name
+        assert found.tobytes() == expected.tobytes(), name
+    else:
+        assert found == expected, name
+
+
+def test_a_large_member_is_built_from_arrays():
+    """Neither parts nor names are made before somebody asks for them, and then once."""
+    made = []
+    family = FAMILIES["chain"]
+    counted = dataclasses.replace(
+        family, mechanism=lambda links: made.append(links) or family.mechanism(links)
+    )
+    chain = counted.problem("chain", {"links": 3000})
+    assert np.abs(chain.constraint_values(0.0, chain.u0)).max() < 1e-12
+    assert (chain.point_of(5999), made) == ("P3000", [])
+    assert not {"drawing", "points", "coordinate_names", "constraint_names"} & set(vars(chain))
+    assert chain.drawing.title == "Falling chain of 3000 links"
+    assert chain.drawing is chain.drawing
+    assert made == [3000]
+
+
+def test_items_that_are_made_when_asked_for():
+    """A sequence like any other: length, places from both ends, slices, no place too many."""
+    squares = Made(4, lambda place: place**2)
+    assert (len(squares), list(squares), squares[-1], squares[1:3]) == (4, [0, 1, 4, 9], 9, (1, 4))
+    with pytest.raises(IndexError):
+        squares[4]
 
 
 @pytest.mark.parametrize("size", [1, 3])

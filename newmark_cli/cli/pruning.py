@@ -27,9 +27,13 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
       newmark-study prune --dry-run
     """
     from newmark_cli.running import prune as pruning
-    from newmark_cli.study import config
 
-    pruned = pruning.prune(folder, [config.find(name, allow_code) for name in configs], dry_run)
+    studies = []
+    if configs:
+        from newmark_cli.study import config
+
+        studies = [config.find(name, allow_code) for name in configs]
+    pruned = pruning.prune(folder, studies, dry_run)
     verb = "would remove" if dry_run else "removed"
     for removed in pruned.removed:
         count = len(removed.files)

@@ -1,16 +1,24 @@
-"""Mechanisms of any size: the data of a planar mechanism, made from a few numbers."""
+"""Mechanisms of any size: a planar mechanism, made from a few numbers.
+
+Each is made twice: as the data of a `models.Mechanism`, as a file would have them, for
+drawings, and as the arrays that `planar.build` makes of these data, without the detour over
+a million parts.
+"""
 
 import math
 import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
+from itertools import accumulate, pairwise
 from types import MappingProxyType
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field, Strict
 
 from newmark_cli.documents import WHOLE, StrictModel
+from newmark_cli.mechanisms.linked import Linked, Made, Masses
 from newmark_cli.problems.problem import Problem
 
 #: A million links take gigabytes; more is a slip of the finger.
@@ -38,12 +46,14 @@ class Family:
     Attributes:
         title: One line.
         size: Its parameters, whole numbers.
-        mechanism: Sizes, by name → data of a `planar.Mechanism`.
+        mechanism: Sizes, by name → data of a `models.Mechanism`.
+        linked: Sizes, by name → the same as arrays.
     """
 
     title: str
     size: type[StrictModel]
     mechanism: Callable[..., dict[str, Any]]
+    linked: Callable[..., Linked]
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -52,9 +62,13 @@ class Family:
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
-        from newmark_cli.mechanisms import planar
+        return self.linked(**sizes).problem(name, partial(self.drawing, sizes))
 
-        return planar.build(name, planar.Mechanism.model_validate(self.mechanism(**sizes)))
+    def drawing(self, sizes: Mapping[str, int]) -> Any:
+        """The `models.Mechanism` of these sizes, part by part."""
+        from newmark_cli.mechanisms.models import Mechanism
+
+        return Mechanism.model_validate(self.mechanism(**sizes))
 
 
 def chain(links: int) -> dict[str, Any]:
@@ -70,8 +84,7 @@ def chain(links: int) -> dict[str, Any]:
     one unit in the last place of it, and corrections of λ die out, or are caught
     on their way, instead of showing rounding.
     """
-    places = [(0.8 * i, -0.6 * i) for i in range(1, links + 1)]
-    return _hung(f"Falling chain of {links} links", places, [1.0] * links)
+    return _hung(f"Falling chain of {links} links", *_straight(links))
 
 
 def random_chain(links: int) -> dict[str, Any]:
@@ -86,21 +99,35 @@ def random_chain(links: int) -> dict[str, Any]:
     iteration.  Directions and masses are drawn from a fixed seed, one link after the
     other, so that a shorter chain is the beginning of a longer one.
     """
-    draw = random.Random(_SEED)
-    places, masses = [], []
-    x, y = 0.0, 0.0
-    for _ in range(links):
-        heading = math.tau * draw.random()
-        x, y = x + math.cos(heading), y + math.sin(heading)
-        places.append((x, y))
-        masses.append(0.5 + draw.random())
-    return _hung(f"Falling chain of {links} links in random directions", places, masses)
+    title = f"Falling chain of {links} links in random directions"
+    return _hung(title, *_random(links))
+
+
+#: Positions x and y of the masses of a chain, from the fixed end on, and the masses.
+_Hanging = tuple[Sequence[float], Sequence[float], Sequence[float]]
+
+
+def _straight(links: int) -> _Hanging:
+    whole = range(1, links + 1)
+    return [0.8 * i for i in whole], [-0.6 * i for i in whole], [1.0] * links
+
+
+def _random(links: int) -> _Hanging:
+    draw = random.Random(_SEED).random
+    drawn = [draw() for _ in range(2 * links)]
+    headings, masses = (
+        [math.tau * part for part in drawn[::2]],
+        [0.5 + part for part in drawn[1::2]],
+    )
+    x, y = accumulate(map(math.cos, headings)), accumulate(map(math.sin, headings))
+    return list(x), list(y), masses
 
 
 def _hung(
-    title: str, places: Sequence[tuple[float, float]], masses: Sequence[float]
+    title: str, x: Sequence[float], y: Sequence[float], masses: Sequence[float]
 ) -> dict[str, Any]:
     """Point masses joined by massless bars, the first to the origin, under gravity 1."""
+    places = list(zip(x, y, strict=True))
     points: dict[str, Any] = {"P0": {"fixed": (0.0, 0.0)}}
     bars: dict[str, Any] = {}
     for i, (place, mass) in enumerate(zip(places, masses, strict=True), 1):
@@ -109,6 +136,43 @@ def _hung(
         # 1 but for the rounding of the ends, so that any length starts assembled.
         bars[f"bar{i}"] = {"from": f"P{i - 1}", "to": f"P{i}", "length": math.dist(start, end)}
     return {"title": title, "points": points, "bars": bars, "gravity": (0.0, -1.0)}
+
+
+def _hung_linked(hanging: _Hanging) -> Linked:
+    """What `_hung` says, as arrays."""
+    u0, masses = np.stack(hanging[:2], axis=1), np.array(hanging[2])
+    links, here = len(masses), np.arange(len(masses))
+    spans = np.diff(u0, axis=0, prepend=0.0)
+    # Python's functions: NumPy's differ in the last bit.
+    lengths = map(math.hypot, *spans.T.tolist())
+    squares = np.fromiter((length**2 for length in lengths), float, links)
+    return Linked(
+        u0=u0.reshape(-1),
+        v0=np.zeros(2 * links),
+        starts=here - 1,
+        ends=here,
+        anchors=np.zeros((links, 2)),
+        squares=squares,
+        masses=Masses(here, here, masses, np.stack([0.0 * masses, -masses], axis=1)),
+        points=Made(links, _mass_name),
+        links=Made(links, _bar_name),
+    )
+
+
+def _mass_name(place: int) -> str:
+    return f"P{place + 1}"
+
+
+def _bar_name(place: int) -> tuple[str, str]:
+    return "bars", f"bar{place + 1}"
+
+
+def _chain_linked(links: int) -> Linked:
+    return _hung_linked(_straight(links))
+
+
+def _random_chain_linked(links: int) -> Linked:
+    return _hung_linked(_random(links))
 
 
 def four_bars(windows: int) -> dict[str, Any]:
@@ -140,20 +204,65 @@ def four_bars(windows: int) -> dict[str, Any]:
     }
 
 
+def _four_bars_linked(windows: int) -> Linked:
+    """What `four_bars` says, as arrays: rod 0, coupler 1, rod 1, coupler 2, …"""
+    tops, links = windows + 1, 2 * windows + 1
+    across = np.arange(tops)
+    starts = np.empty(links, np.int64)
+    starts[0::2], starts[1::2] = -1, across[:-1]
+    ends = np.empty(links, np.int64)
+    ends[0::2], ends[1::2] = across, across[1:]
+    anchors = np.zeros((links, 2))
+    anchors[0::2, 0] = across
+    # Blocks of a uniform rod of length 1: first with first, first with second, …
+    about_first = 1 / 12 + 0.5**2
+    first, mixed = 1.0 - 2 * 0.5 + about_first, 0.5 - about_first
+    values = np.array([first, mixed, mixed, about_first])
+    return Linked(
+        u0=np.stack([across.astype(float), np.ones(tops)], axis=1).reshape(-1),
+        v0=np.tile([1.0, 0.0], tops),
+        starts=starts,
+        ends=ends,
+        anchors=anchors,
+        squares=np.ones(links),
+        masses=Masses(
+            np.stack([starts, starts, ends, ends], axis=1).reshape(-1),
+            np.stack([starts, ends, starts, ends], axis=1).reshape(-1),
+            np.tile(values, links),
+            np.tile(np.stack([0.0 * values, -9.81 * values], axis=1), (links, 1)),
+        ),
+        points=Made(tops, _top_name),
+        links=Made(links, _rod_name),
+    )
+
+
+def _top_name(place: int) -> str:
+    return f"B{place}"
+
+
+def _rod_name(place: int) -> tuple[str, str]:
+    return "bodies", f"coupler{place // 2 + 1}" if place % 2 else f"rod{place // 2}"
+
+
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
         "chain": Family(
-            "point masses on massless bars, falling from a straight line", ChainSize, chain
+            "point masses on massless bars, falling from a straight line",
+            ChainSize,
+            chain,
+            _chain_linked,
         ),
         "random-chain": Family(
             "random point masses on massless bars in random directions, falling",
             ChainSize,
             random_chain,
+            _random_chain_linked,
         ),
         "four-bars": Family(
             "four-bar linkages side by side, falling through a singular position",
             FourBarsSize,
             four_bars,
+            _four_bars_linked,
         ),
     }
 )

@@ -5,10 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.spelling import nearest
+
+if TYPE_CHECKING:
+    from newmark_cli.mechanisms.models import Mechanism
 
 _FOLDER = Path(__file__).parent / "shipped"
 
@@ -39,6 +45,35 @@ def problem(name: str) -> Problem:
     return planar.load(_FOLDER / f"{name}.yaml", name)
 
 
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What a shipped problem is drawn from in its initial position.
+
+    Attributes:
+        drawing: The mechanism.
+        points: Its moving points.
+        u0: (n,) initial coordinates.
+    """
+
+    drawing: "Mechanism"
+    points: tuple[str, ...]
+    u0: Array
+
+
+@cache
+def picture(name: str) -> Picture:
+    """Of the shipped problem of this name; built, and so compiled, only where it must be."""
+    from newmark_cli import documents
+    from newmark_cli.mechanisms.models import Mechanism
+
+    mechanism = documents.validate(documents.read(_FOLDER / f"{name}.yaml"), Mechanism)
+    if mechanism.assemble:  # the file has a guess only
+        found = problem(name)
+        return Picture(mechanism, found.points, found.u0)
+    moving = {key: point.at for key, point in mechanism.points.items() if point.at is not None}
+    return Picture(mechanism, tuple(moving), np.array(list(moving.values())).reshape(-1))
+
+
 @dataclass(frozen=True)
 class About:
     """A shipped problem in words and numbers, at no cost: nothing is built or compiled.
@@ -65,7 +100,7 @@ def about(name: str) -> About:
 
 
 def size(data: Mapping[str, Any]) -> tuple[int, int]:
-    """Coordinates and constraints of the data of a valid `planar.Mechanism`."""
+    """Coordinates and constraints of the data of a valid `models.Mechanism`."""
     moving = sum("at" in point for point in data["points"].values())
     joints = sum(len(data.get(kind, ())) for kind in ("bodies", "bars", "sliders"))
     motions = data.get("motions", {}).values()

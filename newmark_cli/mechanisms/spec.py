@@ -20,7 +20,6 @@ from typing import Any, NoReturn, TypeVar
 
 from newmark_cli import apart
 from newmark_cli.mechanisms import registry
-from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.problems.problem import Problem, ProblemError
 
 
@@ -84,7 +83,7 @@ class Sized:
     """A member of a family.
 
     Attributes:
-        family: One of `FAMILIES`.
+        family: One of `families.FAMILIES`.
         sizes: (parameter, number) pairs, in the family's order.
     """
 
@@ -119,6 +118,8 @@ class Sized:
 
 @cache
 def _sized(spec: Sized) -> Problem:
+    from newmark_cli.mechanisms.families import FAMILIES
+
     return FAMILIES[spec.family].problem(spec.label, dict(spec.sizes))
 
 

@@ -97,8 +97,8 @@ class Problem:
         ints, reals: Two-dimensional tables handed to the functions.
         pattern: Places of the values.
         mass_values: Values of M.
-        drawing: What a figure of the problem is drawn from, if it has one.
-        points: Moving points of a mechanism, two coordinates each.
+        drawing_given: What `drawing` is, or a function without arguments that makes it.
+        points_given: Names of the moving points of a mechanism, two coordinates each.
         compiled: Whether ``function`` is compiled, as the kernel needs it.
         quadratic: Whether Φ is at most quadratic in u and does not depend on time,
             so that its increments are exact; see `newmark_cli.newmark.scheme`.
@@ -138,8 +138,8 @@ class Problem:
     reals: Array
     pattern: Pattern
     mass_values: Array
-    drawing: Any = None
-    points: tuple[str, ...] = ()
+    drawing_given: Any = None
+    points_given: Sequence[str] = ()
     compiled: bool = True
     quadratic: bool = False
     single: bool = False
@@ -163,13 +163,23 @@ class Problem:
 
     # Made when they are asked for: a mechanism may have a million points.
     @cached_property
+    def drawing(self) -> Any:
+        """What a figure of the problem is drawn from; None if it has none."""
+        return self.drawing_given() if callable(self.drawing_given) else self.drawing_given
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """Moving points of a mechanism, two coordinates each; empty for another problem."""
+        return tuple(self.points_given)
+
+    @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
         """(n,) names of the coordinates, in the order of u; all different.
 
         ``A.x`` and ``A.y`` of the point A of a mechanism; ``1`` … ``n`` where a problem
         in Python does not name them.
         """
-        if self.points:
+        if self.points_given:
             return tuple(f"{point}.{axis}" for point in self.points for axis in "xy")
         return tuple(self.coordinates_given) or _numbered(self.n)
 
@@ -260,7 +270,8 @@ class Problem:
 
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
-        return self.points[coordinate // 2] if self.points else f"coordinate {coordinate + 1}"
+        given = self.points_given
+        return given[coordinate // 2] if given else f"coordinate {coordinate + 1}"
 
     @cached_property
     def content(self) -> str:

@@ -14,14 +14,14 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
+from itertools import compress, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import Form
 from newmark_cli.newmark.formulation import Formulation, Projection, formulated
@@ -34,11 +34,8 @@ from newmark_cli.study import axes, results
 from newmark_cli.study.axes import SATURATION
 from newmark_cli.study.measures import MEASURES, Measure
 from newmark_cli.study.provenance import config_checksum
-from newmark_cli.study.reading import read_texts
+from newmark_cli.study.reading import Table, read_texts
 from newmark_cli.study.results import NUMBERS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: Numbers that count; the others are floats.
 _COUNTS = ("steps", "zeros", "not_converged", "met")
@@ -61,6 +58,9 @@ _MEASURE_OF: Mapping[str, Measure] = {
     record.name: measure for measure in MEASURES.values() for record in measure.records
 }
 _AXES = tuple(axis for axis in axes.cell_axes() if axis.cell)
+_WRITTEN = (*(axis.name for axis in _AXES), "t_end", "steps")
+#: Columns of numbers, and whether they count.
+_SPELLED = tuple((column, column in _COUNTS) for column in sorted(NUMBERS))
 
 CellKey = tuple[Any, ...]
 
@@ -88,9 +88,24 @@ class Contradiction:
         return {"study": self.path.stem, "line": self.line, "contradiction": self.text}
 
 
-@cache
-def _same(axis: axes.Axis, text: str) -> str:
-    return axis.same(text)
+def _cell(
+    texts: Mapping[str, str], numbers: Mapping[str, float], known: dict[CellKey, CellKey]
+) -> CellKey:
+    """What tells the cell of a row from others; one object for all its rows.
+
+    Args:
+        texts, numbers: Of the row.
+        known: How cells are written → what tells them from others; taken up here.
+    """
+    written = tuple(texts[name] for name in _WRITTEN)
+    if (cell := known.get(written)) is not None:
+        return cell
+    named = (numbers["h"] if axis.name == "h" else axis.same(texts[axis.name]) for axis in _AXES)
+    t_end, steps = numbers["t_end"], numbers["steps"]
+    cell = (*named, t_end, steps)
+    if not (math.isnan(t_end) or math.isnan(steps)):  # such cells are not even like themselves
+        known[written] = cell
+    return cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +115,7 @@ class _Row:
     line: int
     texts: Mapping[str, str]
     numbers: Mapping[str, float]
+    cell: CellKey  #: what tells its cell from others
 
     def __getitem__(self, column: str) -> float:
         return self.numbers[column]
@@ -124,14 +140,6 @@ class _Row:
             return 0, math.inf
         return 0, max(steps, 1)
 
-    @cached_property
-    def cell(self) -> CellKey:
-        """What tells its cell from others."""
-        named = (
-            self["h"] if axis.name == "h" else _same(axis, self.texts[axis.name]) for axis in _AXES
-        )
-        return (*named, self["t_end"], self["steps"])
-
     @property
     def name(self) -> tuple[str, str, str, str]:
         """What tells it from the other rows of its cell."""
@@ -151,9 +159,7 @@ class _Segment:
         return self.rows[0].line
 
 
-def contradictions(
-    path: Path, texts: "pd.DataFrame", record: Mapping[str, Any]
-) -> list[Contradiction]:
+def contradictions(path: Path, texts: Table, record: Mapping[str, Any]) -> list[Contradiction]:
     """What a CSV says that no run has written.
 
     Args:
@@ -167,10 +173,11 @@ def contradictions(
     """
     columns = list(texts.columns)
     rows = []
-    for line, values in zip(texts.index, texts.itertuples(index=False), strict=True):
+    cells: dict[CellKey, CellKey] = {}
+    for line, values in zip(texts.lines, texts.rows(columns), strict=True):
         named = dict(zip(columns, values, strict=True))
         numbers = {name: float(named[name] or math.nan) for name in NUMBERS}
-        rows.append(_Row(int(line), named, numbers))
+        rows.append(_Row(line, named, numbers, _cell(named, numbers, cells)))
     found = [(row.line, text) for row in rows for text in _of_row(row)]
     segments = _segments(rows)
     found += [*_of_segments(segments), *_of_sensitivities(rows), *_of_record(rows, record)]
@@ -210,11 +217,13 @@ def _of_row(row: _Row) -> Iterator[str]:
 
 def _misspelled(row: _Row) -> Iterator[str]:
     """Numbers read back to the same bits, and are written in one way."""
-    for column in sorted(NUMBERS):
-        given, number = row.texts[column], row[column]
+    texts, numbers = row.texts, row.numbers
+    for column, counts in _SPELLED:
+        given = texts[column]
         if not given:
             continue
-        if column in _COUNTS:
+        number = numbers[column]
+        if counts:
             spelled = f"{number:.0f}" if math.isfinite(number) else "a whole number"
         else:
             spelled = "" if math.isnan(number) else repr(number)
@@ -503,7 +512,9 @@ def _of_record(rows: Sequence[_Row], record: Mapping[str, Any]) -> Iterator[tupl
     lines: dict[CellKey, int] = {}
     for row in rows:
         lines.setdefault(row.cell, row.line)
-    given = [row.cell for row in rows]
+    # One for each cell: its rows share it.
+    given = [rows[0].cell]
+    given += [row.cell for before, row in pairwise(rows) if row.cell is not before.cell]
     end = rows[-1].line
     try:
         grid = list(_grid(config))
@@ -576,6 +587,8 @@ def _several(case: Mapping[str, Any], axis: axes.Axis) -> Sequence[Any]:
 
 
 def _problem_label(given: Any) -> str | None:
+    from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
+
     if isinstance(given, dict):
         if "python" in given:
             return None
@@ -664,7 +677,10 @@ def _differences(
 def _told(expected: Iterable[CellKey]) -> Callable[[CellKey], CellKey]:
     """What expected cells tell of a cell: without places at which one of them has None."""
     unknown = {place for cell in expected for place, value in enumerate(cell) if value is None}
-    return lambda cell: tuple(v for place, v in enumerate(cell) if place not in unknown)
+    if not unknown:
+        return lambda cell: cell
+    known = [place not in unknown for place in range(len(_WRITTEN))]
+    return lambda cell: tuple(compress(cell, known))
 
 
 def _without_repeats(

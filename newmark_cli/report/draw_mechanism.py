@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from newmark_cli.report import matplotlib_defaults  # noqa: F401  (before matplotlib itself)
 
@@ -19,8 +19,7 @@ from PIL import Image
 
 from newmark_cli.arrays import Array
 from newmark_cli.files import write_output
-from newmark_cli.mechanisms.planar import Mechanism
-from newmark_cli.problems.problem import Problem
+from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.report.draw import drawn, plain
 from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
 from newmark_cli.report.style import settled
@@ -32,6 +31,22 @@ _MOST_LABELS = 30
 _WITHOUT_TICKS = {"xtick.top": False, "ytick.right": False}
 
 
+class Drawable(Protocol):
+    """What is asked of a problem that is drawn."""
+
+    @property
+    def drawing(self) -> Any:
+        """The `Mechanism`."""
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Its moving points."""
+
+    @property
+    def u0(self) -> Array:
+        """(n,) initial coordinates."""
+
+
 @dataclass(frozen=True, eq=False)
 class MechanismScene:
     """A mechanism at a position, with a key to its symbols while it has room for names.
@@ -41,7 +56,7 @@ class MechanismScene:
         u: (n,) position.
     """
 
-    problem: Problem
+    problem: Drawable
     u: Array
 
     @property
@@ -59,7 +74,7 @@ class MechanismScene:
         return _key(self.problem.drawing) if self.labelled else []
 
 
-def mechanism_sheet(title: str, problem: Problem, u: Array) -> Sheet:
+def mechanism_sheet(title: str, problem: Drawable, u: Array) -> Sheet:
     """A mechanism at a position: bodies, joints, ground, springs, dampers, torques.
 
     Args:
@@ -93,7 +108,7 @@ def mechanism_sheet(title: str, problem: Problem, u: Array) -> Sheet:
     )
 
 
-def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
+def mechanism_figure(title: str, problem: Drawable, u: Array) -> Figure:
     """The same, drawn."""
     return drawn(mechanism_sheet(title, problem, u))
 
@@ -111,7 +126,7 @@ def _extent(positions: Mapping[str, complex]) -> float:
 
 
 def draw_mechanism(
-    axes: Any, problem: Problem, u: Array, factor: float, labelled: bool = True
+    axes: Any, problem: Drawable, u: Array, factor: float, labelled: bool = True
 ) -> None:
     """Draw a mechanism at position u into axes, lengths multiplied by ``factor``."""
     mechanism: Mechanism = problem.drawing
@@ -196,7 +211,7 @@ def _key(mechanism: Mechanism) -> list[Line2D]:
     return handles
 
 
-def places(problem: Problem, u: Array) -> dict[str, complex]:
+def places(problem: Drawable, u: Array) -> dict[str, complex]:
     """Positions of all points of a mechanism at u, as x + iy (m)."""
     mechanism: Mechanism = problem.drawing
     found = {
@@ -399,7 +414,7 @@ def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
     )
 
 
-def animation(title: str, problem: Problem, positions: Sequence[Array], stem: Path) -> Path:
+def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: Path) -> Path:
     """Write a looping GIF of a mechanism.
 
     Args:

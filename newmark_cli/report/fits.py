@@ -46,12 +46,13 @@ def power_law(h: Array, values: Array) -> Fit:
     usable = np.isfinite(values) & (values > 0)
     x, y = np.log10(h[usable]), np.log10(values[usable])
     points = len(x)
-    if points < 2 or np.ptp(x) == 0:
+    if points < 2 or x.max() - x.min() == 0:
         return Fit(np.nan, np.nan, np.nan, points)
-    centred = x - x.mean()
+    middle = x.mean()
+    centred = x - middle
     spread = float(centred @ centred)
     slope = float(centred @ y) / spread
-    intercept = float(y.mean() - slope * x.mean())
+    intercept = float(y.mean() - slope * middle)
     misfit = y - intercept - slope * x
     stderr = float(np.sqrt(misfit @ misfit / (points - 2) / spread)) if points > 2 else np.nan
     return Fit(slope, stderr, intercept, points)

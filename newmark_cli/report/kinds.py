@@ -195,10 +195,10 @@ class MechanismFigure:
 
     def sheet(self, results: Results) -> Sheet:
         """The mechanism, whatever the results are."""
-        from newmark_cli.mechanisms.registry import problem
+        from newmark_cli.mechanisms.registry import picture
         from newmark_cli.report.draw_mechanism import mechanism_sheet
 
-        subject = problem(self.problem)
+        subject = picture(self.problem)
         return mechanism_sheet(self.title, subject, subject.u0)
 
 

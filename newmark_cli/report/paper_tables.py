@@ -118,6 +118,10 @@ def _table_1(slopes: Sequence[Slope], problem: str) -> Iterable[Entry]:
 
 def _table_2(slopes: Sequence[Slope], problem: str) -> Iterable[Entry]:
     derived = {name: derive_scaling(form_orders(form)) for name, form in FORMS.items()}
+    sensitivities: dict[tuple[str, str], list[Slope]] = {}
+    for slope in slopes:
+        if (slope.problem, slope.measure) == (problem, "sensitivity"):
+            sensitivities.setdefault((slope.form, slope.preconditioning), []).append(slope)
     for side, blocks in (("left", ROWS), ("right", (*FIELDS, "lambda"))):
         other = "right" if side == "left" else "left"
         for block in blocks:
@@ -127,10 +131,8 @@ def _table_2(slopes: Sequence[Slope], problem: str) -> Iterable[Entry]:
                     continue
                 reactions = [
                     slope
-                    for slope in slopes
-                    if (slope.problem, slope.form, slope.measure) == (problem, name, "sensitivity")
-                    and slope.preconditioning == other
-                    and block == (slope.row_block if side == "left" else slope.quantity)
+                    for slope in sensitivities.get((name, other), [])
+                    if block == (slope.row_block if side == "left" else slope.quantity)
                 ]
                 if not reactions:
                     raise ResultsError(

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from newmark_cli import files
 from newmark_cli.errors import ResultsError, visible
 from newmark_cli.study import axes, results
@@ -149,6 +147,8 @@ def description(record: Mapping[str, Any]) -> str:
 
 def config_text(record: Mapping[str, Any]) -> str:
     """The resolved config as YAML."""
+    import yaml
+
     return yaml.safe_dump(
         record.get("config", {}), sort_keys=False, default_flow_style=None, allow_unicode=True,
         width=100,

@@ -19,7 +19,7 @@ from newmark_cli.report.verdicts import INCOMPLETE
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.measures import MEASURES, symbol
-from newmark_cli.study.reading import named_studies, read_study
+from newmark_cli.study.reading import named_studies, read_rows
 
 #: The integrator that goes without saying, in a word.
 TRAPEZOIDAL = "trapezoidal"
@@ -102,10 +102,12 @@ def read(folder: Path, names: Sequence[str]) -> list[Shown]:
     found = []
     for name in named_studies(folder, names):
         path = folder / f"{name}.csv"
-        frame = read_study(path)
-        cells = frame.drop_duplicates(_CELL)
-        slopes = tuple(study_slopes(frame, path))
-        found.append(Shown(name, tuple(cells["status"]), slopes))
+        table = read_rows(path)
+        statuses: dict[tuple[Any, ...], str] = {}
+        for cell, status in zip(table.rows(_CELL), table["status"], strict=True):
+            statuses.setdefault(cell, status)
+        slopes = tuple(study_slopes(table, path))
+        found.append(Shown(name, tuple(statuses.values()), slopes))
     return found
 
 

@@ -10,10 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from newmark_cli import files
 from newmark_cli.arrays import Array, Mask
@@ -45,12 +44,19 @@ from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS, Record
 from newmark_cli.study.reading import (
     SERIES,
+    Table,
     accepted_statuses,
     motions,
-    read_study,
+    read_rows,
     study_files,
 )
+from newmark_cli.study.results import NUMBERS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Columns that a series is made from.
+_READ = ("h", "steps", "t_end", "status", *sorted(NUMBERS - {"h", "steps", "t_end"}))
 #: Columns of ``slopes.csv``; a new one is appended.
 COLUMNS = axes.appended(
     (
@@ -113,7 +119,8 @@ class Slope:
     def __getattr__(self, name: str) -> str:
         if name == "key":
             raise AttributeError(name)
-        return str(getattr(self.key, name))
+        value = self.__dict__[name] = str(getattr(self.key, name))  # found there the next time
+        return value
 
     @property
     def record(self) -> Record:
@@ -155,33 +162,41 @@ def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
         for file in files:
             if not file.exists():
                 raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
-    return [slope for file in files for slope in study_slopes(read_study(file), file)]
+    return [slope for file in files for slope in study_slopes(read_rows(file), file)]
 
 
-def study_slopes(frame: pd.DataFrame, path: Path) -> list[Slope]:
+def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     """Slopes of one study's rows, in their order.
 
     Args:
-        frame: Rows as `read_study` gives them.
+        table: Rows as `read_rows` or `read_study` gives them.
         path: How errors name the file.
     """
     # A form, a variant or a quantity that lacks step sizes which others of the same
     # problem have was cut off; cases may differ in the rest on purpose.
     alike = [axis.name for axis in axes.cell_axes() if axis.series and not axis.inner]
-    at_start = frame["steps"] == 0
-    most = frame.groupby([*alike, "measure", at_start])["h"].transform("nunique")
+    columns = {name: np.asarray(table[name], object).tolist() for name in (*SERIES, *_READ)}
+    at_start = [steps == 0 for steps in columns["steps"]]
+    cases = list(zip(*(columns[name] for name in (*alike, "measure")), at_start, strict=True))
+    sizes: dict[tuple[Any, ...], set[float]] = {}
+    for case, h in zip(cases, columns["h"], strict=True):
+        sizes.setdefault(case, set()).add(h)
+    places: dict[tuple[Any, ...], list[int]] = {}
+    for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
+        places.setdefault(values, []).append(place)
     accepted = ("ok", *accepted_statuses(path))
     moved = motions(path)
     found = []
-    for values, rows in frame.groupby([*SERIES, at_start], sort=False):
+    for values, at in places.items():
         *named, start = values
+        rows = {name: [columns[name][place] for place in at] for name in _READ}
         row = dict(zip(SERIES, named, strict=True))
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
         role = str(row["role"])
         if key.measure:
-            slope = _slope(key, role, rows, int(most[rows.index[0]]), accepted, path)
+            slope = _slope(key, role, rows, len(sizes[cases[at[0]]]), accepted, path)
             found.append(_moved(_resolved(slope), *moved.get(key.problem, ((), False))))
-        elif not rows["status"].isin(accepted).all():
+        elif not set(rows["status"]) <= set(accepted):
             found.append(_failed(key, role))
     return found
 
@@ -214,7 +229,7 @@ def _drawing(figures: tuple[str, ...]) -> Mapping[SeriesKey, list[str]]:
 def _slope(
     key: SeriesKey,
     role: str,
-    rows: pd.DataFrame,
+    rows: Mapping[str, Sequence[Any]],
     points: int,
     accepted: Sequence[str],
     path: Path,
@@ -222,7 +237,7 @@ def _slope(
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
     record = RECORDS[key.measure]
-    h = rows["h"].to_numpy(float)
+    h = np.array(rows["h"], float)
     values = record.drawn(rows)
     figures = tuple(_drawing(tuple(FIGURES)).get(key, ()))
     expected = _predicted(key, path)
@@ -240,7 +255,7 @@ def _slope(
         key=key,
         role=role,
         h=h,
-        steps=rows["steps"].to_numpy(float),
+        steps=np.array(rows["steps"], float),
         values=values,
         statuses=statuses,
         fitted=found.fitted,
@@ -291,7 +306,7 @@ def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
 def _judged(
     key: SeriesKey,
     record: Record,
-    rows: pd.DataFrame,
+    rows: Mapping[str, Sequence[Any]],
     values: Array,
     expected: float,
     tolerance: float,
@@ -299,27 +314,28 @@ def _judged(
     exact: bool,
 ) -> Judgement:
     """The verdict on the rows of one series, its points in their order."""
-    h = rows["h"].to_numpy(float)
+    h = np.array(rows["h"], float)
     everything = np.full(len(h), True)
-    fit = power_law(h, values)
     if not np.isnan(expected):
         # An exact zero at every h is within any order: a block that this problem lacks.
         if record.may_vanish and bool((values == 0).all()):
-            return Judgement(PASS, fit, everything, "exactly 0: the problem lacks this block")
+            return Judgement(
+                PASS, power_law(h, values), everything, "exactly 0: the problem lacks this block"
+            )
         ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
         # Errors cost a reference and long runs: cases may have fewer step sizes on purpose.
         if ended or (len(h) < points and record.kind != "truncation"):
             reason = f"cells ended {', '.join(ended)}" if ended else f"{len(h)} of {points} h"
-            return Judgement(INCOMPLETE, fit, everything, reason)
-    if record.at_end and rows["t_end"].nunique() > 1:
-        return Judgement(SHOWN, fit, everything, "taken at different times")
+            return Judgement(INCOMPLETE, power_law(h, values), everything, reason)
+    if record.at_end and len({t for t in rows["t_end"] if not np.isnan(t)}) > 1:
+        return Judgement(SHOWN, power_law(h, values), everything, "taken at different times")
     if not set(rows["status"]) <= set(record.ok):
-        return Judgement(SHOWN, fit, everything)
+        return Judgement(SHOWN, power_law(h, values), everything)
     order = np.argsort(-h, kind="stable")
     evidence = Evidence(
         h=h[order],
         values=values[order],
-        steps=rows["steps"].to_numpy(float)[order],
+        steps=np.array(rows["steps"], float)[order],
         kind=record.kind,
         quantity=key.quantity,
         expected=expected,
@@ -365,13 +381,19 @@ def _failed(key: SeriesKey, role: str) -> Slope:
     )
 
 
+@cache
+def _require_words(method: str, formulation: str, projection: str) -> None:
+    """Refuse words of a CSV that cannot be read."""
+    integrator.parse(method)
+    Formulation.parse(formulation)
+    Projection.parse(projection)
+
+
 def _predicted(key: SeriesKey, path: Path) -> float:
     """Order by theory; NaN where it says nothing."""
     record = RECORDS[key.measure]
     try:
-        integrator.parse(key.integrator)
-        Formulation.parse(key.formulation)
-        Projection.parse(key.projection)
+        _require_words(key.integrator, key.formulation, key.projection)
         if key.form not in FORMS:
             raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
         for name, given, known in (

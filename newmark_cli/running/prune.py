@@ -18,15 +18,17 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from newmark_cli import files
 from newmark_cli.errors import ResultsError
 from newmark_cli.running import store
 from newmark_cli.running.lock import locked
-from newmark_cli.study.config import Study
 from newmark_cli.study.reading import NOT_STUDIES
 from newmark_cli.study.results import SERIES_FOLDERS
+
+if TYPE_CHECKING:
+    from newmark_cli.study.config import Study
 
 _UNFINISHED = ".unfinished-"
 _CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
@@ -75,7 +77,7 @@ class Pruned:
     unfinished: tuple[str, ...]
 
 
-def begun(folder: Path, study: Study) -> None:
+def begun(folder: Path, study: "Study") -> None:
     """Note the cells of a study that no CSV names yet.
 
     Raises:
@@ -85,12 +87,12 @@ def begun(folder: Path, study: Study) -> None:
     files.write_json(folder / f"{_UNFINISHED}{study.study}", {"cells": cells})
 
 
-def finished(folder: Path, study: Study) -> None:
+def finished(folder: Path, study: "Study") -> None:
     """The record of the study's CSV names its cells from now on."""
     (folder / f"{_UNFINISHED}{study.study}").unlink(missing_ok=True)
 
 
-def prune(folder: Path, studies: Sequence[Study] = (), dry_run: bool = False) -> Pruned:
+def prune(folder: Path, studies: Sequence["Study"] = (), dry_run: bool = False) -> Pruned:
     """Remove what is not needed; see the module.
 
     Args:
@@ -127,7 +129,7 @@ def sweep(folder: Path) -> None:
             file.unlink(missing_ok=True)
 
 
-def _plan(folder: Path, studies: Sequence[Study]) -> Pruned:
+def _plan(folder: Path, studies: Sequence["Study"]) -> Pruned:
     names = {study.study for study in studies}
     unfinished = _unfinished(folder, names)
     needed = {store.file_name(cell) for study in studies for cell in study.cells()}

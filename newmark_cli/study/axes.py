@@ -150,7 +150,7 @@ class Cell:
     )
     preconditioning: Preconditioning = axis(
         write=lambda cell: cell.preconditioning.label,
-        same=canonical,
+        same=cache(canonical),
         since=(0, 0),
         inner=True,
         config=lambda: _keys().Variants,
@@ -456,7 +456,8 @@ class SeriesKey:
         place = None if name.startswith("_") else _places().get(name)
         if place is None:
             raise AttributeError(name)
-        return self.values[place]
+        value = self.__dict__[name] = self.values[place]  # found there the next time
+        return value
 
     def named(self) -> dict[str, str]:
         """Axis → value."""

@@ -155,13 +155,14 @@ class Record:
     alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
     quantities: tuple[str, ...] = ()
 
-    def drawn(self, rows: "pd.DataFrame") -> Array:
+    def drawn(self, rows: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> Array:
         """Values as they are drawn and fitted, one for each row of a study's CSV."""
-        values = rows[self.statistic].to_numpy(float)
+        values = np.asarray(rows[self.statistic], float)
         if self.share:
-            values = values / rows["steps"].to_numpy(float)
+            values = values / np.asarray(rows["steps"], float)
         if self.at_limit is not None:
-            values = np.where(rows["status"] == "stagnated", rows[self.at_limit], values)
+            stagnated = np.asarray(rows["status"], object) == "stagnated"
+            values = np.where(stagnated, np.asarray(rows[self.at_limit], float), values)
         return np.asarray(values, float)
 
     @property
@@ -303,7 +304,12 @@ def _orders_of(key: SeriesKey) -> FormOrders:
 
 
 def _scaling_of(key: SeriesKey) -> Any:
-    return Preconditioning.parse(key.preconditioning).scaling(_form_of(key))
+    return _scaling(key.preconditioning, key.form, key.formulation)
+
+
+@cache
+def _scaling(preconditioning: str, form: str, formulation: str) -> Any:
+    return Preconditioning.parse(preconditioning).scaling(_form(form, formulation))
 
 
 @cache

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from newmark_cli.study import axes, checkout
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.checkout import Source
-from newmark_cli.study.config import Study
+
+if TYPE_CHECKING:
+    from newmark_cli.study.config import Study
 
 _PACKAGES = (
     "numpy", "scipy", "numba", "llvmlite", "pandas", "matplotlib", "pydantic", "PyYAML", "click",
@@ -31,7 +33,7 @@ THREAD_VARIABLES = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "M
 
 
 def record(
-    study: Study,
+    study: "Study",
     cells: Sequence[Cell],
     outcomes: Sequence[Outcome],
     seconds: Sequence[float],

@@ -2,7 +2,8 @@
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -71,6 +72,32 @@ def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> N
             raise ResultsError(f"{folder}: no results of {name!r}{nearest(name, known)}")
 
 
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows of a CSV by columns.
+
+    Attributes:
+        columns: Name of a column → what its rows have in it.
+        lines: The line in which each row begins, counted from 1.
+    """
+
+    columns: Mapping[str, list[Any]]
+    lines: Sequence[int]
+
+    def __getitem__(self, column: str) -> list[Any]:
+        return self.columns[column]
+
+    def rows(self, columns: Iterable[str]) -> Iterator[tuple[Any, ...]]:
+        """What the rows have in some columns."""
+        return zip(*(self.columns[name] for name in columns), strict=True)
+
+    def frame(self) -> "pd.DataFrame":
+        """The same as a frame; its index is the lines."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.columns), index=list(self.lines))
+
+
 def read_csv(
     path: Path,
     columns: Sequence[str],
@@ -91,6 +118,15 @@ def read_csv(
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
+    return _read_csv(path, columns, defaults, content).frame()
+
+
+def _read_csv(
+    path: Path,
+    columns: Sequence[str],
+    defaults: Mapping[str, str],
+    content: bytes | OSError | None,
+) -> Table:
     try:
         content = files.read(path) if content is None else content
         if isinstance(content, OSError):
@@ -119,18 +155,18 @@ def read_csv(
             raise ResultsError(
                 f"{path}, line {line}: {len(row)} fields where {len(header)} belong; truncated?"
             )
-    import pandas as pd
-
-    frame = pd.DataFrame(rows[1:], columns=list(header), index=begins[1:])
+    table: dict[str, list[Any]] = {
+        name: list(column) for name, column in zip(header, zip(*rows[1:], strict=True), strict=True)
+    }
     for name, text in defaults.items():
         if name not in header:
-            frame[name] = text
-    return frame
+            table[name] = [text] * (len(rows) - 1)
+    return Table(table, begins[1:])
 
 
-def read_texts(path: Path, content: bytes | OSError | None = None) -> "pd.DataFrame":
+def read_texts(path: Path, content: bytes | OSError | None = None) -> Table:
     """Rows of one study's CSV as text; see `read_csv`."""
-    return read_csv(path, COLUMNS, _DEFAULTS, content)
+    return _read_csv(path, COLUMNS, _DEFAULTS, content)
 
 
 def read_study(path: Path) -> "pd.DataFrame":
@@ -145,29 +181,47 @@ def read_study(path: Path) -> "pd.DataFrame":
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
+    return read_rows(path).frame()
+
+
+def read_rows(path: Path) -> Table:
+    """`read_study` without pandas, which takes longer to import than most CSVs to read."""
     contents = results.read(path)
-    frame = read_texts(path, contents[path])
+    texts = read_texts(path, contents[path])
+    columns, lines = dict(texts.columns), texts.lines
     for axis in _AXES:
-        spellings = {text: axis.same(text) for text in frame[axis.name].unique()}
-        frame[axis.name] = frame[axis.name].map(spellings)
+        spellings = {text: axis.same(text) for text in dict.fromkeys(columns[axis.name])}
+        columns[axis.name] = [spellings[text] for text in columns[axis.name]]
     for column in NUMBERS:
-        frame[column] = [number(path, line, column, given) for line, given in frame[column].items()]
+        columns[column] = _numbers(path, lines, column, columns[column])
     for column, allowed in (("status", STATUSES), ("study", (path.stem,))):
-        for line, given in frame[column].items():
+        for line, given in zip(lines, columns[column], strict=True):
             if given not in allowed:
                 raise ResultsError(
                     f"{path}, line {line}: {column} is {given!r}; allowed here: "
                     f"{', '.join(allowed)}"
                 )
-    for line, h in frame["h"].items():
+    for line, h in zip(lines, columns["h"], strict=True):
         if not (math.isfinite(h) and h > 0):
             raise ResultsError(f"{path}, line {line}: h must be positive, given {h:g}")
-    repeated = frame.duplicated([*SERIES, "h", "steps"])
-    if repeated.any():
-        raise ResultsError(f"{path}, line {repeated.idxmax()}: the row is there twice")
+    table = Table(columns, lines)
+    seen = set()
+    for line, (*named, h, steps) in zip(lines, table.rows((*SERIES, "h", "steps")), strict=True):
+        row = (*named, h, None if math.isnan(steps) else steps)
+        if row in seen:
+            raise ResultsError(f"{path}, line {line}: the row is there twice")
+        seen.add(row)
     record = _parsed(contents[path.with_suffix(".json")])
-    _require_recorded_rows(path, len(frame), int(frame.index[-1]) + 1, record)
-    return frame
+    _require_recorded_rows(path, len(lines), lines[-1] + 1, record)
+    return table
+
+
+def _numbers(path: Path, lines: Sequence[int], column: str, given: Sequence[str]) -> list[float]:
+    """Numbers of a column; see `number`."""
+    try:
+        return [float(text) if text else math.nan for text in given]
+    except ValueError:  # says where
+        return [number(path, line, column, text) for line, text in zip(lines, given, strict=True)]
 
 
 def accepted_statuses(path: Path) -> tuple[str, ...]:

@@ -178,10 +178,11 @@ def parse_csv(text: str) -> tuple[list[list[str]], list[int]]:
         csv.Error: When it is none.
     """
     rows, begins, before = [], [], 0
+    guarded = "'" in text
     # Lines end at line feeds only: a name may have what other programs end a line with.
     reader = csv.reader(io.StringIO(text, newline="\n"))
     for row in reader:
-        rows.append([_unguarded(field) for field in row])
+        rows.append([_unguarded(field) for field in row] if guarded else row)
         begins.append(before + 1)
         before = reader.line_num
     return rows, begins
@@ -203,8 +204,14 @@ _GUARDED = re.compile(r"""((?:^|[,;|\t\r\n]))'(?=[ "']*[=+\-@\t\r＝＋－＠])"
 _PLAIN_NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?( ([-+]?[0-9.]+(e[-+]?[0-9]+)?|nan))*")
 
 
+#: What a formula has; most texts have none of it.
+_SIGNS = frozenset("=+-@\t\r＝＋－＠")
+
+
 def _guarded(text: str) -> str:
     """Text that no spreadsheet takes for a formula; `_unguarded` brings it back."""
+    if _SIGNS.isdisjoint(text):
+        return text
     return text if _PLAIN_NUMBERS.fullmatch(text) else _FORMULA.sub(r"\1'", text)
 
 

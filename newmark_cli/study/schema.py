@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from newmark_cli.json_schema import Generator, JsonSchema, given, with_definitions
-from newmark_cli.mechanisms.planar import Mechanism
+from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import AUTO, DENSE
 from newmark_cli.study.config import MOST_CASES, Case, Study
