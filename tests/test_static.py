@@ -1,0 +1,421 @@
+"""Static elimination: as right as partial pivoting, or left to it, and counted."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from marching import copy, in_motion, march, scheme_of, start
+
+import newmark_cli as newmark
+from newmark_cli.errors import InputError
+from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.mechanisms.spec import Sized
+from newmark_cli.newmark import compiled_march, static_elimination
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.linear import exact, generated
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC, choose
+from newmark_cli.newmark.linear.dense import DenseSystem
+from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.linear.static import Factors, StaticSystem
+from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.march_data import PIVOTING
+from newmark_cli.newmark.monomial import Monomial
+from newmark_cli.newmark.scaling import Scaling, named_scaling
+from newmark_cli.newmark.scheme import Scheme
+
+EPS = np.finfo(float).eps
+#: Forms in which large problems are solved exactly, which takes its time.
+ALSO_LARGE = ["u-lambda", "u-v-a-lambda"]
+VARIANTS = ["none", "left", "right", "optimal"]
+SUBJECTS = ["pendulum", "andrews", "four-bar", "slider-crank", "shaken-pendulum", "chain", "bars"]
+
+
+def subject_of(name):
+    """A shipped problem, or a member of a family: small ones are written out, others not."""
+    sizes = {"chain": ("random-chain", "links", 60), "bars": ("four-bars", "windows", 20)}
+    if name not in sizes:
+        return problem(name)
+    family, size, count = sizes[name]
+    return Sized(family, ((size, count),)).load()
+
+
+def solved_exactly(system, values, rhs):
+    """J̄⁻¹ rhs to 60 digits, rounded."""
+    found = system.elimination
+    rows, columns = (np.empty(found.size) for _ in range(2))
+    for units, side, of in zip((rows, columns), found.order, found.units, strict=True):
+        units[side] = np.abs(of)
+    matrix = system.matrix(values)
+    return np.array([float(x) for x in exact.solve(matrix, rhs, rows, columns)])
+
+
+def error(system, found, expected):
+    """‖found − expected‖ over ‖expected‖, in units in which the blocks compare."""
+    problem, scheme = system.problem, system.scheme
+    _, right = scaling_factors(scheme, problem.n, problem.m)
+    _, balanced = balancing_factors(scheme, problem.n, problem.m)
+    return np.linalg.norm(right / balanced * (found - expected)) / np.linalg.norm(
+        right / balanced * expected
+    )
+
+
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_solutions_are_right_whatever_the_scaling(name):
+    """To rounding times the condition of the optimally scaled matrix, down to h = 1e-7.
+
+    Unscaled too, where partial pivoting of forms with row K is not.
+    """
+    subject = subject_of(name)
+    state = in_motion(subject)
+    values = subject.values(0.0, state.fields[0], state.fields[1], state.multipliers)
+    random = np.random.default_rng(5)
+    large = subject.n > 30
+    for h, form in itertools.product((1e-3, 1e-5, 1e-7), ALSO_LARGE if large else FORMS):
+        best = DenseSystem(subject, scheme_of(form, "optimal", h)).balanced(0.0, state)
+        bound = 20 * EPS * np.linalg.cond(best._balanced)
+        for variant in ("none", "optimal") if large else VARIANTS:
+            system = StaticSystem(subject, scheme_of(form, variant, h))
+            rhs = random.normal(size=system.elimination.size)
+            rhs *= np.repeat(system.scheme.left, system.scheme.form.sizes(subject.n, subject.m))
+            sources, tables = system.elimination.sources(values), system.elimination.tables
+            found = rhs.copy()
+            assert system.elimination.solve(sources, found, *tables) == 0, (h, form, variant)
+            assert error(system, found, solved_exactly(system, values, rhs)) < bound, (
+                h,
+                form,
+                variant,
+            )
+            lists = rhs.copy()
+            assert static_elimination.solve_in_order(sources, lists, *tables) == 0
+            np.testing.assert_allclose(lists, found, rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize("name", ["andrews", "bars"])
+@pytest.mark.parametrize("form", FORMS)
+def test_solves_what_the_engines_solve(name, form):
+    """The matrix is the one that the dense and the sparse engine assemble."""
+    subject = subject_of(name)
+    state = in_motion(subject)
+    values = subject.values(0.0, state.fields[0], state.fields[1], state.multipliers)
+    for variant in ("none", "optimal"):
+        scheme = scheme_of(form, variant, 1e-4)
+        ours = StaticSystem(subject, scheme).matrix(values).toarray()
+        for other in (DenseSystem(subject, scheme), SparseSystem(subject, scheme)):
+            theirs = other.matrix(values).toarray()
+            assert np.all(np.abs(ours - theirs) <= 8 * EPS * np.abs(theirs))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_does_not_see_a_scaling_by_powers_of_two(form):
+    """The solution is the same numbers, but for the scaling, bit by bit."""
+    subject, form = problem("andrews"), FORMS[form]
+    exponents = iter(range(-40, 60, 7))
+    of = {name: Monomial(2.0 ** next(exponents)) for name in (*form.rows, *form.unknowns)}
+    powers = Scaling(
+        "powers", {row: of[row] for row in form.rows}, {u: of[u] for u in form.unknowns}
+    )
+    state = in_motion(subject)
+    values = subject.values(0.0, state.fields[0], state.fields[1], state.multipliers)
+    found, rhs = [], np.random.default_rng(1).normal(size=sum(form.sizes(subject.n, subject.m)))
+    for scaling in (named_scaling("none", form), powers):
+        scheme = Scheme(Newmark(), form, scaling, 1e-4)
+        left, right = scaling_factors(scheme, subject.n, subject.m)
+        found.append(right * StaticSystem(subject, scheme).solve(values, left * rhs))
+    np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "variant", "integrator", "evaluation"),
+    [
+        ("andrews", "u-lambda", "none", Newmark(), "direct"),
+        ("andrews", "u-v-a-lambda", "optimal", GeneralizedAlpha(0.9), "compensated"),
+        ("four-bar", "v-lambda", "left", BDF2(), "compensated"),
+        ("shaken-pendulum", "a-lambda", "right", GeneralizedAlpha(0.5), "direct"),
+        ("chain", "u-v-lambda", "optimal", BDF2(), "direct"),
+        ("bars", "u-a-lambda", "optimal", Newmark(), "compensated"),
+    ],
+)
+@pytest.mark.parametrize("h", [1e-4, 1e-6])
+def test_marches_like_partial_pivoting(name, form, variant, integrator, evaluation, h):
+    """Positions agree to rounding, corrections saturate at the same size."""
+    subject = subject_of(name)
+    scheme = Scheme(
+        integrator, FORMS[form], named_scaling(variant, FORMS[form]), h, evaluation=evaluation
+    )
+    marches = [March(subject, scheme, solver) for solver in (STATIC, DENSE)]
+    norms = [one.advance(30).norms for one in marches]
+    difference = marches[0].state.fields[0] - marches[1].state.fields[0]
+    assert np.linalg.norm(difference) < 2e-13 * np.linalg.norm(subject.u0)
+    sizes = [np.sqrt(np.mean(one**2, axis=0)) for one in norms]
+    assert np.all(sizes[0] < 5 * sizes[1])
+    assert np.all(sizes[1] < 5 * sizes[0])
+
+
+@given(st.integers(2, 14), st.integers(0, 2**32 - 1), st.floats(0.05, 0.6))
+def test_fill_is_that_of_the_elimination(size, seed, density):
+    """The analysis finds what an elimination of zeros and ones fills, and nothing else."""
+    random = np.random.default_rng(seed)
+    pattern = random.random((size, size)) < density
+    np.fill_diagonal(pattern, True)
+    columns, rows = np.nonzero(pattern.T)
+    starts = np.searchsorted(columns, np.arange(size + 1))
+    upper_starts, upper_rows, lower_starts, lower_rows = static_elimination.analyse(
+        size, starts, rows
+    )
+    filled = pattern.copy()
+    for k in range(size):
+        filled[k + 1 :, k + 1 :] |= np.outer(filled[k + 1 :, k], filled[k, k + 1 :])
+    for j in range(size):
+        upper = upper_rows[upper_starts[j] : upper_starts[j + 1]]
+        lower = lower_rows[lower_starts[j] : lower_starts[j + 1]]
+        np.testing.assert_array_equal(upper, np.flatnonzero(filled[:j, j]))
+        np.testing.assert_array_equal(lower, j + 1 + np.flatnonzero(filled[j + 1 :, j]))
+
+
+@pytest.mark.parametrize("name", ["andrews", "chain", "slider-crank"])
+@pytest.mark.parametrize("form", ["u-lambda", "u-v-lambda", "v-a-lambda"])
+def test_multipliers_wait_for_their_coordinates(name, form):
+    """Each row and unknown comes once; a multiplier after all coordinates of its constraint."""
+    subject = subject_of(name)
+    system = StaticSystem(subject, scheme_of(form, "none", 1e-3))
+    rows, columns = system.elimination.order
+    for side in (rows, columns):
+        np.testing.assert_array_equal(np.sort(side), np.arange(system.elimination.size))
+    fields = len(FORMS[form].kept)
+    place = np.argsort(columns)
+    for i, k in zip(subject.pattern.g_rows, subject.pattern.g_columns, strict=True):
+        moments = [place[field * subject.n + i] for field in range(fields)]
+        assert place[fields * subject.n + k] > max(moments)
+        assert max(moments) == moments[-1]
+
+
+def test_transposed_systems_are_solved():
+    """Factors solve Aᵀ x = b too, as condition numbers need it."""
+    subject = subject_of("chain")
+    system = StaticSystem(subject, scheme_of("u-v-lambda", "optimal", 1e-3))
+    values = subject.values(0.0, subject.u0, subject.v0, np.ones(subject.m))
+    factors = system.elimination.factors(values)
+    assert isinstance(factors, Factors)
+    matrix = system.matrix(values).toarray()
+    rhs = np.random.default_rng(2).normal(size=len(matrix))
+    for solved, of in ((factors.solve, matrix), (factors.solve_transposed, matrix.T)):
+        np.testing.assert_allclose(solved(rhs), np.linalg.solve(of, rhs), rtol=1e-9, atol=1e-12)
+
+
+def test_condition_numbers_reuse_the_factors():
+    """Estimated in the 1-norm: at most the condition number, at least a third of it."""
+    subject = Sized("random-chain", (("links", 120),)).load()
+    scheme = scheme_of("u-lambda", "none", 1e-3)
+    system, state = StaticSystem(subject, scheme), start(subject)
+    found = system.balanced(0.0, state).condition()
+    values = subject.values(0.0, state.fields[0], state.fields[1], state.multipliers)
+    true = np.linalg.cond(system.matrix(values).toarray(), 1)
+    assert true / 3 < found < true * (1 + 1e-6)
+    assert found == pytest.approx(SparseSystem(subject, scheme).balanced(0.0, state).condition())
+
+
+# -- what it refuses --------------------------------------------------------------------------
+
+#: Two links upside down under a weight that makes X outweigh M/(βh²).
+TOPPLING = {
+    "title": "Two links upside down",
+    "points": {
+        "O": {"fixed": [0, 0]},
+        "A": {"at": [0, 1], "velocity": [1e-4, 0], "mass": 1},
+        "B": {"at": [0, 2], "velocity": [-1e-4, 0], "mass": 1},
+    },
+    "bars": {
+        "one": {"from": "O", "to": "A", "length": 1},
+        "two": {"from": "A", "to": "B", "length": 1},
+    },
+    "gravity": [0, -1e4],
+}
+
+
+@pytest.fixture
+def toppling(tmp_path):
+    """The mechanism from its file."""
+    file = tmp_path / "toppling.yaml"
+    file.write_text(yaml.safe_dump(TOPPLING), encoding="utf-8")
+    return planar.load(file, "toppling")
+
+
+@pytest.mark.parametrize("h", [0.02, 0.03])
+@pytest.mark.parametrize("form", ["u-lambda", "a-lambda", "u-v-a-lambda"])
+def test_what_needs_pivoting_is_pivoted(toppling, form, h):
+    """Where X makes pivots vanish or negative, the march is that of partial pivoting.
+
+    At h = 0.02 the weight of B cancels 4 m/h² but for rounding.
+    """
+    scheme = scheme_of(form, "optimal", h)
+    static, dense = (March(toppling, scheme, solver) for solver in (STATIC, DENSE))
+    stretch = static.advance(6)
+    dense.advance(6)
+    assert stretch.pivoted >= 5
+    for ours, theirs in zip(static.state.fields, dense.state.fields, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
+
+
+def test_a_small_step_needs_no_pivoting(toppling):
+    """M/(βh²) outweighs the same X: nothing is left to partial pivoting."""
+    assert March(toppling, scheme_of("u-lambda", "none", 1e-4), STATIC).advance(200).pivoted == 0
+
+
+def test_halts_do_not_change_a_march(toppling):
+    """Whole or in pieces it takes the same steps, counts and records the same."""
+    scheme = scheme_of("u-lambda", "optimal", 0.02)
+    whole, pieces = March(toppling, scheme, STATIC), March(toppling, scheme, STATIC)
+    looks = [1, 3, 4, 8]
+    one = whole.advance(8, looks)
+    parts = [pieces.advance(3, [1, 3]), pieces.advance(1, [4]), pieces.advance(4, [8])]
+    np.testing.assert_array_equal(one.norms, np.concatenate([part.norms for part in parts]))
+    np.testing.assert_array_equal(
+        one.record.fields, np.concatenate([part.record.fields for part in parts])
+    )
+    assert one.pivoted == sum(part.pivoted for part in parts) > 0
+    for ours, theirs in zip(whole.state, pieces.state, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_large_matrices_are_pivoted_step_by_step(monkeypatch):
+    """Too large for a dense matrix, a step that is refused is that of the sparse march."""
+    subject = Sized("random-chain", (("links", 120),)).load()
+    scheme = scheme_of("u-lambda", "optimal", 1e-3)
+    static, sparse = (March(subject, scheme, solver) for solver in (STATIC, SPARSE))
+    refused = iter([True, False, True, True] + [False] * 100)
+    engine = static._compiled
+
+    def moody(*arguments, march=compiled_march.kernel.march):
+        # As if the first step of some calls had been refused.
+        return (PIVOTING, 0) if next(refused) else march(*arguments)
+
+    monkeypatch.setattr(compiled_march.kernel, "march", moody)
+    stretch = static.advance(6, [2, 3, 6])
+    monkeypatch.undo()
+    expected = sparse.advance(6, [2, 3, 6])
+    assert engine.pivoted == stretch.pivoted == 1
+    np.testing.assert_allclose(
+        stretch.record.fields[:, 0], expected.record.fields[:, 0], rtol=0, atol=1e-11
+    )
+    assert np.all(stretch.iterations > 0)
+
+
+def test_pivoted_steps_are_in_the_provenance(cli, tmp_path):
+    """A study says of every cell how many steps were left to partial pivoting."""
+    (tmp_path / "toppling.yaml").write_text(yaml.safe_dump(TOPPLING), encoding="utf-8")
+    study = {
+        "study": "upside-down",
+        "problem": "toppling.yaml",
+        "form": "u-lambda",
+        "preconditioning": "optimal",
+        "linear_solver": [STATIC, DENSE],
+        "h": [0.02, 1e-4],
+        "steps": 6,
+    }
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(study), encoding="utf-8")
+    cli("run", "study.yaml", "--results", "out")
+    cells = json.loads((tmp_path / "out/upside-down.json").read_text(encoding="utf-8"))["cells"]
+    counts = {(cell["linear_solver"], cell["h"]): cell.get("pivoted_steps") for cell in cells}
+    assert len(counts) == 4
+    assert {float(h) for (_, h), count in counts.items() if count} == {0.02}
+    assert {solver for (solver, _), count in counts.items() if count} == {STATIC}
+    assert max(count or 0 for count in counts.values()) >= 5
+
+
+# -- which one is taken -----------------------------------------------------------------------
+
+
+def test_auto_takes_it_where_a_scaling_is_hidden_anyway():
+    """Beyond dense matrices, of index 3 and compiled functions."""
+    form = FORMS["u-lambda"]
+    small, large = (Sized("chain", (("links", links),)).load() for links in (100, 101))
+    assert choose(AUTO, small, form) == DENSE
+    assert choose(AUTO, large, form) == STATIC
+    assert choose(AUTO, large, form, formulated=True) == SPARSE
+
+
+def test_what_it_cannot_solve_is_refused():
+    """Formulations, projections and plain Python, in one line each."""
+    for how in ({"formulation": "index-2"}, {"projection": "velocity"}):
+        with pytest.raises(InputError, match="static-lu solves index 3 without a projection"):
+            newmark.march("pendulum", h=1e-2, steps=1, linear_solver=STATIC, **how)
+    with pytest.raises(InputError, match="float32 needs linear_solver 'dense-lu'"):
+        newmark.march("pendulum", h=1e-2, steps=1, linear_solver=STATIC, precision="float32")
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"formulation": "ggl"}, "solves index 3 without a projection only"),
+        ({"projection": "velocity"}, "solves index 3 without a projection only"),
+        ({"precision": "float32"}, "float32 needs dense-lu"),
+        ({"linear_solver": [AUTO, STATIC]}, "auto stands for dense-lu, static-lu or sparse-lu"),
+    ],
+)
+def test_studies_that_it_cannot_solve_are_refused(cli, tmp_path, keys, message):
+    """One line that names file, line and key, and exit code 2."""
+    study = {
+        "study": "wrong", "problem": "pendulum", "form": "u-lambda", "preconditioning": "none",
+        "h": 1e-3, "steps": 5, "linear_solver": STATIC,
+    }  # fmt: skip
+    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(study | keys), encoding="utf-8")
+    line = cli.refused("validate", "wrong.yaml")
+    assert line.startswith("newmark-study: wrong.yaml, line")
+    assert message in line
+
+
+# -- code made for a pattern ------------------------------------------------------------------
+
+
+def test_code_of_a_pattern_is_made_once():
+    """Step size and scaling are no part of it; another form is."""
+    tables = [
+        StaticSystem(problem("andrews"), scheme_of(form, variant, h)).elimination.tables
+        for form, variant, h in (
+            ("u-lambda", "none", 1e-3), ("u-lambda", "optimal", 1e-6), ("v-a-lambda", "none", 1e-3)
+        )
+    ]  # fmt: skip
+    first, same, other = (int(each.room[static_elimination.ADDRESS]) for each in tables)
+    assert first == same != other
+    assert first != 0
+
+
+def test_large_patterns_are_not_written_out():
+    """They go through lists, and no code is made."""
+    system = StaticSystem(Sized("chain", (("links", 60),)).load(), scheme_of("u-lambda", "none", 1))
+    assert system.elimination.operations > generated.OPERATIONS_AT_MOST
+    assert system.elimination.solve is static_elimination.solve_in_order
+    assert system.elimination.tables.room[static_elimination.ADDRESS] == 0
+
+
+def test_states_that_are_not_finite_end_as_with_pivoting():
+    """A march that overflows has diverged, whoever eliminates."""
+    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 1e-2)
+    for solver in (STATIC, DENSE):
+        march_ = March(subject, scheme, solver)
+        march_.state.past[1] = 1e200
+        with np.errstate(all="ignore"):
+            march_.advance(3)
+        assert (march_.ending, march_.done) == (2, 0)
+
+
+def test_an_engine_is_reused():
+    """Its tables hold nothing of a state: two marches do not disturb each other."""
+    subject, scheme = problem("andrews"), scheme_of("u-lambda", "optimal", 1e-4)
+    engine = compiled_march.Engine(subject, scheme, StaticSystem(subject, scheme))
+    first = initial_state(subject, scheme)
+    second = copy(first)
+    norms = np.zeros((5, 2)), np.zeros(5, np.int64)
+    engine.march(first, 0, *norms)
+    before = copy(first)
+    engine.march(second, 0, *norms)
+    for ours, theirs in zip(before, second, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    march(compiled_march, subject, scheme, second, 5, 1)
