@@ -100,11 +100,11 @@ def test_solvers_side_by_side(tmp_path):
 
 
 def test_size_decides_the_solver(tmp_path):
-    """`auto` is dense for small problems, sparse for large ones; dense has its limit."""
+    """`auto` is dense for small problems, static elimination for large ones; dense has its limit."""
     text = QUICK.replace("pendulum", "[{chain: {links: 100}}, {chain: {links: 101}}]")
     assert {c.problem.label: c.solver for c in load(tmp_path, text).cells()} == {
         "chain(links=100)": "dense-lu",
-        "chain(links=101)": "sparse-lu",
+        "chain(links=101)": "static-lu",
     }
     text = QUICK.replace("pendulum", "{chain: {links: 7000}}") + "linear_solver: dense-lu\n"
     with pytest.raises(InputError, match="21000 unknowns, at most 20000"):
@@ -195,7 +195,7 @@ MISTAKES = [
         "t_end: 1.0",
         "t_end: 1\nlinear_solver: [dense-lu, auto]",
         7,
-        "dense-lu or sparse-lu, which is then given twice",
+        "dense-lu, static-lu or sparse-lu, which is then given twice",
     ),
     (
         "[none, optimal]",
