@@ -100,7 +100,7 @@ def test_solvers_side_by_side(tmp_path):
 
 
 def test_size_decides_the_solver(tmp_path):
-    """`auto` is dense for small problems, static elimination for large ones; dense has its limit."""
+    """`auto` is dense for small problems, static for large ones; dense has its limit."""
     text = QUICK.replace("pendulum", "[{chain: {links: 100}}, {chain: {links: 101}}]")
     assert {c.problem.label: c.solver for c in load(tmp_path, text).cells()} == {
         "chain(links=100)": "dense-lu",

@@ -19,6 +19,7 @@ from newmark_cli.newmark.march_data import (
     recording,
 )
 from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.static_elimination import solve_in_order
 from newmark_cli.problems.problem import Problem
 
 
@@ -46,13 +47,10 @@ class Engine:
         constraining = constraining or constraining_of(problem, scheme)
         self._extra = constraining.tables() if constraining else None
         self._derive = problem.derivatives if constraining else None
-        self._solve, self._matrix = kernel.solve_pivoting, None
-        if static is None or static.dense:
-            self._matrix = self._dense = dense_tables(problem, scheme)
-        if static:
-            self._solve, self._matrix = static.elimination.solve, static.elimination.tables
-            if not static.dense:
-                self._dense = no_tables(scheme)
+        small = static is None or static.dense
+        self._dense = dense_tables(problem, scheme) if small else no_tables(scheme)
+        self._static = static.elimination.tables if static else no_tables(scheme)
+        self._solve = static.elimination.solve if static else solve_in_order
         dtype, pattern = scheme.dtype, problem.pattern
         self._tables = ProblemTables(
             problem.ints,
@@ -119,10 +117,9 @@ class Engine:
             self.problem.function,
             self._derive,
             self._solve,
-            kernel.solve_pivoting,
             self._tables,
             scheme.tables,
-            self._matrix,
+            self._static,
             self._dense,
             self._extra,
             state,

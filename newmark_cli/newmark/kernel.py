@@ -198,7 +198,12 @@ def _allocate_system(size, like):
 def _collect_history(problem, tables, past, history):
     """Set what the past (P, n) adds to the fields and to rows D, V and K."""
     for f in range(3):
-        if not _contains(tables.kept, f):
+        eliminated = True
+        # Not _contains(): a call would count references to all tables in every step.
+        for k in range(tables.kept.shape[0]):
+            if tables.kept[k] == f:
+                eliminated = False
+        if eliminated:
             for i in range(past.shape[1]):
                 history.fields[f, i] = past[0, i] * tables.past_weights[f, 0]
             for q in range(1, past.shape[0]):
@@ -355,23 +360,6 @@ def solve_in_place(matrix, rhs, columns, values):
         for i in range(k):
             rhs[i] -= matrix[i, k] * solved
     return True
-
-
-@_compile
-def solve_pivoting(
-    sources, rhs, constant, places, origins, coefficients, structure, room, work
-):  # fmt: skip
-    """Solve D_L J D_R q̄ = −D_L b with partial pivoting; of `solve_type`.
-
-    The matrix is dense: places count its entries row by row, ``room`` (N,) and ``work``
-    (N² + N,) are work space.
-    """
-    size = rhs.shape[0]
-    entries = work[: size * size]
-    _assemble(sources, constant, places, origins, coefficients, entries)
-    if solve_in_place(entries.reshape(size, size), rhs, room, work[size * size :]):
-        return COMPLETED
-    return SINGULAR
 
 
 @_inline
@@ -810,8 +798,8 @@ def _keep(state, record, place):
 
 
 def _march(
-    evaluate, derive, solve, instead, problem, tables, matrix, dense, extra, state,
-    compensated, t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
+    evaluate, derive, solve, problem, tables, static, dense, extra, state, compensated,
+    t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
     pivoted, record,
 ):  # fmt: skip
     """The march as numba compiles it; see `march`.
@@ -828,11 +816,15 @@ def _march(
     u, v, ints, reals = fields[0], fields[1], problem.ints, problem.reals
     force, phi, x, y, g = values
     moving, shift, g_old = iterate.moving, iterate.shift, iterate.g_old
-    constant, places, origins, coefficients, structure, room, scratch = matrix
+    constant, places, origins, coefficients = dense[:4]
+    of_static, static_places, static_origins, static_coefficients = static[:4]
+    structure, room, scratch = static[4:]
+    eliminating, pivoting = structure.shape[0] > 0, constant.shape[0] > 0
+    system = _allocate_system(rhs.shape[0] if pivoting else 0, rhs)
+    dense_matrix, entries, columns, row = system
     kept, keeping = 0, record.steps
     if extra is not None:
         work = _allocate_constraining(problem, tables, state, extra, norms.shape[1])
-        system = _allocate_system(rhs.shape[0], rhs)
         rate, curvature, r, r_old, q = work.rate, work.curvature, work.r, work.r_old, work.q
         accelerations, shifted, p = fields[3], work.shifted, tables.kept.shape[0]
         rated = extra.differentiated != 0 or extra.level > 0
@@ -866,15 +858,19 @@ def _march(
                         state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
                     )
                 _assemble_residual(problem, tables, history, moving, values, rhs)
-                ending = solve(
-                    sources, rhs, constant, places, origins, coefficients, structure, room, scratch
-                )
-                if ending == PIVOTING and dense.room.shape[0] > 0:
-                    pivoted[s] = 1
-                    ending = instead(
-                        sources, rhs, dense.constant, dense.places, dense.origins,
-                        dense.coefficients, dense.structure, dense.room, dense.work,
+                ending = PIVOTING
+                if eliminating:
+                    ending = solve(
+                        sources, rhs, of_static, static_places, static_origins,
+                        static_coefficients, structure, room, scratch,
                     )  # fmt: skip
+                    if ending == PIVOTING:
+                        pivoted[s] = 1
+                if ending == PIVOTING and pivoting:
+                    _assemble(sources, constant, places, origins, coefficients, entries)
+                    ending = SINGULAR
+                    if solve_in_place(dense_matrix, rhs, columns, row):
+                        ending = COMPLETED
                 if ending != COMPLETED:
                     for k in range(m):
                         multipliers[k] = before_step[k]
@@ -1040,8 +1036,8 @@ def is_compiled(dtype, formulated):
 
 
 def march(
-    evaluate, derive, solve, instead, problem, tables, matrix, dense, extra, state,
-    compensated, t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
+    evaluate, derive, solve, problem, tables, static, dense, extra, state, compensated,
+    t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
     pivoted, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
@@ -1053,13 +1049,13 @@ def march(
         evaluate: Compiled function of the problem, of :func:`evaluate_type`.
         derive: Compiled derivatives of its constraints, of :func:`derivatives_type`;
             None without a formulation.
-        solve: Compiled solver of its linear systems, of :func:`solve_type`; not used with a
-            formulation, whose matrix is dense and solved with partial pivoting.
-        instead: Another of them, which exchanges rows, for what the first one refuses.
-        problem, tables, matrix, state: See the classes; ``state`` is overwritten.  The
-            type of its numbers is the march's.
-        dense: What ``instead`` is handed; without room for it the march ends where it
-            would be needed.
+        solve: Compiled static elimination, of :func:`solve_type`.
+        problem, tables, state: See the classes; ``state`` is overwritten.  The type of its
+            numbers is the march's.
+        static: What ``solve`` is handed; empty where every system is solved with partial
+            pivoting, as with a formulation.
+        dense: The dense matrix of what is solved with partial pivoting; without it the
+            march ends where it would be needed.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
         compensated: Whether the tables relate increments; needs constraints that
             are quadratic in u and do not depend on time.
@@ -1077,7 +1073,7 @@ def march(
             those of the eliminated fields behind them.
         iterations: (steps,) overwritten with the corrections computed; negative
             where the step ended above ``settled_below``, or above the tolerance.
-        pivoted: (steps,) set to 1 where ``instead`` was needed.
+        pivoted: (steps,) set to 1 where static elimination refused a matrix.
         record: Overwritten with the states after the steps that it names.
 
     Returns:
@@ -1086,7 +1082,7 @@ def march(
     """
     dtype, formulated = state.fields.dtype, extra is not None
     arguments = (
-        problem, tables, matrix, dense, extra, state, compensated, float(t_start), float(h),
+        problem, tables, static, dense, extra, state, compensated, float(t_start), float(h),
         first, cap, float(settled_below), float(absolute), float(relative), norms, iterations,
         pivoted, record,
     )  # fmt: skip
@@ -1096,7 +1092,6 @@ def march(
                 evaluate_type(dtype),
                 derivatives_type(dtype) if formulated else types.none,
                 solve_type(dtype),
-                solve_type(dtype),
             )
             made = _compile(_march)
             made.compile((*functions, *(typeof(a) for a in arguments)))
@@ -1104,4 +1099,4 @@ def march(
             # one function, in every process.
             made.disable_compile()
             _compiled[dtype, formulated] = made
-    return _compiled[dtype, formulated](evaluate, derive, solve, instead, *arguments)
+    return _compiled[dtype, formulated](evaluate, derive, solve, *arguments)

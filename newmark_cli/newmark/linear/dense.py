@@ -82,29 +82,28 @@ def dense_lu(matrix: Array, rhs: Array) -> Array:
 
 
 def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
-    """D_L J D_R as `newmark_cli.newmark.kernel.solve_pivoting` reads it.
+    """D_L J D_R as the kernel assembles it; places count its entries row by row.
 
-    Of a formulation beside index 3 it has the constants, X and Y, and no room to solve.
+    Of a formulation it has the constants, X and Y.
     """
     dtype, size = scheme.dtype, assembly.unknowns(problem, scheme)
     fixed = assembly.constants(problem, scheme)
     sums = (assembly.of_motion if scheme.formulated else assembly.of_index_3)(problem, scheme)
     constant = np.zeros(size * size, dtype)
     np.add.at(constant, fixed.rows * size + fixed.columns, fixed.values)
-    room = 0 if scheme.formulated else size
     return MatrixTables(
         constant=constant,
         places=(sums.rows * size + sums.columns).astype(np.uint32),
         origins=sums.origins.astype(np.uint32),
         coefficients=sums.coefficients,
         structure=np.empty(0, np.uint32),
-        room=np.empty(room, np.uint64),
-        work=np.empty(room * (room + 1), dtype),
+        room=np.empty(0, np.uint64),
+        work=np.empty(0, dtype),
     )
 
 
 def no_tables(scheme: Scheme) -> MatrixTables:
-    """Nothing, for a matrix that is too large to be dense."""
+    """Nothing, for a solver that is not used."""
     no_numbers, nowhere = np.empty(0, scheme.dtype), np.empty(0, np.uint32)
     return MatrixTables(
         no_numbers, nowhere, nowhere, no_numbers, nowhere, np.empty(0, np.uint64), no_numbers
