@@ -91,16 +91,21 @@ def signs() -> Iterator[Mutation]:
             ('"u": identity', '"u": -identity'), ("-relations.u_from_a", "relations.u_from_a"),
             ("terms.G.T", "-terms.G.T"),
         )),
-        (CORE / "kernel.py", "def _fill_constant", "def solve_in_place", engines, (
-            ("+= factor * problem.mass", "-= factor * problem.mass"),
-            ("i] = factor\n", "i] = -factor\n"),
-            ("+= blocks.x_factor", "-= blocks.x_factor"),
-            ("+= blocks.y_factor", "-= blocks.y_factor"),
-            ("+= blocks.gt_factor", "-= blocks.gt_factor"),
-            ("-= blocks.g_factor", "+= blocks.g_factor"),
+        (CORE / "linear/assembly.py", "def constants", "def _sums", engines, (
+            ("factor * mass", "-factor * mass"),
+            ("diagonal = np.full(n, factor", "diagonal = np.full(n, -factor"),
+            ("(pattern.x_rows, k * n + pattern.x_columns, of_x, factor)",
+             "(pattern.x_rows, k * n + pattern.x_columns, of_x, -factor)"),
+            ("(pattern.y_rows, k * n + pattern.y_columns, of_y, factor)",
+             "(pattern.y_rows, k * n + pattern.y_columns, of_y, -factor)"),
+            ("factor = tables.left[row] * weight", "factor = -tables.left[row] * weight"),
+            ("factor = -(tables.left[0]", "factor = (tables.left[0]"),
+        )),
+        (CORE / "kernel.py", "def _assemble_residual", "def solve_in_place", engines, (
+            ("+= coefficients[e] * sources", "-= coefficients[e] * sources"),
             ("values.force[i] - history", "-values.force[i] - history"),
             ("values.force[i] - history", "values.force[i] + history"),
-            ("rhs[blocks.mass_rows[e]] -=", "rhs[blocks.mass_rows[e]] +="),
+            ("rhs[problem.mass_rows[e]] -=", "rhs[problem.mass_rows[e]] +="),
             ("-left[1 + r] * residual", "left[1 + r] * residual"),
             ("-tables.left[1 + extra] * values.phi", "tables.left[1 + extra] * values.phi"),
         )),
@@ -165,6 +170,62 @@ def integrators() -> Iterator[Mutation]:
         )),
     ):  # fmt: skip
         yield from _changes(CORE / "integrator.py", start, "#: Integrators by", tests, changes)
+
+
+def static() -> Iterator[Mutation]:
+    """Static elimination: order, units, analysis, loops, generated code and refusals."""
+    tests = ("tests/test_static.py",)
+    yield from _changes(CORE / "static_elimination.py", "def analyse", "def eliminate", tests, (
+        ("for k in range(least, j)", "for k in range(least, j - 1)"),
+        ("range(j + 1, most + 1)", "range(j + 1, most)"),
+        ("there[lower_rows[e]] = j", "pass"), ("most = max(most, lower_rows[e])", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "static_elimination.py", "def eliminate", "@intrinsic", tests, (
+        ("+= coefficients[e] * sources", "-= coefficients[e] * sources"),
+        ("column[lower_rows[i]] -= lower[i]", "column[lower_rows[i]] += lower[i]"),
+        ("reciprocal > 0 and", "reciprocal != 0 and"), ("and largest <= limit", ""),
+        ("rhs[row_order[j]] * row_units[j]\n    for j in range(size):\n        solved",
+         "rhs[row_order[j]]\n    for j in range(size):\n        solved"),
+        ("solution[lower_rows[e]] -= lower[e] * solved", "pass"),
+        ("= solved * column_units[j]", "= solved"),
+        ("solution[upper_rows[e]] -= upper[e] * solved", "pass"),
+        ("rhs[column_order[j]] * column_units[j]", "rhs[column_order[j]]"),
+        ("value -= upper[e] * solution", "value += upper[e] * solution"),
+        ("value -= lower[e] * solution", "value += lower[e] * solution"),
+        ("= value * row_units[j]", "= value"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/generated.py", "def _module", "return module", tests, (
+        ("build.fadd(before, term)", "build.fsub(before, term)"),
+        ("build.fsub(before, product)", "build.fadd(before, product)"),
+        ("good = build.and_(good, positive)", "pass"),
+        ("build.fmul(value(rhs, row), value(work, j))", "value(rhs, row)"),
+        ("found = build.fmul(solved, value(work, size + j))", "found = solved"),
+        ("build.fmul(solution[j], inverse[j])", "solution[j]"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/static.py", "def units", "return (", tests, (
+        ("np.sign(left[0]", "-np.sign(left[0]"), ("change[2]) * mass", "change[2]) * mass**2"),
+        ("of_constraints / (left[-1]", "-of_constraints / (left[-1]"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/ordering.py", "def _least_work", "return np.array", tests, (
+        ("wait(highest + i, fields * n + k)", "pass"), ("wait(k * n + i, highest + i)", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/ordering.py", "def _bands", "def _least", tests, (
+        ("np.maximum.at(met", "np.minimum.at(met"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _march", "def is_compiled", tests, (
+        ("multipliers[k] = before_step[k]", "pass"), ("pivoted[s] = 1", "pass"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "compiled_march.py", "def march", "def arguments", tests, (
+        ("one, pivoted[done] = slice(done, done + 1), 1", "one = slice(done, done + 1)"),
+        ("self.pivoted += int", "self.pivoted = int"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "compiled_march.py", "def _after", "def march", tests, (
+        ("record.steps[k:] - done", "record.steps[k:]"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/choice.py", "def choose", "class Stagnation", tests, (
+        ("SPARSE if formulated or not problem.compiled else STATIC", "STATIC"),
+        ("SPARSE if formulated or not problem.compiled else STATIC", "SPARSE"),
+    ))  # fmt: skip
 
 
 def increments() -> Iterator[Mutation]:
@@ -348,7 +409,7 @@ def formulations() -> Iterator[Mutation]:
         ("tangent += weights[1, k]", "tangent -= weights[1, k]"),
         ("tangent += weights[2, k]", "tangent -= weights[2, k]"),
         ("+= factor * tangent", "-= factor * tangent"),
-        ("-= blocks.g_factor", "+= blocks.g_factor"),
+        ("entries[extra.g_places[e]] -= factor", "entries[extra.g_places[e]] += factor"),
         ("product = extra.penalty *", "product = -extra.penalty *"),
         ("of_dynamics * to_u * val", "-of_dynamics * to_u * val"),
         ("of_dynamics * to_v * val", "-of_dynamics * to_v * val"),
@@ -564,6 +625,7 @@ def main() -> None:
         *weights(),
         *signs(),
         *integrators(),
+        *static(),
         *increments(),
         *rows(),
         *formulations(),
