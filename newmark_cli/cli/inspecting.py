@@ -94,7 +94,8 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    Prints a line for each valid file, and a line for each mistake in the others.
+    Prints a line for each valid file, and a line for each mistake in the others; of a
+    spatial mechanism also its freedoms, what is redundant, and the inertia of each body.
     Exits with 2 if a file is not valid.
 
     \b
@@ -107,7 +108,8 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     code = 0
     for name in files:
         try:
-            screen.line(config.describe(Path(name), name, allow_code))
+            for line in config.describe(Path(name), name, allow_code):
+                screen.line(line)
         except DocumentError as error:
             for mistake in error.mistakes:
                 screen.complain(mistake.text)

@@ -38,7 +38,7 @@ class Family:
     Attributes:
         title: One line.
         size: Its parameters, whole numbers.
-        mechanism: Sizes, by name → data of a `planar.Mechanism`.
+        mechanism: Sizes, by name → data of a mechanism.
     """
 
     title: str
@@ -52,9 +52,9 @@ class Family:
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
-        from newmark_cli.mechanisms import planar
+        from newmark_cli.mechanisms import loading
 
-        return planar.build(name, planar.Mechanism.model_validate(self.mechanism(**sizes)))
+        return loading.made(name, self.mechanism(**sizes))
 
 
 def chain(links: int) -> dict[str, Any]:

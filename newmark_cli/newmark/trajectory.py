@@ -286,9 +286,9 @@ class Trajectory:
         return self._field(field)[:, _place(name, "coordinate", self.coordinate_names)]
 
     def point(self, name: str, field: str = "u") -> Array:
-        """(k, 2) one moving point of a mechanism; see `coordinate`."""
-        place = _place(name, "moving point", self.point_names)
-        return self._field(field)[:, 2 * place : 2 * place + 2]
+        """(k, 2) one moving point of a mechanism, (k, 3) of a spatial one; see `coordinate`."""
+        place, width = _place(name, "moving point", self.point_names), len(self.problem.axes)
+        return self._field(field)[:, width * place : width * place + width]
 
     def constraint(self, name: str) -> Array:
         """(k,) multiplier of one constraint.

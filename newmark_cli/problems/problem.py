@@ -98,7 +98,8 @@ class Problem:
         pattern: Places of the values.
         mass_values: Values of M.
         drawing: What a figure of the problem is drawn from, if it has one.
-        points: Moving points of a mechanism, two coordinates each.
+        points: Moving points of a mechanism, and what else has a coordinate on each axis.
+        axes: Names of the coordinates of each of ``points``.
         compiled: Whether ``function`` is compiled, as the kernel needs it.
         quadratic: Whether Φ is at most quadratic in u and does not depend on time,
             so that its increments are exact; see `newmark_cli.newmark.scheme`.
@@ -140,6 +141,7 @@ class Problem:
     mass_values: Array
     drawing: Any = None
     points: tuple[str, ...] = ()
+    axes: str = "xy"
     compiled: bool = True
     quadratic: bool = False
     single: bool = False
@@ -170,7 +172,7 @@ class Problem:
         in Python does not name them.
         """
         if self.points:
-            return tuple(f"{point}.{axis}" for point in self.points for axis in "xy")
+            return tuple(f"{point}.{axis}" for point in self.points for axis in self.axes)
         return tuple(self.coordinates_given) or _numbered(self.n)
 
     @cached_property
@@ -260,7 +262,9 @@ class Problem:
 
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
-        return self.points[coordinate // 2] if self.points else f"coordinate {coordinate + 1}"
+        if not self.points:
+            return f"coordinate {coordinate + 1}"
+        return self.points[coordinate // len(self.axes)]
 
     @cached_property
     def content(self) -> str:

@@ -622,8 +622,8 @@ class _OneProblem(StrictModel):
     problem: Annotated[Any, BeforeValidator(problem_of)]
 
 
-def describe(path: Path, name: str, allow_code: bool) -> str:
-    """What a valid config or mechanism file holds, in one line.
+def describe(path: Path, name: str, allow_code: bool) -> list[str]:
+    """What a valid config or mechanism file holds, in one line; in more of a spatial one.
 
     Args:
         path: The file.
@@ -634,10 +634,16 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
         DocumentError: For every mistake.
     """
     document = documents.read(path, name)
-    if isinstance(document.data, dict) and "points" in document.data:
-        from newmark_cli.mechanisms import planar
+    if isinstance(document.data, dict) and not document.data.keys().isdisjoint(
+        ("points", "bodies", "dimensions")
+    ):
+        from newmark_cli.mechanisms import loading
 
-        problem = planar.built(name, document)
-        return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
+        problem = loading.built(name, document)
+        if loading.is_spatial(document.data):
+            from newmark_cli.mechanisms import spatial_summary
+
+            return spatial_summary.lines(name, problem)
+        return [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"]
     study = parse(document, Surroundings(path.parent, allow_code))
-    return f"{name}: study {study.study}, {study.count} cells"
+    return [f"{name}: study {study.study}, {study.count} cells"]
