@@ -13,7 +13,7 @@ from mpmath import mp
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms import elements, planar
+from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
@@ -30,7 +30,7 @@ def complex_terms(subject, u, v, multipliers, t=0.0):
     """f + Gλ and Φ for complex coordinates, from the uncompiled element loop."""
     pattern = subject.pattern
     force, phi = np.zeros(subject.n, complex), np.zeros(subject.m, complex)
-    elements.evaluate.py_func(
+    subject.function.py_func(
         t, u, v, multipliers, subject.ints, subject.reals, force, phi,
         np.zeros(len(pattern.x_rows), complex), np.zeros(len(pattern.y_rows), complex),
         np.zeros(len(pattern.g_rows), complex),

@@ -215,9 +215,9 @@ def draw(
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(["config", "mechanism"]), default="config")
+@click.argument("kind", type=click.Choice(["config", "mechanism", "spatial"]), default="config")
 def schema(kind: str) -> int:
-    """Print the JSON Schema of configs or of mechanism files.
+    """Print the JSON Schema of configs, or of planar or spatial mechanism files.
 
     Editors complete and check such files with it.
 

@@ -29,6 +29,10 @@ def load(path: Path, name: str, spelled: str | None = None) -> Problem:
 
 def built(name: str, document: Document) -> Problem:
     """Problem from a mechanism file that was read; raises DocumentError as `load` does."""
+    if isinstance(document.data, dict):
+        given = document.data.get("dimensions", 2)
+        if isinstance(given, bool) or given not in (2, 3):
+            raise document.error(("dimensions",), f"must be 2 or 3, given {given!r:.40}")
     # Either room is large, and one of them is enough.
     if is_spatial(document.data):
         from newmark_cli.mechanisms import spatial

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -68,6 +68,8 @@ Length = Annotated[
 
 def _two_numbers(value: Any, info: ValidationInfo) -> Any:
     documents.require_brackets(value, info)
+    if isinstance(value, list | tuple) and len(value) == 3:
+        raise ValueError("must have two components, given three; is 'dimensions: 3' missing?")
     return value
 
 
@@ -234,6 +236,7 @@ class Mechanism(StrictModel):
     title: str = Field("", description="heads drawings")
     description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
+    dimensions: Literal[2] = Field(2, description="2: the mechanism is planar")
     points: Annotated[dict[str, Point], also(not_=_ALL_FIXED)] = Field(
         description="fixed points, and moving ones, whose coordinates are the unknowns"
     )

@@ -7,7 +7,7 @@ coordinates, a constant mass matrix, and constraints that are at most quadratic.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from newmark_cli.mechanisms.spatial_model import (
     SpatialMechanism,
     unit,
 )
+from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.problem import Pattern, Problem
 from newmark_cli.spelling import nearest
 
@@ -41,34 +42,6 @@ _INTERNAL = ("d1·d1", "d2·d2", "d3·d3", "d1·d2", "d1·d3", "d2·d3")
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """What a joint has on one of its bodies.
-
-    Attributes:
-        body: Number of the body; −1 for the ground.
-        point: (3,) its point, in body axes.
-        vectors: Its directions by the name that `joints` gives them, in body axes.
-    """
-
-    body: int
-    point: Array
-    vectors: Mapping[str, Array] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Connection:
-    """A joint as it was built.
-
-    Attributes:
-        kind: One of `JOINTS`.
-        sides: On the bodies that it goes from and to.
-    """
-
-    kind: str
-    sides: tuple[Side, Side]
-
-
-@dataclass(frozen=True, eq=False)
 class SpatialModel:
     """What drawings and outputs must know of a spatial mechanism.
 
@@ -77,7 +50,6 @@ class SpatialModel:
         bodies: Names, in the order of the coordinates.
         joints: By name.
         points: Points of the ground and of bodies, by name.
-        rows: (m,) joint of each constraint, and its row; empty for those of bodies.
         released: Rows that were dropped because they are redundant.
         shared: Joints whose reactions are not unique, because they depend on what is dropped.
         freedom: Degrees of freedom at the start.
@@ -89,7 +61,6 @@ class SpatialModel:
     bodies: tuple[str, ...]
     joints: Mapping[str, Connection]
     points: Mapping[str, Side]
-    rows: Sequence[tuple[str, str]]
     released: tuple[str, ...] = ()
     shared: frozenset[str] = frozenset()
     freedom: int = 0
@@ -100,6 +71,11 @@ class SpatialModel:
     def title(self) -> str:
         """Heads drawings."""
         return self.mechanism.title
+
+    @property
+    def description(self) -> str:
+        """What it is and how it moves, in one line."""
+        return self.mechanism.description
 
 
 #: Constant part, and (place of a vector in u, weight) pairs.
@@ -218,7 +194,6 @@ class Builder:
                 tuple(self._numbers),
                 self.joints,
                 self._points,
-                tuple(self.owners[row] for row in kept),
                 tuple(".".join(self.rows[row]) for row in sorted(released)),
                 **known,
             ),
@@ -228,6 +203,9 @@ class Builder:
             single=True,
             potential=elements.potential if mechanism.conservative else None,
             constraints_given=tuple(self.rows[row] for row in kept),
+            outputs=SpatialOutputs(
+                tuple(self._numbers), self.joints, tuple(self.owners[row] for row in kept)
+            ),
         )
 
     def rates(self) -> Iterator[tuple[KeyPath, Array, float]]:
@@ -280,14 +258,14 @@ class Builder:
             message = "'ground' is what bodies stand on; give this body another name"
             self._mistakes.note(self.document.error(("bodies", GROUND), message))
         for name, point in mechanism.points.items():
-            self._points[name] = Side(-1, np.array(point.fixed))
+            self._points[name] = Side(-1, np.array(point.fixed), {})
         for name, on_body in mechanism.body_points.items():
             with self._checked():
                 if name in mechanism.points:
                     message = f"there is a point {name} of the ground, too"
                     raise self.document.error(("body_points", name), message)
                 body = self._body(on_body.on, ("body_points", name, "on"))
-                self._points[name] = Side(body, np.array(on_body.at))
+                self._points[name] = Side(body, np.array(on_body.at), {})
         self._loads = np.zeros((4 * len(self._numbers), 3))
         self._mass = self._masses()
         for name, body in self._numbers.items():
@@ -417,7 +395,7 @@ class Builder:
     def _of_body(self, name: str, path: KeyPath) -> Side:
         """A point of a body, or the origin of one."""
         if name in self._numbers and name not in self._points:
-            return Side(self._numbers[name], np.zeros(3))
+            return Side(self._numbers[name], np.zeros(3), {})
         if name not in self._points and name not in self.mechanism.body_points:
             raise self._unknown("point", name, path, (*self._points, *self._numbers))
         side = self._point(name, path)

@@ -424,9 +424,9 @@ def _fitting_velocities(
     kept = [k for k, row in enumerate(builder.rows) if ".".join(row) in set(_names(problem))]
     wanted[kept] = rate
     speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
-    missed = np.abs(every.T @ v + wanted) / sizes
+    missed = np.abs(every.T @ v + wanted)
     worst: dict[KeyPath, tuple[float, str]] = {}
-    for k in map(int, np.flatnonzero(missed > _VELOCITY_TOLERANCE * speed)):
+    for k in map(int, np.flatnonzero(missed > _VELOCITY_TOLERANCE * speed * sizes)):
         found = (float(missed[k]), builder.rows[k][-1])
         worst[builder.paths[k]] = max(worst.get(builder.paths[k], (0.0, "")), found)
     mistakes = documents.Mistakes()

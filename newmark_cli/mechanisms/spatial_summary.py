@@ -32,11 +32,12 @@ def lines(name: str, problem: Problem) -> list[str]:
     found += [f"  warning: nothing holds {body}: no joint has it" for body in model.loose]
     bodies = model.mechanism.bodies
     for body in list(bodies)[:_MOST_BODIES]:
-        about = _moments(bodies[body].tensor)
-        of_origin = f", about its origin {_moments(about_origin(bodies[body]))}"
-        if not any(bodies[body].centre):
-            of_origin = " and origin"
-        found.append(f"  {body}: inertia about its centre {about}{of_origin}")
+        about, of_origin = map(_moments, (bodies[body].tensor, about_origin(bodies[body])))
+        if any(bodies[body].centre):
+            about = f"its centre {about}, about its origin {of_origin}"
+        else:
+            about = f"its centre and origin {about}"
+        found.append(f"  {body}: inertia about {about}")
     if len(bodies) > _MOST_BODIES:
         found.append(f"  … and {len(bodies) - _MOST_BODIES} more bodies")
     return found

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -80,6 +80,17 @@ class Terms(NamedTuple):
     G: Array
 
 
+class Outputs(Protocol):
+    """What follows from a state besides coordinates and multipliers, by name."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(k,) names; all different."""
+
+    def values(self, problem: "Problem", t: float, u: Array, v: Array, multipliers: Array) -> Array:
+        """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """An index-3 problem whose values come from one function.
@@ -118,6 +129,7 @@ class Problem:
         rates: ``(t, u, v, ints, reals, rate, curvature)`` in plain Python, in place of
             the same results of ``derivatives``, for all that a march does not ask for in
             every iteration; None where these serve.
+        outputs: What else the problem has names for, such as reactions; None without any.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -152,6 +164,7 @@ class Problem:
     constraints_given: Sequence[Sequence[str | int]] = ()
     rows_given: str = "exact"
     rates: Callable[..., None] | None = None
+    outputs: Outputs | None = None
 
     @property
     def n(self) -> int:
