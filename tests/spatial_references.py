@@ -206,7 +206,7 @@ def governor(t):
         return force, of_beta, of_s
 
     def rates(_, state):
-        beta, s, turn, slide = state
+        beta, _, turn, slide = state
         force, of_beta, of_s = strut(*state)
         shrinks = about_shaft(beta + 1e-30j).imag / 1e-30
         weight = (0.3 * 0.5 + 5) * G * np.cos(beta)

@@ -77,7 +77,8 @@ MISTAKES = {
     ),
     "body called ground": (
         "  rod: {pos",
-        "  ground: {position: [5, 0, 0], mass: 1, box: [1, 1, 1]}\n  rod: {pos", 4, "bodies.ground", "give this body another name",
+        "  ground: {position: [5, 0, 0], mass: 1, box: [1, 1, 1]}\n  rod: {pos", 4,
+        "bodies.ground", "give this body another name",
     ),
     "unknown type": ("type: revolute", "type: hinge", 9, "joints.A.type", "must be 'spherical',"),
     "no distance": (
@@ -207,7 +208,10 @@ def test_several_mistakes_are_told_at_once():
 
 def test_planar_file_with_three_components():
     """A vector of three components in a planar file asks for the key that is missing."""
-    text = "points: {O: {fixed: [0, 0, 0]}, P: {at: [1, 0], mass: 1}}\nbars: {b: {from: O, to: P, length: 1}}\n"
+    text = (
+        "points: {O: {fixed: [0, 0, 0]}, P: {at: [1, 0], mass: 1}}\n"
+        "bars: {b: {from: O, to: P, length: 1}}\n"
+    )
     (mistake,) = mistakes(text)
     assert mistake.text.startswith("arm.yaml, line 1: points.O.fixed: ")
     assert "given three; is 'dimensions: 3' missing?" in mistake.text

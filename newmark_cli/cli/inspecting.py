@@ -217,9 +217,10 @@ def draw(
 @click.command()
 @click.argument("kind", type=click.Choice(["config", "mechanism", "spatial"]), default="config")
 def schema(kind: str) -> int:
-    """Print the JSON Schema of configs, or of planar or spatial mechanism files.
+    """Print the JSON Schema of configs or of mechanism files.
 
-    Editors complete and check such files with it.
+    Editors complete and check such files with it.  "mechanism" is the one of planar
+    mechanisms, "spatial" that of spatial ones.
 
     \b
     Example:

@@ -31,7 +31,7 @@ from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import CORRECTED, TOTAL
 from newmark_cli.newmark.integrator import is_trapezoidal
-from newmark_cli.newmark.kept import ENERGY
+from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
@@ -310,7 +310,10 @@ class _Rules(StrictModel):
         width = 0
         for spec in self.problem:
             traits = spec.traits()
-            sizes = {"lambda": traits.m, ENERGY: 1}
+            outputs = traits.sample.outputs
+            # Of a large member of a family as many for each coordinate as of a small one.
+            share = len(outputs.names) / traits.sample.n if outputs else 0
+            sizes = {"lambda": traits.m, ENERGY: 1, OUTPUT: round(share * traits.n)}
             width += 2 + sum(sizes.get(name, traits.n) for name in kept.keep)
         return steps * width * (self.count // (len(self.h) * len(self.problem)))
 
