@@ -31,6 +31,14 @@ class FourBarsSize(StrictModel):
     windows: Size = Field(description="number of four-bar linkages")
 
 
+class SpatialChainSize(StrictModel):
+    """Size of a chain of bodies in space."""
+
+    bodies: Annotated[int, Strict(), Field(ge=1, le=100_000), WHOLE] = Field(
+        description="number of bodies"
+    )
+
+
 @dataclass(frozen=True)
 class Family:
     """Mechanisms that differ in their size.
@@ -140,6 +148,38 @@ def four_bars(windows: int) -> dict[str, Any]:
     }
 
 
+def spatial_chain(bodies: int) -> dict[str, Any]:
+    """A chain of bars on spherical joints that falls in space, released at rest.
+
+    Each bar is a homogeneous box of 1 m and 1 kg; gravity is 1.  They descend as those of
+    `chain` and turn to and fro about the upright, each by 1 rad from the last, so that no two
+    neighbours move in one plane.
+    """
+    data: dict[str, Any] = {}
+    joints: dict[str, Any] = {}
+    x = y = z = 0.0
+    last = "ground"
+    for i in range(1, bodies + 1):
+        heading = 0.5 if i % 2 else -0.5
+        along = (0.8 * math.cos(heading), 0.8 * math.sin(heading), -0.6)
+        name = f"bar{i}"
+        data[name] = {
+            "position": (x + along[0] / 2, y + along[1] / 2, z + along[2] / 2),
+            "axes": {"x": along, "y": (-math.sin(heading), math.cos(heading), 0.0)},
+            "mass": 1.0,
+            "box": (1.0, 0.2, 0.1),
+        }
+        joints[f"joint{i}"] = {"type": "spherical", "from": last, "to": name, "at": (x, y, z)}
+        x, y, z, last = x + along[0], y + along[1], z + along[2], name
+    return {
+        "title": f"Falling chain of {bodies} bars in space",
+        "dimensions": 3,
+        "bodies": data,
+        "joints": joints,
+        "gravity": (0.0, 0.0, -1.0),
+    }
+
+
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
         "chain": Family(
@@ -154,6 +194,9 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             "four-bar linkages side by side, falling through a singular position",
             FourBarsSize,
             four_bars,
+        ),
+        "spatial-chain": Family(
+            "bars on spherical joints, falling in space", SpatialChainSize, spatial_chain
         ),
     }
 )

@@ -166,14 +166,13 @@ class Builder:
 
     # -- what it is asked for ------------------------------------------------------------------
 
-    def problem(self, released: Collection[int] = (), **known: Any) -> Problem:
+    def problem(self, released: Collection[int] = ()) -> Problem:
         """The problem, without some of its constraints.
 
         Args:
             released: Numbers of constraints that are dropped.
-            known: What its `SpatialModel` knows besides.
         """
-        kept = [row for row in range(len(self.rows)) if row not in set(released)]
+        kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         mechanism = self.mechanism
         ints, reals, x, y, g = _tables(self._elements, kept, len(self.rows))
         mass_places, mass_values = self._mass
@@ -195,7 +194,6 @@ class Builder:
                 self.joints,
                 self._points,
                 tuple(".".join(self.rows[row]) for row in sorted(released)),
-                **known,
             ),
             points=tuple(f"{body}.{vector}" for body in self._numbers for vector in _VECTORS),
             axes="xyz",
@@ -723,13 +721,19 @@ class Builder:
         """(n,) velocities: d_i' = ω × d_i."""
         return np.concatenate(
             [
-                np.concatenate([body.velocity, np.cross(body.angular_velocity, frame.T).ravel()])
+                np.concatenate([body.velocity, (frame.T @ _turning_rate(body).T).ravel()])
                 for body, frame in zip(self.mechanism.bodies.values(), self._frames, strict=True)
             ]
         )
 
 
 _VECTORS = ("origin", "d1", "d2", "d3")
+
+
+def _turning_rate(body: Body) -> Array:
+    """(3, 3) matrix of ω ×."""
+    x, y, z = body.angular_velocity
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def mass_of(body: Body) -> Array:

@@ -122,7 +122,8 @@ class Axes(StrictModel):
         """(3, 3) directors as columns."""
         x = unit(self.x)
         y = unit(np.asarray(self.y, float) - (x @ np.asarray(self.y, float)) * x)
-        return np.column_stack([x, y, np.cross(x, y)])
+        (a, b, c), (d, e, f) = x.tolist(), y.tolist()
+        return np.column_stack([x, y, [b * f - c * e, c * d - a * f, a * e - b * d]])
 
 
 def _cosine(first: Any, second: Any) -> str:

@@ -52,14 +52,16 @@ def consistent(builder: "Builder") -> Problem:
     found = _independent(builder, problem)
     u0, v0 = problem.u0, problem.v0
     gradient = _gradient(problem, u0)
-    problem = builder.problem(
-        found.released,
+    if found.released:
+        problem = replace(builder.problem(found.released), u0=u0)
+    known = replace(
+        problem.drawing,
         shared=found.shared,
         freedom=found.freedom,
         mass_rank=_mass_rank(problem),
         loose=_loose(builder),
     )
-    problem = replace(problem, u0=u0)
+    problem = replace(problem, drawing=known)
     _require_inertia(builder, problem)
     return replace(problem, v0=_fitting_velocities(builder, problem, v0, gradient))
 
@@ -176,7 +178,7 @@ def _independent_sparse(
     builder: "Builder", problem: Problem, gradient: scipy.sparse.csc_array, asked: Sequence[int]
 ) -> _Found:
     """The same of a large mechanism: only rows that the file names are dropped."""
-    kept = [k for k in range(problem.m) if k not in set(asked)]
+    kept = np.setdiff1d(np.arange(problem.m), asked)
     part = scipy.sparse.csc_array(gradient[:, kept])
     part = scipy.sparse.csc_array(part / _column_norms(part)[None, :])
     try:
@@ -421,7 +423,8 @@ def _fitting_velocities(
         return _projected(builder, problem, v, gradient, rate)
     sizes = _column_norms(every)
     wanted = np.zeros(every.shape[1])
-    kept = [k for k, row in enumerate(builder.rows) if ".".join(row) in set(_names(problem))]
+    names = set(problem.constraint_names)
+    kept = [k for k, row in enumerate(builder.rows) if ".".join(row) in names]
     wanted[kept] = rate
     speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
     missed = np.abs(every.T @ v + wanted)
@@ -438,10 +441,6 @@ def _fitting_velocities(
         mistakes.note(document.error(path, message))
     mistakes.refuse()
     return v
-
-
-def _names(problem: Problem) -> tuple[str, ...]:
-    return problem.constraint_names
 
 
 def _projected(
