@@ -206,8 +206,8 @@ class Builder:
             ),
         )
 
-    def rates(self) -> Iterator[tuple[KeyPath, Array, float]]:
-        """Key, gradient (n,) at the start, and value of each rate that the file gives.
+    def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
+        """Key, gradient (n,) at a position (n,), and value of each rate that the file gives.
 
         Raises:
             DocumentError: When a joint has no such rate.
@@ -236,7 +236,7 @@ class Builder:
                     path, f"a {joint.kind} joint has two rates; give {{angle: …, distance: …}}"
                 )
             for key, rate in wanted.items():
-                yield path, self._rate_gradient(joint, key), rate
+                yield path, self._rate_gradient(joint, key, u.reshape(-1, 4, 3)), rate
 
     # -- parts ---------------------------------------------------------------------------------
 
@@ -624,27 +624,28 @@ class Builder:
             )
         )
 
-    def _rate_gradient(self, joint: Connection, key: str) -> Array:
-        """(n,) of the angle or the distance of a joint at the start."""
+    def _rate_gradient(self, joint: Connection, key: str, bodies: Array) -> Array:
+        """(n,) of the angle or the distance of a joint, at origins and directors (b, 4, 3)."""
         gradient = np.zeros(PER_BODY * len(self._numbers))
+
+        def push(terms: Sequence[tuple[int, float]], vector: Array) -> None:
+            for place, weight in terms:
+                gradient[place : place + 3] += weight * vector
+
         a, b = joint.sides
         if key == "angle":
-            terms = self._turning(joint)
-            # At the angle 0: sin = 0, cos = 1, g = ∂(q·p_B).
-            first, second = (
-                self._turned(a.body, a.vectors["q"]),
-                self._turned(b.body, b.vectors["p"]),
+            q, p, other = (
+                a.direction("q", bodies),
+                a.direction("p", bodies),
+                b.direction("p", bodies),
             )
-            for place, weight, _ in terms.first:
-                gradient[place : place + 3] += weight * second
-            for place, weight, _ in terms.second:
-                gradient[place : place + 3] += weight * first
-            return gradient
-        axis, apart = self._turned(a.body, a.vectors["n"]), self._place(b) - self._place(a)
-        for place, weight in _direction(a, "n")[1]:
-            gradient[place : place + 3] += weight * apart
-        for place, weight in _minus(_site(b), _site(a))[1]:
-            gradient[place : place + 3] += weight * axis
+            sine, cosine = float(q @ other), float(p @ other)
+            push(_direction(a, "q")[1], cosine * other)
+            push(_direction(a, "p")[1], -sine * other)
+            push(_direction(b, "p")[1], cosine * q - sine * p)
+            return gradient / (sine**2 + cosine**2)
+        push(_direction(a, "n")[1], b.place(bodies) - a.place(bodies))
+        push(_minus(_site(b), _site(a))[1], a.direction("n", bodies))
         return gradient
 
     # -- motions -------------------------------------------------------------------------------

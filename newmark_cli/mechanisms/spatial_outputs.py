@@ -139,6 +139,13 @@ class SpatialOutputs:
                 found += moment.tolist()
         return np.array(found)
 
+    def length(self, u: Array) -> float:
+        """Largest distance of an origin or a joint from their middle (m)."""
+        bodies = u.reshape(-1, 4, 3)
+        places = [side.place(bodies) for joint in self.joints.values() for side in joint.sides]
+        every = np.array([*bodies[:, 0], *places])
+        return float(np.linalg.norm(every - every.mean(axis=0), axis=1).max())
+
     def _pushed(self, problem: Problem, t: float, u: Array, multipliers: Array) -> Array:
         """(joints, 2, 4, 3) force of each joint on the vectors of both of its bodies."""
         pattern = problem.pattern

@@ -452,7 +452,7 @@ def _projected(
 ) -> Array:
     """The velocities nearest to v in the norm of M that fit constraints and rates."""
     n, pattern = problem.n, problem.pattern
-    given = list(builder.rates())
+    given = list(builder.rates(problem.u0))
     rows = scipy.sparse.csc_array(np.array([of_rate for _, of_rate, _ in given]).reshape(-1, n).T)
     every = scipy.sparse.csc_array(scipy.sparse.hstack([gradient, rows]))
     wanted = np.concatenate([-rate, [value for _, _, value in given]])

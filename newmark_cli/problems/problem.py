@@ -90,6 +90,9 @@ class Outputs(Protocol):
     def values(self, problem: "Problem", t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
 
+    def length(self, u: Array) -> float:
+        """A length (m) that forces times are moments to compare with; u is (n,)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

@@ -270,11 +270,13 @@ def _labels(axes: Any, model: SpatialModel, at: Mapping[str, complex], size: flo
             for angle in candidates
         ]
         angle = float(candidates[int(np.argmax(room))])
-        away = 9 * complex(math.cos(angle), math.sin(angle))
-        taken.append(place + 0.05 * size * away / abs(away))
+        away = complex(math.cos(angle), math.sin(angle))
+        taken.append(place + 0.05 * size * away)
+        aside = "left" if away.real > 0.4 else "right" if away.real < -0.4 else "center"
+        far = 5 if aside != "center" else 9
         axes.annotate(
             plain(name), (place.real, place.imag), textcoords="offset points",
-            xytext=(away.real, away.imag), ha="center", va="center", zorder=8, **look,
+            xytext=(far * away.real, far * away.imag), ha=aside, va="center", zorder=8, **look,
         )  # fmt: skip
 
     for name in model.joints:
