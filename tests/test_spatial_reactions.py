@@ -367,3 +367,13 @@ def test_trajectories_have_outputs(cli):
     done = newmark.march("heavy-top", h=1e-4, steps=20, every=10)
     np.testing.assert_array_equal(frame[columns[1]], done.output("top.omega.y"))
     np.testing.assert_array_equal(done.point("top.d2")[0], [0, 1, 0])
+
+
+def test_torsion_spring_that_is_wound_too_far():
+    """Past half a turn the angle would jump: the march ends instead of going wrong."""
+    text = WHEEL.replace("RATE", "9") + "torsion_springs: {k: {on: A, stiffness: 0.1}}\n"
+    done = newmark.march(built(text), h=1e-3, t_end=1.0, integrator=DAMPED)
+    assert done.status == "diverged"
+    assert done.output("A.angle").max() == pytest.approx(np.pi - 0.05, abs=0.01)
+    gentle = newmark.march(built(text.replace("0, 9]", "0, 1]")), h=1e-3, t_end=9.0, every=0)
+    assert gentle.status == "ok"
