@@ -332,7 +332,11 @@ bars:
              "  two: {from: B, to: D, length: 2.23606797749979}\n"),
             11, "redundant: these constraints depend on each other: bars.one, bars.two",
         ),
-        (("mass", "C: {at: [2, 1], mass: 1}", "C: {at: [2, 1]}"), 4, "carries no mass"),
+        (
+            ("mass", "C: {at: [2, 1], mass: 1}\n  D: {at: [0, 1], mass: 1}",
+             "C: {at: [2, 1]}\n  D: {at: [0, 1], mass: 1}\n  E: {at: [1, 1]}"),
+            6, "E carries no mass",
+        ),
         (
             ("velocity", "D: {at: [0, 1], mass: 1}", "D: {at: [0, 1], mass: 1, velocity: [0, 1]}"),
             7, "initial velocities violate this constraint by",

@@ -373,7 +373,7 @@ def test_torsion_spring_that_is_wound_too_far():
     """Past half a turn the angle would jump: the march ends instead of going wrong."""
     text = WHEEL.replace("RATE", "9") + "torsion_springs: {k: {on: A, stiffness: 0.1}}\n"
     done = newmark.march(built(text), h=1e-3, t_end=1.0, integrator=DAMPED)
-    assert done.status == "diverged"
+    assert done.status in ("diverged", "singular")
     assert done.output("A.angle").max() == pytest.approx(np.pi - 0.05, abs=0.01)
     gentle = newmark.march(built(text.replace("0, 9]", "0, 1]")), h=1e-3, t_end=9.0, every=0)
     assert gentle.status == "ok"

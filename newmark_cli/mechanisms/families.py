@@ -34,9 +34,7 @@ class FourBarsSize(StrictModel):
 class SpatialChainSize(StrictModel):
     """Size of a chain of bodies in space."""
 
-    bodies: Annotated[int, Strict(), Field(ge=1, le=100_000), WHOLE] = Field(
-        description="number of bodies"
-    )
+    bodies: Size = Field(description="number of bodies")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import scipy.sparse.linalg
 from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import KeyPath
+from newmark_cli.problems import index_1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
 
@@ -358,17 +359,9 @@ def _require_inertia(builder: "Builder", problem: Problem) -> None:
             message = "something can move that has no inertia; the accelerations are undetermined"
             raise builder.document.error(("bodies",), message)
         return
-    free = _null_space(np.asarray(gradient.toarray()).T, _RANK_TOLERANCE)
-    if not free.shape[1]:
-        return
-    inertia = free.T @ problem.M @ free
-    sizes = np.sqrt(np.diag(inertia))
-    scale = np.where(sizes > _NO_INERTIA * sizes.max(), sizes, 1.0)
-    values, vectors = np.linalg.eigh(inertia / np.outer(scale, scale))
-    if sizes.max() > 0 and values[0] > _NO_INERTIA * values[-1]:
-        return
-    motion = free @ (vectors[:, 0] / scale)
-    raise builder.document.error(*_without_inertia(builder, problem.u0, motion))
+    motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
+    if motions.size:
+        raise builder.document.error(*_without_inertia(builder, problem.u0, motions[:, 0]))
 
 
 def _without_inertia(builder: "Builder", u: Array, motion: Array) -> tuple[KeyPath, str]:
