@@ -226,6 +226,15 @@ joints:
 """
 
 
+def test_body_with_a_position():
+    """A single body in space, its dimensions left out: one mistake, not one for each key."""
+    (mistake,) = mistakes("bodies: {b: {position: [0, 0, 1], mass: 1, inertia: [1, 1, 1]}}\n")
+    assert mistake.text == (
+        "arm.yaml, line 1: bodies.b.position: only spatial mechanisms have it; is 'dimensions: 3' "
+        "missing?"
+    )
+
+
 def test_thin_rod_without_inertia_about_its_axis():
     """A rod on a spherical joint can spin about itself, where it has no inertia."""
     (mistake,) = mistakes(ROD)

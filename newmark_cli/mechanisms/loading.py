@@ -41,10 +41,14 @@ def built(name: str, document: Document) -> Problem:
     from newmark_cli.mechanisms import planar
 
     if isinstance(document.data, dict) and "dimensions" not in document.data:
+        message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
         for key in _SPATIAL:
             if key in document.data:
-                message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
                 raise document.error((key,), message)
+        bodies = document.data.get("bodies")
+        for name, body in bodies.items() if isinstance(bodies, dict) else ():
+            if isinstance(body, dict) and "position" in body:
+                raise document.error(("bodies", name, "position"), message)
     return planar.built(name, document)
 
 

@@ -50,7 +50,6 @@ class SpatialModel:
         bodies: Names, in the order of the coordinates.
         joints: By name.
         points: Points of the ground and of bodies, by name.
-        released: Rows that were dropped because they are redundant.
         shared: Joints whose reactions are not unique, because they depend on what is dropped.
         freedom: Degrees of freedom at the start.
         mass_rank: Rank of M.
@@ -61,7 +60,6 @@ class SpatialModel:
     bodies: tuple[str, ...]
     joints: Mapping[str, Connection]
     points: Mapping[str, Side]
-    released: tuple[str, ...] = ()
     shared: frozenset[str] = frozenset()
     freedom: int = 0
     mass_rank: int = 0
@@ -193,7 +191,6 @@ class Builder:
                 tuple(self._numbers),
                 self.joints,
                 self._points,
-                tuple(".".join(self.rows[row]) for row in sorted(released)),
             ),
             points=tuple(f"{body}.{vector}" for body in self._numbers for vector in _VECTORS),
             axes="xyz",
@@ -201,6 +198,7 @@ class Builder:
             single=True,
             potential=elements.potential if mechanism.conservative else None,
             constraints_given=tuple(self.rows[row] for row in kept),
+            released=tuple(".".join(self.rows[row]) for row in sorted(released)),
             outputs=SpatialOutputs(
                 tuple(self._numbers), self.joints, tuple(self.owners[row] for row in kept)
             ),

@@ -25,8 +25,8 @@ def lines(name: str, problem: Problem) -> list[str]:
         f"{free} freedom{'s' * (free != 1)}; rank of M {model.mass_rank}, "
         f"of the saddle point {n + m}"
     ]
-    if model.released:
-        found.append(f"  redundant, dropped: {', '.join(model.released)}")
+    if problem.released:
+        found.append(f"  redundant, dropped: {', '.join(problem.released)}")
         shared = ", ".join(sorted(model.shared))
         found.append(f"  reactions that are not unique, because of that: {shared}")
     found += [f"  warning: nothing holds {body}: no joint has it" for body in model.loose]

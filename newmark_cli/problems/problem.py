@@ -133,6 +133,7 @@ class Problem:
             the same results of ``derivatives``, for all that a march does not ask for in
             every iteration; None where these serve.
         outputs: What else the problem has names for, such as reactions; None without any.
+        released: Names of constraints that were dropped because they are redundant.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -168,6 +169,7 @@ class Problem:
     rows_given: str = "exact"
     rates: Callable[..., None] | None = None
     outputs: Outputs | None = None
+    released: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
