@@ -380,7 +380,7 @@ def test_torsion_spring_that_is_wound_too_far():
 
 
 def test_released_row_that_is_needed_later(cli):
-    """Without y of P1 the multipliers of Bricard's mechanism would grow: the cell ends and says why.
+    """Without y of P1 Bricard's multipliers would grow: the cell ends and says why.
 
     The share of that row in the self-stress vanishes where its first angle is a right one.
     """
