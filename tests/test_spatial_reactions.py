@@ -398,3 +398,20 @@ def test_released_row_that_is_needed_later(cli):
     joint = whole.problem.outputs.joints["P0"]
     angles = [joint.angle(u.reshape(-1, 4, 3)) for u in whole.u]
     assert abs(angles[round(1.24 / 5e-3)]) == pytest.approx(np.pi / 2, abs=0.05)
+
+
+def test_both_rates_of_a_cylindrical_joint():
+    """A screw motion: turning and sliding as the file says, from any initial velocities."""
+    subject = built("""\
+dimensions: 3
+bodies:
+  nut: {position: [1, 0.5, 0], mass: 2, inertia: [1, 2, 2], velocity: [9, 9, 9]}
+joints:
+  C: {type: cylindrical, from: ground, to: nut, at: [0, 0, 0], axis: [0, 0, 2]}
+rates: {C: {angle: 3, distance: -0.5}}
+""")
+    np.testing.assert_allclose(spatial.spin(subject.u0, subject.v0)[0], [0, 0, 3], atol=1e-13)
+    np.testing.assert_allclose(subject.v0[:3], [-1.5, 3, -0.5], atol=1e-13)
+    done = newmark.march(subject, h=1e-2, t_end=1.0, every=0, integrator=DAMPED)
+    assert done.output("C.distance")[-1] == pytest.approx(-0.5, abs=1e-10)
+    assert np.exp(1j * done.output("C.angle")[-1]) == pytest.approx(np.exp(3j), abs=1e-3)
