@@ -21,6 +21,10 @@ STEP = {
     "four-bar": 1e-3,
     "slider-crank": 1e-3,
     "shaken-pendulum": 1e-3,
+    "heavy-top": 1e-4,
+    "bricard": 1e-3,
+    "governor": 1e-4,
+    "spatial-slider-crank": 1e-3,
 }
 INTEGRATORS = [
     Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.9), GeneralizedAlpha(0.0), HHT(0.1),

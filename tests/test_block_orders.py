@@ -180,8 +180,12 @@ def test_terms_of_shipped_problems(name: str, damped: bool, stiff: bool) -> None
     assert system.in_general_position()
 
 
+#: Inverses in long numbers of more than this take minutes.
+SMALL = [name for name in PROBLEMS if problem(name).n + problem(name).m <= 30]
+
+
 @each("form", FORMS)
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", SMALL)
 def test_shipped_problems(name: str, form: str) -> None:
     """Blocks, residual and corrections of a form on the shipped problems."""
     system = shipped(name)
@@ -191,7 +195,7 @@ def test_shipped_problems(name: str, form: str) -> None:
         assert_scaled_corrections(system, form, variant, measured)
 
 
-@each(("name", "form", "variant"), covering(PROBLEMS, FORMS, VARIANTS))
+@each(("name", "form", "variant"), covering(SMALL, FORMS, VARIANTS))
 def test_scaled_shipped_problems(name: str, form: str, variant: str) -> None:
     """The scaled matrix, formed and inverted as it is, on the shipped problems."""
     system = shipped(name)

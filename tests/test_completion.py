@@ -63,7 +63,7 @@ def offered(text):
         ("newmark-study orders --preconditioning ", list(VARIANTS)),
         ("newmark-study orders --config pendulum-a", ["pendulum-a"]),
         ("newmark-study orders --evaluation ", ["direct", "compensated"]),
-        ("newmark-study schema ", ["config", "mechanism"]),
+        ("newmark-study schema ", ["config", "mechanism", "spatial"]),
     ],
 )
 def test_arguments(complete, line, words):

@@ -303,6 +303,7 @@ def test_figures_are_made_by_reproduce():
         "cures-krylov",
         # Its claim comes with what it measures, as in a study of one's own.
         "floor",
+        "spatial",
     }
 
 

@@ -24,7 +24,9 @@ from newmark_cli.problems import python_problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study import measures
 
-CONSERVATIVE = {"pendulum", "double-pendulum", "slider-crank"}
+CONSERVATIVE = {
+    "pendulum", "double-pendulum", "slider-crank", "bricard", "heavy-top", "spatial-slider-crank",
+}  # fmt: skip
 
 
 def state_of(subject, u, v, multipliers, t=0.0):

@@ -98,7 +98,7 @@ def test_a_trajectory_is_the_march_of_a_study_to_the_bit(cli, name, monkeypatch)
     (cell,) = load(config).cells()
     judged = []
 
-    def errors(reference, state):
+    def errors(reference, state, *of):
         judged.append(State(*(array.copy() for array in state)))
         return []
 

@@ -4,12 +4,13 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.report import draw_mechanism
+from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.report import draw_mechanism, draw_spatial
 from newmark_cli.study import config
 
 EXAMPLES = Path(__file__).parents[1] / "docs/examples"
@@ -144,7 +145,10 @@ def test_problems_that_cannot_be_used(cli, problem, words):
     assert not (cli.folder / "results").exists()
 
 
-@pytest.mark.parametrize("name", [*PROBLEMS, "chain(links=40)", "four-bars(windows=3)"])
+PLANAR = [name for name in PROBLEMS if problem(name).axes == "xy"]
+
+
+@pytest.mark.parametrize("name", [*PLANAR, "chain(links=40)", "four-bars(windows=3)"])
 def test_every_mechanism_can_be_drawn(name):
     """Shipped ones and members of every family: each bar and body has its line."""
     subject = config.problem_named(name).load()
@@ -160,6 +164,47 @@ def test_every_mechanism_can_be_drawn(name):
         start, end = places[part.from_], places[part.to]
         assert (start.real, start.imag, end.real, end.imag) in ends
     assert name.partition("(")[0] in (*PROBLEMS, *FAMILIES)
+
+
+@pytest.mark.parametrize(
+    "name", [*(name for name in PROBLEMS if name not in PLANAR), "spatial-chain(bodies=30)"]
+)
+def test_every_spatial_mechanism_can_be_drawn(name):
+    """From the centre of each body a line to each of its joints, whose names are told."""
+    subject = config.problem_named(name).load()
+    (axes,) = draw_mechanism.mechanism_figure(name, subject, subject.u0).axes
+    places = draw_mechanism.places(subject, subject.u0)
+    factor = 1e3 if any(text.get_text().endswith(" mm") for text in axes.texts) else 1.0
+    ends = {
+        tuple(zip(line.get_xdata().tolist(), line.get_ydata().tolist(), strict=True))
+        for line in axes.get_lines()
+        if len(line.get_xdata()) == 2
+    }
+    joints = subject.drawing.joints
+    for joint, made in joints.items():
+        for k, side in enumerate(made.sides):
+            if side.body >= 0:
+                body = subject.drawing.bodies[side.body]
+                line = (factor * places[f"body {body}"], factor * places[f"joint {joint} {k}"])
+                assert tuple((place.real, place.imag) for place in line) in ends
+    labels = {text.get_text() for text in axes.texts}
+    assert (labels >= joints.keys() | set(subject.drawing.bodies)) == (subject.n <= 60 * 3)
+
+
+def test_view_has_up_against_gravity_and_keeps_its_hand():
+    """The projection of a right-handed frame, seen from the outside, upright."""
+    for name in ("bricard", "heavy-top"):
+        subject = problem(name)
+        seen = draw_spatial.view(subject.drawing)
+        up = int(np.argmax(np.abs(subject.drawing.mechanism.gravity)))
+        assert seen[up].real == 0
+        assert seen[up].imag > 0.9
+        # The view's own direction completes two rows to an orthonormal frame.
+        across, upwards = seen.real, seen.imag
+        assert across @ upwards == pytest.approx(0, abs=1e-15)
+        towards = np.cross(across, upwards)
+        assert np.linalg.norm(towards) == pytest.approx(1)
+        assert towards[up] == pytest.approx(np.sin(np.radians(20)))
 
 
 def test_animation(cli):

@@ -233,7 +233,7 @@ def test_any_object_with_the_attributes_serves(tmp_path):
         (
             "np.eye(2)\n    u0",
             "np.zeros((2, 2))\n    u0",
-            "mass_matrix must be symmetric and positive definite",
+            "mass_matrix must be positive: it has a negative eigenvalue, or is 0",
         ),
         (
             "np.eye(2)\n    u0",

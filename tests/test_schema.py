@@ -19,7 +19,7 @@ from test_problems import MISTAKES as MECHANISM_MISTAKES
 
 from newmark_cli import documents
 from newmark_cli.documents import DocumentError
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
@@ -31,6 +31,7 @@ MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"
 COMMITTED = {
     ROOT / "configs/schema/config.json": ("schema", "config"),
     MECHANISMS / "schema/mechanism.json": ("schema", "mechanism"),
+    MECHANISMS / "schema/spatial.json": ("schema", "spatial"),
     ROOT / "newmark_cli/cli/names.json": ("list", "--json"),
 }
 FILES = sorted(
@@ -199,12 +200,15 @@ def judged(text, folder):
         document = documents.parse(text, "f.yaml")
     except DocumentError:
         return None
-    is_mechanism = isinstance(document.data, dict) and "points" in document.data
-    validator = VALIDATORS["mechanism" if is_mechanism else "config"]
+    is_mechanism = isinstance(document.data, dict) and not {"points", "bodies"}.isdisjoint(
+        document.data
+    )
+    kind = "spatial" if loading.is_spatial(document.data) else "mechanism"
+    validator = VALIDATORS[kind if is_mechanism else "config"]
     objection = next((error.message for error in validator.iter_errors(document.data)), "")
     try:
         if is_mechanism:
-            planar.built("f", document)
+            loading.built("f", document)
         else:
             config.parse(document, keys.Surroundings(folder))
     except DocumentError as error:
@@ -261,7 +265,8 @@ def test_editors_find_the_schema_and_it_fits(file, folder):
     assert target in COMMITTED
     # As an editor reads it, not with the project's reader.
     data = yaml.load(text, Loader=_Yaml12)
-    assert (target.stem == "mechanism") == ("points" in data)
+    kind = "spatial" if loading.is_spatial(data) else "mechanism" if "points" in data else "config"
+    assert target.stem == kind
     Draft202012Validator(json.loads(target.read_text())).validate(data)
     assert not assert_agreement(text, folder)
 

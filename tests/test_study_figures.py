@@ -528,8 +528,8 @@ def test_no_more_than_two_dozen_without_being_asked(tmp_path):
 def test_shipped_studies_keep_their_figures(tmp_path):
     """Those that tables are made of are drawn when asked for, the others as they always were."""
     shipped = {figure.study for figure in FIGURES.values()} | {*cures.TABLED}
-    # The study of floors says itself which figures it has.
-    assert {*TABLED, "floor"} == {*config.REPRODUCED, *config.BEYOND} - shipped
+    # These studies say themselves which figures they have.
+    assert {*TABLED, "floor", "spatial"} == {*config.REPRODUCED, *config.BEYOND} - shipped
     study = "all-forms"
     given = written(tmp_path, table(study=study))
     assert plot.chosen((), given).figures == []

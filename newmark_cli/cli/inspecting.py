@@ -94,7 +94,8 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    Prints a line for each valid file, and a line for each mistake in the others.
+    Prints a line for each valid file, and a line for each mistake in the others; of a
+    spatial mechanism also its freedoms, what is redundant, and the inertia of each body.
     Exits with 2 if a file is not valid.
 
     \b
@@ -107,7 +108,8 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     code = 0
     for name in files:
         try:
-            screen.line(config.describe(Path(name), name, allow_code))
+            for line in config.describe(Path(name), name, allow_code):
+                screen.line(line)
         except DocumentError as error:
             for mistake in error.mistakes:
                 screen.complain(mistake.text)
@@ -213,11 +215,12 @@ def draw(
 
 
 @click.command()
-@click.argument("kind", type=click.Choice(["config", "mechanism"]), default="config")
+@click.argument("kind", type=click.Choice(["config", "mechanism", "spatial"]), default="config")
 def schema(kind: str) -> int:
     """Print the JSON Schema of configs or of mechanism files.
 
-    Editors complete and check such files with it.
+    Editors complete and check such files with it.  "mechanism" is the one of planar
+    mechanisms, "spatial" that of spatial ones.
 
     \b
     Example:

@@ -100,8 +100,8 @@ def coordinates(name: str, given: Any, problem: Problem, usual: Array) -> Array:
 
     Args:
         name: Of the argument.
-        given: An array, or a mapping of names of points to two numbers and of names of
-            coordinates to one; what it does not name keeps its usual value.
+        given: An array, or a mapping of names of points to a number for each axis and of
+            names of coordinates to one; what it does not name keeps its usual value.
         problem: What the coordinates are of.
         usual: (n,) usual values.
     """
@@ -110,8 +110,9 @@ def coordinates(name: str, given: Any, problem: Problem, usual: Array) -> Array:
     values = usual.copy()
     for key, value in given.items():
         if key in problem.points:
-            place = 2 * problem.points.index(key)
-            values[place : place + 2] = vector(f"{name}[{key!r}]", value, 2)
+            width = len(problem.axes)
+            place = width * problem.points.index(key)
+            values[place : place + width] = vector(f"{name}[{key!r}]", value, width)
         elif key in problem.coordinate_names:
             values[problem.coordinate_names.index(key)] = number(f"{name}[{key!r}]", value)
         else:

@@ -9,7 +9,7 @@ from newmark_cli import documents
 from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library.arguments import shown
-from newmark_cli.mechanisms import planar, registry
+from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import PythonFactory, Sized
@@ -75,14 +75,15 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
     if isinstance(given, Problem):
         return given
     if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
-        return planar.load(Path(given), Path(given).name.replace(",", "_"), str(given))
+        return loading.load(Path(given), Path(given).name.replace(",", "_"), str(given))
     if isinstance(given, str):
         if given not in PROBLEMS:
             names = (*PROBLEMS, *FAMILIES)
             raise ProblemError(f"unknown problem {given!r}{nearest(given, names)}")
         return registry.problem(given)
     if isinstance(given, Mapping):
-        return planar.built(str(given.get("title") or "mechanism"), Document.of("mechanism", given))
+        name = str(given.get("title") or "mechanism")
+        return loading.built(name, Document.of("mechanism", given))
     if isinstance(given, Definition) or hasattr(given, "mass_matrix"):
         found = python_problem.from_definition(given, "definition", "definition")
         return replace(found, code=fingerprint.of_definition(given))

@@ -39,6 +39,12 @@ class FourBarsSize(StrictModel):
     windows: Size = Field(description="number of four-bar linkages")
 
 
+class SpatialChainSize(StrictModel):
+    """Size of a chain of bodies in space."""
+
+    bodies: Size = Field(description="number of bodies")
+
+
 @dataclass(frozen=True)
 class Family:
     """Mechanisms that differ in their size.
@@ -46,14 +52,14 @@ class Family:
     Attributes:
         title: One line.
         size: Its parameters, whole numbers.
-        mechanism: Sizes, by name → data of a `models.Mechanism`.
-        linked: Sizes, by name → the same as arrays.
+        mechanism: Sizes, by name → data of a mechanism.
+        linked: Sizes, by name → the same as arrays; None where they are built from the data.
     """
 
     title: str
     size: type[StrictModel]
     mechanism: Callable[..., dict[str, Any]]
-    linked: Callable[..., Linked]
+    linked: Callable[..., Linked] | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -62,6 +68,10 @@ class Family:
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
+        if self.linked is None:
+            from newmark_cli.mechanisms import loading
+
+            return loading.made(name, self.mechanism(**sizes))
         return self.linked(**sizes).problem(name, partial(self.drawing, sizes))
 
     def drawing(self, sizes: Mapping[str, int]) -> Any:
@@ -244,6 +254,38 @@ def _rod_name(place: int) -> tuple[str, str]:
     return "bodies", f"coupler{place // 2 + 1}" if place % 2 else f"rod{place // 2}"
 
 
+def spatial_chain(bodies: int) -> dict[str, Any]:
+    """A chain of bars on spherical joints that falls in space, released at rest.
+
+    Each bar is a homogeneous box of 1 m and 1 kg; gravity is 1.  They descend as those of
+    `chain` and turn to and fro about the upright, each by 1 rad from the last, so that no two
+    neighbours move in one plane.
+    """
+    data: dict[str, Any] = {}
+    joints: dict[str, Any] = {}
+    x = y = z = 0.0
+    last = "ground"
+    for i in range(1, bodies + 1):
+        heading = 0.5 if i % 2 else -0.5
+        along = (0.8 * math.cos(heading), 0.8 * math.sin(heading), -0.6)
+        name = f"bar{i}"
+        data[name] = {
+            "position": (x + along[0] / 2, y + along[1] / 2, z + along[2] / 2),
+            "axes": {"x": along, "y": (-math.sin(heading), math.cos(heading), 0.0)},
+            "mass": 1.0,
+            "box": (1.0, 0.2, 0.1),
+        }
+        joints[f"joint{i}"] = {"type": "spherical", "from": last, "to": name, "at": (x, y, z)}
+        x, y, z, last = x + along[0], y + along[1], z + along[2], name
+    return {
+        "title": f"Falling chain of {bodies} bars in space",
+        "dimensions": 3,
+        "bodies": data,
+        "joints": joints,
+        "gravity": (0.0, 0.0, -1.0),
+    }
+
+
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
         "chain": Family(
@@ -263,6 +305,9 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             FourBarsSize,
             four_bars,
             _four_bars_linked,
+        ),
+        "spatial-chain": Family(
+            "bars on spherical joints, falling in space", SpatialChainSize, spatial_chain
         ),
     }
 )

@@ -4,7 +4,7 @@ Nothing is built here, and what compiles is not imported; see `newmark_cli.mecha
 """
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -49,6 +49,8 @@ Length = Annotated[
 
 def _two_numbers(value: Any, info: ValidationInfo) -> Any:
     documents.require_brackets(value, info)
+    if isinstance(value, list | tuple) and len(value) == 3:
+        raise ValueError("must have two components, given three; is 'dimensions: 3' missing?")
     return value
 
 
@@ -212,6 +214,7 @@ class Mechanism(StrictModel):
     title: str = Field("", description="heads drawings")
     description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
+    dimensions: Literal[2] = Field(2, description="2: the mechanism is planar")
     points: Annotated[dict[str, Point], also(not_=_ALL_FIXED)] = Field(
         description="fixed points, and moving ones, whose coordinates are the unknowns"
     )

@@ -40,9 +40,9 @@ def problem(name: str) -> Problem:
     """
     if name not in PROBLEMS:
         raise ProblemError(f"unknown problem {name!r}{nearest(name, PROBLEMS)}")
-    from newmark_cli.mechanisms import planar
+    from newmark_cli.mechanisms import loading
 
-    return planar.load(_FOLDER / f"{name}.yaml", name)
+    return loading.load(_FOLDER / f"{name}.yaml", name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +53,13 @@ class Picture:
         drawing: The mechanism.
         points: Its moving points.
         u0: (n,) initial coordinates.
+        axes: Names of the coordinates of each of ``points``.
     """
 
     drawing: "Mechanism"
     points: tuple[str, ...]
     u0: Array
+    axes: str = "xy"
 
 
 @cache
@@ -100,7 +102,19 @@ def about(name: str) -> About:
 
 
 def size(data: Mapping[str, Any]) -> tuple[int, int]:
-    """Coordinates and constraints of the data of a valid `models.Mechanism`."""
+    """Coordinates and constraints of the data of a valid mechanism."""
+    if data.get("dimensions") == 3:
+        from newmark_cli.mechanisms.joints import JOINTS
+
+        rows = sum(len(JOINTS[joint["type"]].rows) for joint in data.get("joints", {}).values())
+        laws = sum(
+            key in motion
+            for motion in data.get("motions", {}).values()
+            for key in ("angle", "distance", "x", "y", "z")
+        )
+        redundant = data.get("redundant", {})
+        released = 0 if isinstance(redundant, str) else sum(map(len, redundant.values()))
+        return 12 * len(data["bodies"]), 6 * len(data["bodies"]) + rows + laws - released
     moving = sum("at" in point for point in data["points"].values())
     joints = sum(len(data.get(kind, ())) for kind in ("bodies", "bars", "sliders"))
     motions = data.get("motions", {}).values()

@@ -125,7 +125,7 @@ def _sized(spec: Sized) -> Problem:
 
 @dataclass(frozen=True)
 class MechanismFile:
-    """A planar mechanism in a YAML file of the user's.
+    """A mechanism in a YAML file of the user's.
 
     Attributes:
         path: The file.
@@ -156,9 +156,9 @@ class MechanismFile:
 
 @cache
 def _mechanism(spec: MechanismFile) -> Problem:
-    from newmark_cli.mechanisms import planar
+    from newmark_cli.mechanisms import loading
 
-    return planar.load(spec.path, spec.label, spec.spelled)
+    return loading.load(spec.path, spec.label, spec.spelled)
 
 
 @dataclass(frozen=True)

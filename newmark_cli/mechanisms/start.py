@@ -12,6 +12,7 @@ from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath
 from newmark_cli.mechanisms import elements
+from newmark_cli.problems import index_1
 from newmark_cli.problems.problem import Problem
 
 #: Coordinates up to which ranks are found by dense factorisations, which also tell
@@ -252,7 +253,7 @@ def _closest(problem: Problem, u: Array) -> Array:
 
 
 def _require_mass(problem: Problem, document: Document) -> None:
-    """M must be positive definite: every coordinate carries mass."""
+    """Whatever can move carries mass: M is positive on the kernel of Gᵀ."""
     n, pattern = problem.n, problem.pattern
     diagonal = np.zeros(n)
     on = pattern.mass_rows == pattern.mass_columns
@@ -263,6 +264,13 @@ def _require_mass(problem: Problem, document: Document) -> None:
         if values[0] <= 1e-13 * values[-1]:
             _, vectors = np.linalg.eigh(problem.M)
             weak = np.array([int(np.argmax(np.abs(vectors[:, 0])))])
+    if len(weak) == 0:
+        return
+    if n <= _DENSE_UP_TO and problem.m:
+        gradient = np.asarray(_gradient(problem, problem.u0).toarray())
+        motions = index_1.weightless(problem.M, gradient)
+        sizes = np.abs(motions).max(axis=1, initial=0.0)
+        weak = np.flatnonzero(sizes > 1e-6 * sizes.max(initial=0.0))
     mistakes = documents.Mistakes()
     for point in dict.fromkeys(problem.point_of(int(i)) for i in weak):
         message = f"{point} carries no mass of its own; the mass matrix is singular"

@@ -12,6 +12,8 @@ from newmark_cli.newmark.integrator import FIELDS
 KEPT = (*FIELDS, "lambda")
 #: What follows from u and v, where the problem has it.
 ENERGY = "energy"
+#: What the problem has names for besides: angular velocities and reactions of mechanisms in space.
+OUTPUT = "output"
 
 
 @dataclass(frozen=True)
@@ -21,12 +23,12 @@ class Kept:
     Attributes:
         every: The start, every so many steps, and the last.
         at: The steps nearest to these times (s) instead, if there are any.
-        keep: Some of `KEPT` and `ENERGY`.
+        keep: Some of `KEPT`, `ENERGY` and `OUTPUT`.
     """
 
     every: int = 1
     at: tuple[float, ...] = ()
-    keep: tuple[str, ...] = (*KEPT, ENERGY)
+    keep: tuple[str, ...] = (*KEPT, ENERGY, OUTPUT)
 
     def looks(self, t0: float, h: float, last: int) -> Sequence[int]:
         """Steps that are kept of a march, ascending; as a range where they may be many.

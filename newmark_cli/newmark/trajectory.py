@@ -10,7 +10,7 @@ import numpy as np
 from newmark_cli.arrays import Array, IndexArray, Mask
 from newmark_cli.errors import ArgumentError
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.kept import ENERGY, KEPT
+from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
 from newmark_cli.newmark.march import March, Stretch
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
 from newmark_cli.newmark.scheme import Scheme
@@ -268,6 +268,42 @@ class Trajectory:
         energies = [self.problem.energies(t, u, v) or (0.0, 0.0) for t, u, v in states]
         return np.asarray(np.array(energies).sum(axis=1))
 
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of angular velocities, angles and reactions; none of most problems."""
+        return self.problem.outputs.names if self.problem.outputs else ()
+
+    @cached_property
+    def outputs(self) -> Array:
+        """(k, outputs) what `output_names` name.
+
+        Raises ArgumentError where u, v or λ were not kept.
+        """
+        if self.problem.outputs is None:
+            return np.empty((len(self.t), 0))
+        states = zip(self.t.tolist(), self.u, self.v, self.multipliers, strict=True)
+        found = [self.problem.outputs.values(self.problem, *state) for state in states]
+        return np.array(found).reshape(len(self.t), -1)
+
+    def output(self, name: str) -> Array:
+        """(k,) one output of a spatial mechanism, such as a reaction.
+
+        Args:
+            name: One of `output_names`.
+
+        Raises:
+            ArgumentError: When there is no such output, or u, v or λ were not kept.
+
+        Examples:
+            How fast the heavy top spins about the vertical axis of its disc:
+
+            >>> import newmark_cli as newmark
+            >>> top = newmark.march("heavy-top", h=1e-4, t_end=1e-3)
+            >>> top.output("top.omega.y").round(3)[:2].tolist()
+            [150.0, 150.0]
+        """
+        return self.outputs[:, _place(name, "output", self.output_names)]
+
     def coordinate(self, name: str, field: str = "u") -> Array:
         """(k,) one coordinate.
 
@@ -286,9 +322,9 @@ class Trajectory:
         return self._field(field)[:, _place(name, "coordinate", self.coordinate_names)]
 
     def point(self, name: str, field: str = "u") -> Array:
-        """(k, 2) one moving point of a mechanism; see `coordinate`."""
-        place = _place(name, "moving point", self.point_names)
-        return self._field(field)[:, 2 * place : 2 * place + 2]
+        """(k, 2) one moving point of a mechanism, (k, 3) of a spatial one; see `coordinate`."""
+        place, width = _place(name, "moving point", self.point_names), len(self.problem.axes)
+        return self._field(field)[:, width * place : width * place + width]
 
     def constraint(self, name: str) -> Array:
         """(k,) multiplier of one constraint.
@@ -319,17 +355,18 @@ class Trajectory:
 
         Returns:
             Columns ``t``, ``u[A.x]`` …, ``v[A.x]`` …, ``a[A.x]`` …, ``lambda[bars.link]`` …
-            and, where there is one and u and v were kept, ``energy``.
+            and, where there is one and u and v were kept, ``energy``; where there are any
+            and u, v, λ were kept, ``output[A.force.x]`` ….
         """
         import pandas as pd
 
-        return pd.DataFrame(self.columns((*KEPT, ENERGY)))
+        return pd.DataFrame(self.columns((*KEPT, ENERGY, OUTPUT)))
 
     def columns(self, keep: Collection[str]) -> dict[str, Array]:
         """Column → (k,) values, of what was kept; not public.
 
         Args:
-            keep: Which of `KEPT` and `ENERGY` have columns.
+            keep: Which of `KEPT`, `ENERGY` and `OUTPUT` have columns.
         """
         columns: dict[str, Array] = {"t": self.t}
         for key, values in self.arrays.items():
@@ -338,6 +375,9 @@ class Trajectory:
                 columns.update(zip((f"{key}[{name}]" for name in names), values.T, strict=True))
         if ENERGY in keep and {"u", "v"} <= self.arrays.keys() and self.energy is not None:
             columns[ENERGY] = self.energy
+        if OUTPUT in keep and self.output_names and {"u", "v", "lambda"} <= self.arrays.keys():
+            named = zip(self.output_names, self.outputs.T, strict=True)
+            columns.update((f"{OUTPUT}[{name}]", values) for name, values in named)
         return columns
 
 

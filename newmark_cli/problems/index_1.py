@@ -23,6 +23,33 @@ from newmark_cli.problems.problem import Problem, Values
 _DENSE_UP_TO = 120
 
 
+#: Least eigenvalue of M on free motions, relative to the largest, with which it is regular.
+_NO_INERTIA = 1e-13
+
+
+def weightless(mass: Array, gradient: Array) -> Array:
+    """(n, k) motions that constraints allow and that have no inertia; none where k is 0.
+
+    The system determines accelerations where M is positive on the kernel of Gᵀ; M itself
+    may be singular.
+
+    Args:
+        mass: (n, n) M.
+        gradient: (n, m) G.
+    """
+    sizes = np.linalg.norm(gradient, axis=0)
+    vectors, values, _ = np.linalg.svd(gradient / np.where(sizes > 0, sizes, 1.0))
+    rank = int(np.count_nonzero(values > 1e-10 * values.max(initial=0.0)))
+    free = vectors[:, rank:]
+    if free.shape[1] == 0:
+        return free
+    inertia = free.T @ mass @ free
+    diagonal = np.sqrt(np.maximum(np.diag(inertia), 0.0))
+    sizes = np.where(diagonal > _NO_INERTIA * diagonal.max(), diagonal, 1.0)
+    moments, motions = np.linalg.eigh(inertia / np.outer(sizes, sizes))
+    return np.asarray((free / sizes) @ motions[:, moments <= _NO_INERTIA * moments[-1]])
+
+
 class Index1:
     """Index-1 system of one problem; the places of its entries are found once."""
 

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -80,6 +80,20 @@ class Terms(NamedTuple):
     G: Array
 
 
+class Outputs(Protocol):
+    """What follows from a state besides coordinates and multipliers, by name."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(k,) names; all different."""
+
+    def values(self, problem: "Problem", t: float, u: Array, v: Array, multipliers: Array) -> Array:
+        """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
+
+    def length(self, u: Array) -> float:
+        """A length (m) that forces times are moments to compare with; u is (n,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """An index-3 problem whose values come from one function.
@@ -98,7 +112,9 @@ class Problem:
         pattern: Places of the values.
         mass_values: Values of M.
         drawing_given: What `drawing` is, or a function without arguments that makes it.
-        points_given: Names of the moving points of a mechanism, two coordinates each.
+        points_given: Names of the moving points of a mechanism, and of what else has a
+            coordinate on each axis.
+        axes: Names of the coordinates of each of ``points``.
         compiled: Whether ``function`` is compiled, as the kernel needs it.
         quadratic: Whether Φ is at most quadratic in u and does not depend on time,
             so that its increments are exact; see `newmark_cli.newmark.scheme`.
@@ -117,6 +133,8 @@ class Problem:
         rates: ``(t, u, v, ints, reals, rate, curvature)`` in plain Python, in place of
             the same results of ``derivatives``, for all that a march does not ask for in
             every iteration; None where these serve.
+        outputs: What else the problem has names for, such as reactions; None without any.
+        released: Names of constraints that were dropped because they are redundant.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -140,6 +158,7 @@ class Problem:
     mass_values: Array
     drawing_given: Any = None
     points_given: Sequence[str] = ()
+    axes: str = "xy"
     compiled: bool = True
     quadratic: bool = False
     single: bool = False
@@ -150,6 +169,8 @@ class Problem:
     constraints_given: Sequence[Sequence[str | int]] = ()
     rows_given: str = "exact"
     rates: Callable[..., None] | None = None
+    outputs: Outputs | None = None
+    released: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -180,7 +201,7 @@ class Problem:
         in Python does not name them.
         """
         if self.points_given:
-            return tuple(f"{point}.{axis}" for point in self.points for axis in "xy")
+            return tuple(f"{point}.{axis}" for point in self.points for axis in self.axes)
         return tuple(self.coordinates_given) or _numbered(self.n)
 
     @cached_property
@@ -271,7 +292,7 @@ class Problem:
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
         given = self.points_given
-        return given[coordinate // 2] if given else f"coordinate {coordinate + 1}"
+        return given[coordinate // len(self.axes)] if given else f"coordinate {coordinate + 1}"
 
     @cached_property
     def content(self) -> str:

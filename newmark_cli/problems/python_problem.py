@@ -22,7 +22,7 @@ from numba.core.dispatcher import Dispatcher
 
 from newmark_cli import errors, files
 from newmark_cli.arrays import Array
-from newmark_cli.problems import constraint_rows, user_code
+from newmark_cli.problems import constraint_rows, index_1, user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
 #: Largest relative difference of a given tangent from its finite differences.
@@ -44,7 +44,8 @@ class Definition:
     as well, and are converted wherever they are returned.
 
     Attributes:
-        mass_matrix: (n, n) M, constant, symmetric positive definite.
+        mass_matrix: (n, n) M, constant, symmetric, positive on all motions that the
+            constraints allow; elsewhere it may be singular.
         u0, v0: (n,) initial coordinates and velocities; they fit the constraints.
         force: (u, v, t) → (n,) f.
         constraints: (u, t) → (m,) Φ.
@@ -225,8 +226,11 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     n = len(u0)
     v0 = _attribute(given.v0, "v0", source, (n,))
     mass_matrix = _attribute(given.mass_matrix, "mass_matrix", source, (n, n))
-    if not np.allclose(mass_matrix, mass_matrix.T) or np.linalg.eigvalsh(mass_matrix)[0] <= 0:
-        raise source.error("mass_matrix", "must be symmetric and positive definite")
+    if not np.allclose(mass_matrix, mass_matrix.T):
+        raise source.error("mass_matrix", "must be symmetric")
+    inertia = np.linalg.eigvalsh(mass_matrix)
+    if inertia[-1] <= 0 or inertia[0] < -1e-13 * inertia[-1]:
+        raise source.error("mass_matrix", "must be positive: it has a negative eigenvalue, or is 0")
     t0 = float(_attribute(getattr(given, "t0", 0.0), "t0", source, ()))
     chosen = {key: getattr(given, key) for key in _FUNCTIONS}
     chosen |= {key: getattr(given, key, None) for key in (*_TANGENTS, *_ROWS, "energy")}
@@ -242,6 +246,11 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         raise source.error(
             "gradient", f"has a rank below {m} at the start: constraints are redundant",
             chosen["gradient"],
+        )  # fmt: skip
+    if inertia[0] <= 1e-13 * inertia[-1] and index_1.weightless(mass_matrix, gradient).size:
+        raise source.error(
+            "mass_matrix", "is singular on motions that the constraints allow: at the start the "
+            "accelerations are not determined",
         )  # fmt: skip
     functions = {"force": force_of, "constraints": constraints, "gradient": gradient_of}
 

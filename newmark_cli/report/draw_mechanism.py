@@ -20,8 +20,10 @@ from PIL import Image
 from newmark_cli.arrays import Array
 from newmark_cli.files import write_output
 from newmark_cli.mechanisms.models import Mechanism
+from newmark_cli.report import draw_spatial
 from newmark_cli.report.draw import drawn, plain
 from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
+from newmark_cli.report.strokes import damper, line, zigzag
 from newmark_cli.report.style import settled
 
 #: Moving points up to which a mechanism is drawn with all its names and symbols.
@@ -43,6 +45,10 @@ class Drawable(Protocol):
         """Its moving points."""
 
     @property
+    def axes(self) -> str:
+        """Names of the coordinates of each of them."""
+
+    @property
     def u0(self) -> Array:
         """(n,) initial coordinates."""
 
@@ -52,7 +58,7 @@ class MechanismScene:
     """A mechanism at a position, with a key to its symbols while it has room for names.
 
     Attributes:
-        problem: A problem that is a planar mechanism.
+        problem: A problem that is a mechanism.
         u: (n,) position.
     """
 
@@ -62,7 +68,7 @@ class MechanismScene:
     @property
     def labelled(self) -> bool:
         """Whether points and bodies have their names."""
-        return len(self.problem.points) <= _MOST_LABELS
+        return len(self.problem.points) <= _MOST_LABELS * (2 if is_spatial(self.problem) else 1)
 
     def draw(self, axes: Any) -> None:
         """Draw it, lengths in the unit of the labels."""
@@ -71,7 +77,25 @@ class MechanismScene:
 
     def handles(self) -> list[Line2D]:
         """What the symbols mean."""
-        return _key(self.problem.drawing) if self.labelled else []
+        if not self.labelled:
+            return []
+        if is_spatial(self.problem):
+            known = draw_spatial.symbols(self.problem.drawing)
+            return [Line2D([], [], label=label, **look) for label, look in known.items()]
+        return _key(self.problem.drawing)
+
+
+def is_spatial(problem: Drawable) -> bool:
+    """Whether a problem is a spatial mechanism."""
+    return len(problem.axes) == 3
+
+
+def _axis_labels(problem: Drawable) -> tuple[str, str]:
+    """Labels of the axes; a spatial mechanism shows the directions of its own."""
+    if is_spatial(problem):
+        return "", ""
+    _, unit = _length_unit(places(problem, problem.u0))
+    return f"$x$ ({unit})", f"$y$ ({unit})"
 
 
 def mechanism_sheet(title: str, problem: Drawable, u: Array) -> Sheet:
@@ -79,17 +103,17 @@ def mechanism_sheet(title: str, problem: Drawable, u: Array) -> Sheet:
 
     Args:
         title: Title of the figure.
-        problem: A problem that is a planar mechanism.
+        problem: A problem that is a mechanism.
         u: (n,) position.
     """
-    _, unit = _length_unit(places(problem, problem.u0))
+    x_label, y_label = _axis_labels(problem)
     return Sheet(
         title,
         (
             Panel(
                 (),
-                f"$x$ ({unit})",
-                f"$y$ ({unit})",
+                x_label,
+                y_label,
                 x_scale="linear",
                 y_scale="linear",
                 scene=MechanismScene(problem, u),
@@ -129,6 +153,10 @@ def draw_mechanism(
     axes: Any, problem: Drawable, u: Array, factor: float, labelled: bool = True
 ) -> None:
     """Draw a mechanism at position u into axes, lengths multiplied by ``factor``."""
+    if is_spatial(problem):
+        size = factor * _extent(places(problem, problem.u0))
+        draw_spatial.draw(axes, problem, u, factor, size, labelled)
+        return
     mechanism: Mechanism = problem.drawing
     points = {name: factor * place for name, place in places(problem, u).items()}
     size = factor * _extent(places(problem, problem.u0))
@@ -138,9 +166,9 @@ def draw_mechanism(
             _body_label(axes, mechanism, name, points, size)
     else:
         for body in mechanism.bodies.values():
-            _line(axes, [points[body.from_], points[body.to]], color="#0072B2", linewidth=0.8)
+            line(axes, [points[body.from_], points[body.to]], color="#0072B2", linewidth=0.8)
     for bar in mechanism.bars.values():
-        _line(
+        line(
             axes,
             [points[bar.from_], points[bar.to]],
             color="black",
@@ -149,18 +177,18 @@ def draw_mechanism(
     for slider in mechanism.sliders.values():
         _guide(axes, points[slider.point], complex(*slider.direction), 0.12 * size)
     for spring in mechanism.springs.values():
-        _line(
+        line(
             axes,
-            _zigzag(points[spring.from_], points[spring.to], 0.018 * size),
+            zigzag(points[spring.from_], points[spring.to], 0.018 * size),
             color="#009E73",
             linewidth=0.9,
         )
     sprung = [{spring.from_, spring.to} for spring in mechanism.springs.values()]
-    for damper in mechanism.dampers.values():
-        start, end = points[damper.from_], points[damper.to]
-        beside = 0.045 * size if {damper.from_, damper.to} in sprung else 0.0
+    for dashpot in mechanism.dampers.values():
+        start, end = points[dashpot.from_], points[dashpot.to]
+        beside = 0.045 * size if {dashpot.from_, dashpot.to} in sprung else 0.0
         shift = beside * 1j * (end - start) / abs(end - start)
-        _damper(axes, start + shift, end + shift, 0.02 * size)
+        damper(axes, start + shift, end + shift, 0.02 * size)
     for torque in mechanism.torques.values():
         _torque(axes, points[mechanism.bodies[torque.on].from_], 0.11 * size, torque.torque)
     for name, place in points.items():
@@ -212,7 +240,9 @@ def _key(mechanism: Mechanism) -> list[Line2D]:
 
 
 def places(problem: Drawable, u: Array) -> dict[str, complex]:
-    """Positions of all points of a mechanism at u, as x + iy (m)."""
+    """Positions of all points of a mechanism at u, as x + iy (m); of one in space projected."""
+    if is_spatial(problem):
+        return draw_spatial.places(problem, u)
     mechanism: Mechanism = problem.drawing
     found = {
         name: complex(*point.fixed)
@@ -236,10 +266,6 @@ def _corners(mechanism: Mechanism, name: str) -> list[str]:
     ]
 
 
-def _line(axes: Any, points: Sequence[complex], **look: Any) -> None:
-    axes.plot([p.real for p in points], [p.imag for p in points], **look)
-
-
 def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
     body = mechanism.bodies[name]
     start, end = points[body.from_], points[body.to]
@@ -255,7 +281,7 @@ def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]
         )
     driven = name in {torque.on for torque in mechanism.torques.values()}
     color, width, order = ("#D55E00", 3.2, 3) if driven else ("#0072B2", 1.8, 2)
-    _line(axes, [start, end], color=color, linewidth=width, solid_capstyle="round", zorder=order)
+    line(axes, [start, end], color=color, linewidth=width, solid_capstyle="round", zorder=order)
     axes.plot(
         centre.real,
         centre.imag,
@@ -351,37 +377,12 @@ def _ground(axes: Any, place: complex, size: float) -> None:
     )
     for step in np.linspace(-0.8, 0.8, 5):
         start = place + complex(step, -1) * size
-        _line(axes, [start, start + complex(-0.35, -0.45) * size], color="black", linewidth=0.5)
+        line(axes, [start, start + complex(-0.35, -0.45) * size], color="black", linewidth=0.5)
 
 
 def _guide(axes: Any, place: complex, direction: complex, half: float) -> None:
     along = half * direction / abs(direction)
-    _line(axes, [place - along, place + along], color="0.4", linewidth=3, alpha=0.35, zorder=1)
-
-
-def _damper(axes: Any, start: complex, end: complex, width: float) -> None:
-    along = (end - start) / abs(end - start)
-    middle, side = (start + end) / 2, width * along * 1j
-    look = {"color": "#CC79A7", "linewidth": 0.9}
-    _line(axes, [start, middle], **look)
-    _line(axes, [middle - 0.7 * side, middle + 0.7 * side], **look)
-    cup = [middle + 1.5 * width * along - side, middle + 1.5 * width * along + side]
-    _line(
-        axes,
-        [middle - 0.5 * width * along - side, cup[0], cup[1], middle - 0.5 * width * along + side],
-        **look,
-    )
-    _line(axes, [middle + 1.5 * width * along, end], **look)
-
-
-def _zigzag(start: complex, end: complex, amplitude: float, coils: int = 7) -> list[complex]:
-    along = end - start
-    normal = along / abs(along) * 1j
-    inner = [
-        start + along * (0.2 + 0.6 * (k + 0.5) / (2 * coils)) + (-1) ** k * amplitude * normal
-        for k in range(2 * coils)
-    ]
-    return [start, start + 0.2 * along, *inner, start + 0.8 * along, end]
+    line(axes, [place - along, place + along], color="0.4", linewidth=3, alpha=0.35, zorder=1)
 
 
 def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
@@ -419,7 +420,7 @@ def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: P
 
     Args:
         title: Title of every frame.
-        problem: A problem that is a planar mechanism.
+        problem: A problem that is a mechanism.
         positions: (n,) position of each frame.
         stem: File.
 
@@ -429,7 +430,8 @@ def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: P
     with settled(_WITHOUT_TICKS):
         drawing = Figure(figsize=(WIDTH, 3.5), dpi=110)
         axes = drawing.add_axes((0.155, 0.11, 0.825, 0.83))
-        factor, unit = _length_unit(places(problem, problem.u0))
+        factor, _ = _length_unit(places(problem, problem.u0))
+        x_label, y_label = _axis_labels(problem)
         everywhere = [factor * p for u in positions for p in places(problem, u).values()]
         corners = [part(p) for part in (np.real, np.imag) for p in everywhere]
         half = len(everywhere)
@@ -444,8 +446,8 @@ def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: P
             ):
                 margin = 0.08 * factor * _extent(places(problem, problem.u0))
                 limits(min(values) - margin, max(values) + margin)
-            axes.set_xlabel(f"$x$ ({unit})")
-            axes.set_ylabel(f"$y$ ({unit})")
+            axes.set_xlabel(x_label)
+            axes.set_ylabel(y_label)
             axes.set_title(plain(title))
             content = io.BytesIO()
             drawing.savefig(content, format="png", dpi=110)

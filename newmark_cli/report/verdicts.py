@@ -51,7 +51,12 @@ _LOST = 0.3
 #: like a random walk in v; the factor covers 20 mechanisms that were held against
 #: marches in 33 digits, where λ reached 230, v 215 and u 100.
 _ROUNDING_FACTOR = 3e3
-_ROUNDING_POWER = {"u": 1.0, "v": 1.5, "lambda": 2.0, "multiplier": 2.0, "velocity": 1.5}
+_ROUNDING_POWER = {
+    "u": 1.0, "v": 1.5, "lambda": 2.0, "multiplier": 2.0, "velocity": 1.5,
+    "omega": 1.5, "force": 2.0, "moment": 2.0,
+}  # fmt: skip
+#: Quantities that are multipliers, or reactions, which are linear in them.
+_OF_MULTIPLIERS = ("lambda", "multiplier", "force", "moment")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +111,7 @@ class Evidence:
         power = _ROUNDING_POWER.get(self.quantity, 1.0)
         if self.floor is not None:
             power = self.floor
-        elif self.compensated and self.quantity in ("lambda", "multiplier"):
+        elif self.compensated and self.quantity in _OF_MULTIPLIERS:
             power -= 1  # the floor of λ is ε/h, not ε/h²
         level = _ROUNDING_FACTOR * self.unit * np.maximum(self.steps, 1.0) ** power
         return np.asarray(np.maximum(level, 10 * self.reference_error))
@@ -241,7 +246,7 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
 
 def _undamped(given: Evidence) -> str:
     """What is behind multipliers that do not converge."""
-    if given.damped or given.quantity not in ("lambda", "multiplier"):
+    if given.damped or given.quantity not in _OF_MULTIPLIERS:
         return ""
     return "; the integrator does not damp multipliers that alternate, generalized-alpha does"
 

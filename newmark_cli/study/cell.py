@@ -7,7 +7,7 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.statistics import Measurement
 
 #: Statuses of a cell, from good to bad.
-STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "failed")
+STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "redundant", "failed")
 #: Verdict on a series that a study may be about, besides statuses of its cells.
 NOT_CONVERGING = "not_converging"
 
@@ -24,7 +24,7 @@ class Outcome:
         not_converged: Steps that ended above the terminal-phase threshold.
         newton_iterations: Corrections computed per step, mean; NaN without steps.
         status: One of `STATUSES`.
-        reason: Why, where the status is failed.
+        reason: Why, where the status is failed or redundant.
         met: Steps that met the tolerance; None where rounding stops Newton.
         history: Rows of the time series, see `newmark_cli.study.results.history_text`.
         drift: Rows of the file of drifts, as those of ``history``.

@@ -11,6 +11,7 @@ from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.redundancy import REDUNDANT, Watch
 
 
 def scheme_of(cell: Cell) -> Scheme:
@@ -65,7 +66,8 @@ def compute(
         for observer in observers:
             observer.sees(march)
         on_steps(1)
-    stops = frozenset[int]().union(*(observer.stops for observer in observers))
+    watch = Watch(march.problem, cell.steps)
+    stops = frozenset[int]().union(watch.stops, *(observer.stops for observer in observers))
     looks = next((observer.looks for observer in observers if len(observer.looks)), ())
     for stretch in march.stretches(cell.steps, stops, looks) if cell.steps else ():
         on_steps(len(stretch.iterations))
@@ -77,14 +79,20 @@ def compute(
             for observer in observers:
                 if march.done in observer.stops:
                     observer.sees(march)
+            if march.done in watch.stops:
+                watch.sees(march)
+        if watch.reason:
+            break
 
     iterations = np.concatenate(counts)
     not_converged = int(np.count_nonzero(iterations < 0))
+    ended = march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok")
     return Outcome(
         measurements=[found for observer in observers for found in observer.measured()],
         not_converged=not_converged,
         newton_iterations=float(np.mean(np.abs(iterations))) if march.done else np.nan,
-        status=march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok"),
+        status=REDUNDANT if watch.reason else ended,
+        reason=watch.reason,
         met=march.done - not_converged if cell.stop else None,
         history=[entry for observer in observers for entry in observer.history],
         drift=[entry for observer in observers for entry in observer.drift],

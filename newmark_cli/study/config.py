@@ -31,7 +31,7 @@ from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, CORRECTED, TOTAL
 from newmark_cli.newmark.integrator import is_trapezoidal
-from newmark_cli.newmark.kept import ENERGY
+from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
@@ -67,6 +67,7 @@ REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms"
 BEYOND = (
     "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
     "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
+    "spatial",
 )  # fmt: skip
 MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
@@ -323,7 +324,10 @@ class _Rules(StrictModel):
         width = 0
         for spec in self.problem:
             traits = spec.traits()
-            sizes = {"lambda": traits.m, ENERGY: 1}
+            outputs = traits.sample.outputs
+            # Of a large member of a family as many for each coordinate as of a small one.
+            share = len(outputs.names) / traits.sample.n if outputs else 0
+            sizes = {"lambda": traits.m, ENERGY: 1, OUTPUT: round(share * traits.n)}
             width += 2 + sum(sizes.get(name, traits.n) for name in kept.keep)
         return steps * width * (self.count // (len(self.h) * len(self.problem)))
 
@@ -635,8 +639,8 @@ class _OneProblem(StrictModel):
     problem: Annotated[Any, BeforeValidator(problem_of)]
 
 
-def describe(path: Path, name: str, allow_code: bool) -> str:
-    """What a valid config or mechanism file holds, in one line.
+def describe(path: Path, name: str, allow_code: bool) -> list[str]:
+    """What a valid config or mechanism file holds, in one line; in more of a spatial one.
 
     Args:
         path: The file.
@@ -647,10 +651,16 @@ def describe(path: Path, name: str, allow_code: bool) -> str:
         DocumentError: For every mistake.
     """
     document = documents.read(path, name)
-    if isinstance(document.data, dict) and "points" in document.data:
-        from newmark_cli.mechanisms import planar
+    if isinstance(document.data, dict) and not document.data.keys().isdisjoint(
+        ("points", "bodies", "dimensions")
+    ):
+        from newmark_cli.mechanisms import loading
 
-        problem = planar.built(name, document)
-        return f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"
+        problem = loading.built(name, document)
+        if loading.is_spatial(document.data):
+            from newmark_cli.mechanisms import spatial_summary
+
+            return spatial_summary.lines(name, problem)
+        return [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"]
     study = parse(document, Surroundings(path.parent, allow_code))
-    return f"{name}: study {study.study}, {study.count} cells"
+    return [f"{name}: study {study.study}, {study.count} cells"]

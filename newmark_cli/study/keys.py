@@ -52,7 +52,7 @@ from newmark_cli.newmark.integrator import (
     IntegratorError,
     parameters,
 )
-from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
+from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
@@ -645,8 +645,10 @@ class TrajectoryConfig(StrictModel):
     at: OneOrMore[Number] | None = Field(
         None, description="the steps nearest to these times (s) instead"
     )
-    keep: OneOrMore[Annotated[str, _Known("name", (*KEPT, ENERGY))]] = Field(
-        (*KEPT, ENERGY), description="fields to keep; energy: where it is conserved"
+    keep: OneOrMore[Annotated[str, _Known("name", (*KEPT, ENERGY, OUTPUT))]] = Field(
+        (*KEPT, ENERGY, OUTPUT),
+        description="fields to keep; energy: where it is conserved; output: angular velocities, "
+        "angles and reactions of spatial mechanisms",
     )
 
     @model_validator(mode="after")

@@ -22,7 +22,7 @@ from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.kept import ENERGY, KEPT, Kept
+from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
@@ -40,11 +40,15 @@ if TYPE_CHECKING:
     from newmark_cli.newmark.march import March, Stretch
     from newmark_cli.newmark.march_data import State
     from newmark_cli.newmark.trajectory import Trajectory
+    from newmark_cli.problems.problem import Problem
     from newmark_cli.problems.reference import Reference
 
 #: Symbols of quantities in texts, and in labels of axes as mathtext has them.
-SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C"}
-_MATH = {"lambda": r"\lambda", "eta": r"\eta", ENERGY: "E"}
+SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
+_MATH = {
+    "lambda": r"\lambda", "eta": r"\eta", ENERGY: "E", "omega": r"\omega",
+    "force": r"\mathrm{force}", "moment": r"\mathrm{moment}", OUTPUT: r"\mathrm{output}",
+}  # fmt: skip
 
 
 def symbol(quantity: str) -> str:
@@ -532,23 +536,53 @@ class _Errors(Observer):
         self._found: list[Measurement] = []
 
     def sees(self, march: "March") -> None:
-        self._found = errors(self._reference, march.seen)
+        self._found = errors(self._reference, march.seen, march.problem, march.t)
 
     def measured(self) -> list[Measurement]:
         return self._found
 
 
-def errors(reference: "Reference | None", state: "State") -> list[Measurement]:
+#: Errors of outputs → what their errors are of.  Names of outputs end in these and an axis.
+OF_OUTPUTS: Mapping[str, str] = MappingProxyType(
+    {"omega": "v", "force": "lambda", "moment": "lambda"}
+)
+
+
+def errors(
+    reference: "Reference | None", state: "State", problem: "Problem | None" = None, t: float = 0.0
+) -> list[Measurement]:
     """Measurements of a final state's errors, largest component over largest component.
 
     Args:
         reference: The solution at the state's time; None where there is none to be
             had, and the statistics are empty.
         state: The state.
+        problem: The problem, for errors of its outputs, if it has any.
+        t: Time of the state (s).
     """
     from newmark_cli.problems.reference import relative_error
 
     found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
+    if problem is not None and problem.outputs is not None:
+        names = [name.rpartition(".")[0].rpartition(".")[2] for name in problem.outputs.names]
+        groups = {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
+        found |= {kind: [] for kind in groups}
+        if reference is not None:
+            u, v = np.asarray(state.fields[:2], float)
+            multipliers = np.asarray(state.multipliers, float)
+            here = problem.outputs.values(problem, t, u, v, multipliers)
+            there = problem.outputs.values(
+                problem, t, reference.u, reference.v, reference.multipliers
+            )
+            for kind, of in groups.items():
+                off = relative_error(here[of], there[of])
+                if kind == "moment":
+                    # Moments about axes that turn freely are rounding of those of forces.
+                    lever = problem.outputs.length(reference.u)
+                    of_forces = lever * float(np.abs(there[groups["force"]]).max())
+                    if (size := max(of_forces, float(np.abs(there[of]).max()))) > 0:
+                        off = float(np.abs(here[of] - there[of]).max()) / size
+                found[kind].append(off)
     if reference is not None:
         found["u"].append(relative_error(state.fields[0], reference.u))
         found["v"].append(relative_error(state.fields[1], reference.v))
@@ -560,13 +594,14 @@ def errors(reference: "Reference | None", state: "State") -> list[Measurement]:
 
 
 def _order_of_error(key: SeriesKey) -> float:
-    return _march_of(key).error(key.quantity)
+    return _march_of(key).error(OF_OUTPUTS.get(key.quantity, key.quantity))
 
 
 def _floor_of_error(key: SeriesKey) -> float | None:
     """λ loses less to rounding where corrections of λ do, or where u and v imply it."""
     march = _march_of(key)
-    if key.quantity != "lambda" or not march.formulated or march.alternates:
+    of_multipliers = OF_OUTPUTS.get(key.quantity, key.quantity) == "lambda"
+    if not of_multipliers or not march.formulated or march.alternates:
         return None
     if march.recovers:
         return _POWER_OF_V
@@ -579,7 +614,8 @@ _POWER_OF_V = 1.5
 
 ERROR = Measure(
     "error",
-    "relative errors of u, v, λ at `t_end`: against the exact motion (pendulum), the published "
+    "relative errors of u, v, λ at `t_end`, in space also of angular velocities, reaction forces "
+    "and moments: against the exact motion (pendulum), the published "
     "one (andrews, t = 0.03), or one that is computed from the index-1 equations at high order, "
     "kept in `results/references/` with an estimate of its own error",
     (
@@ -598,13 +634,14 @@ ERROR = Measure(
             # From rest λ of undamped integrators has the order too, until it alternates.
             coarse=lambda key: (float(integrator.parse(key.integrator).order),),
             floor=_floor_of_error,
-            quantities=("u", "v", "lambda"),
+            quantities=("u", "v", "lambda", *OF_OUTPUTS),
         ),
     ),
     _Errors,
     at_end=True,
     reference=True,
-    rows=_primary(*(("error", quantity) for quantity in ("u", "v", "lambda"))),
+    rows=_primary(*(("error", quantity) for quantity in ("u", "v", "lambda", *OF_OUTPUTS))),
+    may_lack=tuple(OF_OUTPUTS),
 )
 
 
@@ -857,6 +894,8 @@ class _Trajectories(Observer):
         kept = self._kept = cell.trajectory or Kept()
         steps = kept.looks(march.problem.t0, cell.h, cell.steps)
         wanted = {*kept.keep, *(("u", "v") if ENERGY in kept.keep else ())}
+        if OUTPUT in kept.keep and march.problem.outputs is not None:
+            wanted |= {"u", "v", "lambda"}
         self._recorder = Recorder(march, [name for name in KEPT if name in wanted], len(steps) + 1)
         if steps and steps[0] == 0:
             self._recorder.keep_here()
@@ -884,6 +923,8 @@ class _Trajectories(Observer):
         sizes = {name: found.arrays[name] for name in found.arrays if name in self._kept.keep}
         if ENERGY in self._kept.keep and found.energy is not None:
             sizes[ENERGY] = found.energy[:, None]
+        if OUTPUT in self._kept.keep and found.output_names:
+            sizes[OUTPUT] = found.outputs
         return [
             Measurement(
                 name,
@@ -891,27 +932,27 @@ class _Trajectories(Observer):
                 "primary",
                 statistics(np.abs(sizes[name][after]).max(axis=1, initial=0.0)),
             )
-            for name in (*KEPT, ENERGY)
+            for name in (*KEPT, ENERGY, OUTPUT)
             if name in sizes
         ]
 
 
 TRAJECTORY = Measure(
     "trajectory",
-    "u, v, a, λ and the energy over time, by name, into `results/trajectory/<study>.csv`; the "
-    "key `trajectory` says at which steps",
+    "u, v, a, λ, the energy, and reactions and angular velocities in space over time, by name, "
+    "into `results/trajectory/<study>.csv`; the key `trajectory` says at which steps",
     (
         Record(
             "trajectory",
             lambda key: f"{symbol(key.quantity)} over time",
             lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
             "max",
-            quantities=(*KEPT, ENERGY),
+            quantities=(*KEPT, ENERGY, OUTPUT),
         ),
     ),
     _Trajectories,
-    rows=_primary(*(("trajectory", name) for name in (*KEPT, ENERGY))),
-    may_lack=(*KEPT, ENERGY),
+    rows=_primary(*(("trajectory", name) for name in (*KEPT, ENERGY, OUTPUT))),
+    may_lack=(*KEPT, ENERGY, OUTPUT),
 )
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from newmark_cli.json_schema import Generator, JsonSchema, given, with_definitions
 from newmark_cli.mechanisms.models import Mechanism
+from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.choice import AUTO, DENSE
 from newmark_cli.study.config import MOST_CASES, Case, Study
@@ -186,13 +187,19 @@ def config_schema() -> JsonSchema:
 
 
 def mechanism_schema() -> JsonSchema:
-    """Of mechanism files."""
+    """Of planar mechanism files."""
     written = Mechanism.model_json_schema(schema_generator=Generator)
     return with_definitions(written, "Mechanism file of newmark-study")
 
 
+def spatial_schema() -> JsonSchema:
+    """Of spatial mechanism files."""
+    written = SpatialMechanism.model_json_schema(schema_generator=Generator)
+    return with_definitions(written, "Spatial mechanism file of newmark-study")
+
+
 SCHEMAS: Mapping[str, Callable[[], JsonSchema]] = MappingProxyType(
-    {"config": config_schema, "mechanism": mechanism_schema}
+    {"config": config_schema, "mechanism": mechanism_schema, "spatial": spatial_schema}
 )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.errors import InputError, ResultsError
-from newmark_cli.newmark.kept import ENERGY, KEPT
+from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
 from newmark_cli.study import axes, reading, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
@@ -109,7 +109,7 @@ def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Tab
     components = dict.fromkeys(
         name for _, outcome in parts for name in outcome.trajectory if name not in ("step", "t")
     )
-    kinds = (*KEPT, ENERGY)
+    kinds = (*KEPT, ENERGY, OUTPUT)
     ordered = sorted(components, key=lambda name: kinds.index(name.partition("[")[0]))
     told = results.told_apart([label for label, _ in parts])
     return Table(study, (*HISTORY_COLUMNS, *told, *ordered), parts)

@@ -1,0 +1,873 @@
+"""Spatial mechanisms: the tables of the element loop from a mechanism's data.
+
+A rigid body is the position of a point and three directors (Betsch and Steinmann): twelve
+coordinates, a constant mass matrix, and constraints that are at most quadratic.
+"""
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from newmark_cli import documents
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.documents import Document, DocumentError, KeyPath
+from newmark_cli.mechanisms import spatial_elements as elements
+from newmark_cli.mechanisms import spatial_start
+from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.mechanisms.models import Law
+from newmark_cli.mechanisms.spatial_model import (
+    GROUND,
+    Body,
+    Joint,
+    Motion,
+    SpatialMechanism,
+    unit,
+)
+from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
+from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.spelling import nearest
+
+#: Coordinates of a body.
+PER_BODY = 12
+#: What the two places of a joint may differ by at the start, of the largest coordinate.
+_MISFIT = 1e-12
+#: How far from parallel axes that are given by body may be at the start.
+_ASKEW = 1e-9
+
+_INTERNAL = ("d1·d1", "d2·d2", "d3·d3", "d1·d2", "d1·d3", "d2·d3")
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialModel:
+    """What drawings and outputs must know of a spatial mechanism.
+
+    Attributes:
+        mechanism: What the file says.
+        bodies: Names, in the order of the coordinates.
+        joints: By name.
+        points: Points of the ground and of bodies, by name.
+        shared: Joints whose reactions are not unique, because they depend on what is dropped.
+        freedom: Degrees of freedom at the start.
+        mass_rank: Rank of M.
+        loose: Bodies that nothing holds.
+    """
+
+    mechanism: SpatialMechanism
+    bodies: tuple[str, ...]
+    joints: Mapping[str, Connection]
+    points: Mapping[str, Side]
+    shared: frozenset[str] = frozenset()
+    freedom: int = 0
+    mass_rank: int = 0
+    loose: tuple[str, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """Heads drawings."""
+        return self.mechanism.title
+
+    @property
+    def description(self) -> str:
+        """What it is and how it moves, in one line."""
+        return self.mechanism.description
+
+
+#: Constant part, and (place of a vector in u, weight) pairs.
+_Combination = tuple[Array, list[tuple[int, float]]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Element:
+    """A row of the tables and its terms, but for where its values go.
+
+    Attributes:
+        kind: One of the kinds of `spatial_elements`.
+        rows: Numbers of its constraints.
+        first, second: Terms: place in u, weight, and the second weight of `ANGLE`, `HINGE`.
+        reals: Row of the real table.
+        place: Place in u of what has no terms.
+    """
+
+    kind: int
+    reals: Sequence[float]
+    rows: tuple[int, ...] = ()
+    first: Sequence[tuple[int, float, float]] = ()
+    second: Sequence[tuple[int, float, float]] = ()
+    place: int = 0
+
+
+def built(name: str, document: Document) -> Problem:
+    """Problem from the document of a spatial mechanism.
+
+    Raises:
+        DocumentError: For mistakes, each with file, line and key.
+    """
+    return build(name, documents.validate(document, SpatialMechanism), document)
+
+
+def build(name: str, mechanism: SpatialMechanism, document: Document | None = None) -> Problem:
+    """Problem from a spatial mechanism.
+
+    Args:
+        name: Name of the problem.
+        mechanism: The mechanism.
+        document: Where it came from, for errors.
+
+    Raises:
+        DocumentError: For mistakes, each with file, line and key.
+    """
+    return spatial_start.consistent(Builder(name, document or Document(name, {}, {}), mechanism))
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """The angle of a joint: q and p of its first body, p of the other."""
+
+    constants: tuple[Array, Array, Array]
+    first: list[tuple[int, float, float]]
+    second: list[tuple[int, float, float]]
+
+
+class _Follows(Exception):
+    """A part cannot be built because of a mistake that is known already."""
+
+
+class Builder:
+    """Turns a mechanism into the tables of the element loop.
+
+    Attributes:
+        document: Where errors are.
+        mechanism: What the file says.
+        rows: Name of each constraint, in two or three parts.
+        paths: Key of each constraint.
+        owners: Joint of each constraint, and its row; empty strings for other constraints.
+        joints: Joints that were built.
+    """
+
+    def __init__(self, name: str, document: Document, mechanism: SpatialMechanism) -> None:
+        self.name, self.document, self.mechanism = name, document, mechanism
+        self.rows: list[tuple[str, ...]] = []
+        self.paths: list[KeyPath] = []
+        self.owners: list[tuple[str, str]] = []
+        self.joints: dict[str, Connection] = {}
+        self._mistakes = documents.Mistakes()
+        self._elements: list[_Element] = []
+        self._numbers = {body: i for i, body in enumerate(mechanism.bodies)}
+        self._frames = [body.directors for body in mechanism.bodies.values()]
+        self._origins = [np.array(body.position) for body in mechanism.bodies.values()]
+        self._points: dict[str, Side] = {}
+        self._build()
+
+    # -- what it is asked for ------------------------------------------------------------------
+
+    def problem(self, released: Collection[int] = ()) -> Problem:
+        """The problem, without some of its constraints.
+
+        Args:
+            released: Numbers of constraints that are dropped.
+        """
+        kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
+        mechanism = self.mechanism
+        ints, reals, x, y, g = _tables(self._elements, kept, len(self.rows))
+        mass_places, mass_values = self._mass
+        return Problem(
+            name=self.name,
+            u0=self._start(),
+            v0=self._velocities(),
+            t0=0.0,
+            constraints=len(kept),
+            function=elements.evaluate,
+            derivatives=elements.constraint_derivatives,
+            ints=ints,
+            reals=reals,
+            pattern=Pattern(*mass_places, *x, *y, *g),
+            mass_values=mass_values,
+            drawing_given=SpatialModel(
+                mechanism,
+                tuple(self._numbers),
+                self.joints,
+                self._points,
+            ),
+            points_given=tuple(f"{body}.{vector}" for body in self._numbers for vector in _VECTORS),
+            axes="xyz",
+            quadratic=not mechanism.motions,
+            single=True,
+            potential=elements.potential if mechanism.conservative else None,
+            constraints_given=tuple(self.rows[row] for row in kept),
+            released=tuple(".".join(self.rows[row]) for row in sorted(released)),
+            outputs=SpatialOutputs(
+                tuple(self._numbers), self.joints, tuple(self.owners[row] for row in kept)
+            ),
+        )
+
+    def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
+        """Key, gradient (n,) at a position (n,), and value of each rate that the file gives.
+
+        Raises:
+            DocumentError: When a joint has no such rate.
+        """
+        for name, given in self.mechanism.rates.items():
+            path: KeyPath = ("rates", name)
+            joint = self._joint(name, path)
+            kind = JOINTS[joint.kind]
+            has = [
+                key for key, is_so in (("angle", kind.turns), ("distance", kind.slides)) if is_so
+            ]
+            wanted = (
+                {
+                    key: rate
+                    for key in ("angle", "distance")
+                    if (rate := getattr(given, key)) is not None
+                }
+                if not isinstance(given, float)
+                else dict.fromkeys(has, given)
+            )
+            if not has or not set(wanted) <= set(has):
+                what = " and ".join(has) or "no single rate"
+                raise self.document.error(path, f"a {joint.kind} joint has {what}")
+            if isinstance(given, float) and len(has) > 1:
+                raise self.document.error(
+                    path, f"a {joint.kind} joint has two rates; give {{angle: …, distance: …}}"
+                )
+            for key, rate in wanted.items():
+                yield path, self._rate_gradient(joint, key, u.reshape(-1, 4, 3)), rate
+
+    # -- parts ---------------------------------------------------------------------------------
+
+    @contextmanager
+    def _checked(self) -> Iterator[None]:
+        """Take up a mistake of the block, which ends there."""
+        try:
+            yield
+        except _Follows:
+            pass
+        except DocumentError as error:
+            self._mistakes.note(error)
+
+    def _build(self) -> None:
+        mechanism = self.mechanism
+        if GROUND in mechanism.bodies:
+            message = "'ground' is what bodies stand on; give this body another name"
+            self._mistakes.note(self.document.error(("bodies", GROUND), message))
+        for name, point in mechanism.points.items():
+            self._points[name] = Side(-1, np.array(point.fixed), {})
+        for name, on_body in mechanism.body_points.items():
+            with self._checked():
+                if name in mechanism.points:
+                    message = f"there is a point {name} of the ground, too"
+                    raise self.document.error(("body_points", name), message)
+                body = self._body(on_body.on, ("body_points", name, "on"))
+                self._points[name] = Side(body, np.array(on_body.at), {})
+        self._loads = np.zeros((4 * len(self._numbers), 3))
+        self._mass = self._masses()
+        for name, body in self._numbers.items():
+            first = len(self.rows)
+            self._name(("bodies", name), name, _INTERNAL)
+            rows = tuple(range(first, first + 6))
+            self._elements.append(_Element(elements.BODY, (), rows, place=PER_BODY * body + 3))
+        for name, joint in mechanism.joints.items():
+            with self._checked():
+                self._add_joint(name, joint)
+        for name, motion in mechanism.motions.items():
+            with self._checked():
+                self._add_motion(motion, ("motions", name))
+        self._add_forces()
+        self._mistakes.refuse()
+        for place in np.flatnonzero(np.any(self._loads != 0, axis=1)).tolist():
+            load = self._loads[place].tolist()
+            self._elements.append(_Element(elements.LOAD, load, place=3 * place))
+
+    def _add_forces(self) -> None:
+        mechanism = self.mechanism
+        for name, force in mechanism.forces.items():
+            with self._checked():
+                side = self._of_body(force.at, ("forces", name, "at"))
+                weights = np.concatenate([[1.0], side.point])
+                first = 4 * side.body
+                self._loads[first : first + 4] += np.outer(weights, force.force)
+        for name, spring in mechanism.springs.items():
+            with self._checked():
+                ends = self._ends(spring.from_, spring.to, ("springs", name))
+                self._strut(elements.SPRING, ends, (spring.stiffness, spring.rest_length))
+        for name, damper in mechanism.dampers.items():
+            with self._checked():
+                ends = self._ends(damper.from_, damper.to, ("dampers", name))
+                self._strut(elements.DAMPER, ends, (damper.damping,))
+        for name in mechanism.torques:
+            with self._checked():
+                self._add_torque(name)
+        for name, twisted in mechanism.torsion_springs.items():
+            with self._checked():
+                path: KeyPath = ("torsion_springs", name, "on")
+                self._hinge(twisted.on, (0.0, twisted.stiffness, twisted.rest_angle, 0.0), path)
+        for name, rubbed in mechanism.torsion_dampers.items():
+            with self._checked():
+                path = ("torsion_dampers", name, "on")
+                self._hinge(rubbed.on, (0.0, 0.0, 0.0, rubbed.damping), path)
+
+    def _add_torque(self, name: str) -> None:
+        torque, path = self.mechanism.torques[name], ("torques", name)
+        if isinstance(torque.torque, float):
+            if torque.frame is not None:
+                raise self.document.error((*path, "frame"), "a torque on a joint has none")
+            if torque.on in self._numbers and torque.on not in self.mechanism.joints:
+                message = "must be [x, y, z] on a body, or the torque of a joint"
+                raise self.document.error((*path, "torque"), message)
+            self._hinge(torque.on, (torque.torque, 0.0, 0.0, 0.0), (*path, "on"))
+            return
+        if torque.on in self.mechanism.joints and torque.on not in self._numbers:
+            message = "must be one number on a joint: about its axis"
+            raise self.document.error((*path, "torque"), message)
+        body = self._body(torque.on, (*path, "on"))
+        kind = elements.FOLLOWER if torque.frame == "body" else elements.TORQUE
+        self._elements.append(_Element(kind, torque.torque, place=PER_BODY * body + 3))
+
+    def _masses(self) -> tuple[tuple[IndexArray, IndexArray], Array]:
+        """Places and values of M = S ⊗ 1; gravity goes into the loads."""
+        gravity = np.array(self.mechanism.gravity)
+        points: dict[int, list[tuple[Array, float]]] = {}
+        for name, point in self.mechanism.body_points.items():
+            if point.mass and name in self._points:
+                side = self._points[name]
+                points.setdefault(side.body, []).append((side.point, point.mass))
+        places, values = [], []
+        for i, body in enumerate(self.mechanism.bodies.values()):
+            inertia = mass_of(body)
+            for at, mass in points.get(i, ()):
+                weights = np.concatenate([[1.0], at])
+                inertia = inertia + mass * np.outer(weights, weights)
+            self._loads[4 * i : 4 * i + 4] += np.outer(inertia[0], gravity)
+            rows, columns = np.nonzero(inertia)
+            for c in range(3):
+                places.append(PER_BODY * i + 3 * np.array([rows, columns]) + c)
+                values.append(inertia[rows, columns])
+        found = np.concatenate(values)
+        if not len(found):
+            message = "no body has mass"
+            raise self.document.error(("bodies",), message)
+        together = np.concatenate(places, axis=1).astype(np.int64)
+        return (together[0], together[1]), found
+
+    def _name(self, path: KeyPath, owner: str, rows: Sequence[str], joint: bool = False) -> None:
+        for row in rows:
+            self.rows.append((owner, row))
+            self.paths.append(path)
+            self.owners.append((owner, row) if joint else ("", ""))
+
+    # -- references ----------------------------------------------------------------------------
+
+    def _body(self, name: str, path: KeyPath, ground: bool = False) -> int:
+        if ground and name == GROUND:
+            return -1
+        if name not in self._numbers:
+            allowed = (*self._numbers, GROUND) if ground else tuple(self._numbers)
+            raise self._unknown("body", name, path, allowed)
+        return self._numbers[name]
+
+    def _unknown(
+        self, kind: str, name: str, path: KeyPath, allowed: Collection[str]
+    ) -> DocumentError:
+        hint = "" if self._mistakes.full else nearest(name, allowed)
+        return self.document.error(path, f"unknown {kind} {name!r}{hint}")
+
+    def _joint(self, name: str, path: KeyPath) -> Connection:
+        if name not in self.mechanism.joints:
+            raise self._unknown("joint", name, path, self.mechanism.joints)
+        if name not in self.joints:
+            raise _Follows
+        return self.joints[name]
+
+    def _point(self, name: str, path: KeyPath) -> Side:
+        if name in self.mechanism.body_points and name not in self._points:
+            raise _Follows
+        if name not in self._points:
+            raise self._unknown("point", name, path, self._points)
+        return self._points[name]
+
+    def _of_body(self, name: str, path: KeyPath) -> Side:
+        """A point of a body, or the origin of one."""
+        if name in self._numbers and name not in self._points:
+            return Side(self._numbers[name], np.zeros(3), {})
+        if name not in self._points and name not in self.mechanism.body_points:
+            raise self._unknown("point", name, path, (*self._points, *self._numbers))
+        side = self._point(name, path)
+        if side.body < 0:
+            raise self.document.error(path, f"{name} is a point of the ground")
+        return side
+
+    def _ends(self, start: str, end: str, path: KeyPath) -> tuple[Side, Side]:
+        found = []
+        for name, key in ((start, "from"), (end, "to")):
+            with self._checked():
+                found.append(self._point(name, (*path, key)))
+        if len(found) < 2:
+            raise _Follows
+        if found[0].body == found[1].body:
+            message = f"joins {start} and {end}, which cannot move relative to each other"
+            raise self.document.error(path, message)
+        if not self.mechanism.assemble:
+            apart = np.linalg.norm(self._place(found[1]) - self._place(found[0]))
+            if apart <= _MISFIT * self._size:
+                raise self.document.error(
+                    path, f"{start} and {end} start in one place: their line has no direction"
+                )
+        return found[0], found[1]
+
+    # -- geometry at the start -----------------------------------------------------------------
+
+    @property
+    def _size(self) -> float:
+        return max(1.0, *(float(np.abs(origin).max()) for origin in self._origins))
+
+    def _place(self, side: Side) -> Array:
+        if side.body < 0:
+            return side.point
+        return np.asarray(self._origins[side.body] + self._frames[side.body] @ side.point)
+
+    def _turned(self, body: int, vector: Array) -> Array:
+        """(3,) a vector of a body in global axes."""
+        return vector if body < 0 else np.asarray(self._frames[body] @ vector)
+
+    def _seen(self, body: int, vector: Array) -> Array:
+        """(3,) a global vector in the axes of a body."""
+        return vector if body < 0 else np.asarray(self._frames[body].T @ vector)
+
+    def _at(self, body: int, place: Array) -> Array:
+        """(3,) body coordinates of a global place."""
+        if body < 0:
+            return place
+        return np.asarray(self._frames[body].T @ (place - self._origins[body]))
+
+    # -- joints --------------------------------------------------------------------------------
+
+    def _add_joint(self, name: str, joint: Joint) -> None:
+        path: KeyPath = ("joints", name)
+        kind, numbers = JOINTS[joint.type], []
+        for given, key in ((joint.from_, "from"), (joint.to, "to")):
+            with self._checked():
+                numbers.append(self._body(given, (*path, key), ground=True))
+        if len(numbers) < 2:
+            raise _Follows
+        first, second = numbers
+        names = (joint.from_, joint.to)
+        points = [
+            np.array(joint.at[end])
+            if isinstance(joint.at, dict)
+            else self._at(body, np.array(joint.at))
+            for end, body in zip(names, numbers, strict=True)
+        ]
+        vectors: list[dict[str, Array]] = [{}, {}]
+        if kind.axes == 1:
+            vectors = self._about(joint, first, second, path)
+        elif kind.axes == 2:
+            vectors = self._crossed(joint, first, second, path)
+        elif joint.type == "rigid":
+            frame = np.eye(3)
+            vectors = [
+                {f"e{i + 1}": self._seen(body, frame[i]) for i in range(3)} for body in numbers
+            ]
+        a, b = (
+            Side(body, point, found)
+            for body, point, found in zip(numbers, points, vectors, strict=True)
+        )
+        apart = self._place(b) - self._place(a)
+        if kind.length:
+            if not np.linalg.norm(apart) > _MISFIT * self._size:
+                raise self.document.error((*path, "at"), "its points start in one place")
+            length = joint.length or float(np.linalg.norm(apart))
+            misfit = float(np.linalg.norm(apart)) - length
+            if not self.mechanism.assemble and abs(misfit) > _MISFIT * length:
+                raise self.document.error(
+                    (*path, "length"),
+                    f"its points start {length + misfit:.12g} m apart, given length {length:g}; "
+                    "correct the positions or set 'assemble: true'",
+                )
+        elif isinstance(joint.at, dict) and not self.mechanism.assemble:
+            self._require_met(joint, a, b, apart, path)
+        self.joints[name] = Connection(joint.type, (a, b))
+        self._name(path, name, kind.rows, joint=True)
+        row = len(self.rows) - len(kind.rows)
+        between = _minus(_site(b), _site(a))
+        if kind.meets:
+            offset, terms = between
+            rows = (row, row + 1, row + 2)
+            self._elements.append(_Element(elements.POINT, offset.tolist(), rows, _once(terms)))
+            row += 3
+        for dot in kind.dots:
+            other = between if dot.second == "D" else _direction(b, dot.second)
+            self._dot(row, _direction(a, dot.first), other)
+            row += 1
+        if kind.length:
+            offset, terms = between
+            self._elements.append(
+                _Element(
+                    elements.SQUARE, _reals(offset, (), (), (length**2,)), (row,), _once(terms)
+                )
+            )
+
+    def _require_met(self, joint: Joint, a: Side, b: Side, apart: Array, path: KeyPath) -> None:
+        """Both places of a joint are one at the start, as far as the joint asks."""
+        if JOINTS[joint.type].meets:
+            missed = float(np.linalg.norm(apart))
+        elif joint.type in ("planar", "point-on-plane"):
+            missed = abs(float(self._turned(a.body, a.vectors["n"]) @ apart))
+        else:
+            axis = self._turned(a.body, a.vectors["n"])
+            missed = float(np.linalg.norm(apart - (axis @ apart) * axis))
+        if missed > _MISFIT * self._size:
+            raise self.document.error(
+                (*path, "at"),
+                f"its places on {joint.from_} and {joint.to} start {missed:.12g} m apart; correct "
+                "them or set 'assemble: true'",
+            )
+
+    def _about(
+        self, joint: Joint, first: int, second: int, path: KeyPath
+    ) -> list[dict[str, Array]]:
+        """n, p and q of both bodies."""
+        given = joint.axis
+        if isinstance(given, dict):
+            in_first, in_second = unit(given[joint.from_]), unit(given[joint.to])
+            axis, other = self._turned(first, in_first), self._turned(second, in_second)
+            askew = float(np.linalg.norm(np.cross(axis, other)))
+            aligned = any(dot.second == "n" for dot in JOINTS[joint.type].dots)
+            if aligned and not self.mechanism.assemble and (askew > _ASKEW or axis @ other < 0):
+                raise self.document.error(
+                    (*path, "axis"),
+                    f"its axes on {joint.from_} and {joint.to} start {_degrees(axis, other):.3g}° "
+                    "apart; correct them or set 'assemble: true'",
+                )
+        else:
+            axis = other = unit(given)
+            in_first, in_second = self._seen(first, axis), self._seen(second, axis)
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        across /= np.linalg.norm(across)
+        p_first = self._seen(first, across)
+        # Perpendicular to the axis of the second body, too, where that is not yet parallel.
+        leaning = across - (across @ other) * other
+        leaning /= np.linalg.norm(leaning)
+        p_second = self._seen(second, leaning)
+        return [
+            {"n": n, "p": p, "q": np.cross(n, p)}
+            for n, p in ((in_first, p_first), (in_second, p_second))
+        ]
+
+    def _crossed(
+        self, joint: Joint, first: int, second: int, path: KeyPath
+    ) -> list[dict[str, Array]]:
+        """Axes of a universal joint."""
+        given = joint.axes
+        if isinstance(given, dict):
+            in_first, in_second = unit(given[joint.from_]), unit(given[joint.to])
+            a, b = self._turned(first, in_first), self._turned(second, in_second)
+            if not self.mechanism.assemble and abs(a @ b) > _ASKEW:
+                message = f"must be perpendicular at the start, the cosine is {a @ b:.3g}"
+                raise self.document.error((*path, "axes"), message)
+            return [{"a": in_first}, {"b": in_second}]
+        assert given is not None
+        a = unit(given[0])
+        b = unit(np.asarray(given[1]) - (a @ np.asarray(given[1])) * a)
+        return [{"a": self._seen(first, a)}, {"b": self._seen(second, b)}]
+
+    def _dot(
+        self, row: int, first: _Combination, second: _Combination, law: Sequence[float] = (0.0,) * 6
+    ) -> None:
+        self._elements.append(
+            _Element(
+                elements.DOT,
+                _reals(first[0], second[0], (), law),
+                (row,),
+                _once(first[1]),
+                _once(second[1]),
+            )
+        )
+
+    def _strut(self, kind: int, ends: tuple[Side, Side], parameters: Sequence[float]) -> None:
+        offset, terms = _minus(_site(ends[1]), _site(ends[0]))
+        self._elements.append(_Element(kind, _reals(offset, (), (), parameters), (), _once(terms)))
+
+    def _turning(self, joint: Connection) -> "_Turning":
+        """Terms and constants of `ANGLE` and `HINGE`: q and p of the first body, p of the other."""
+        a, b = joint.sides
+        q, p = _direction(a, "q"), _direction(a, "p")
+        other = _direction(b, "p")
+        weights: dict[int, tuple[float, float]] = {}
+        of_q, of_p = dict(q[1]), dict(p[1])
+        for place in sorted(of_q.keys() | of_p.keys()):
+            weights[place] = of_q.get(place, 0.0), of_p.get(place, 0.0)
+        return _Turning(
+            (q[0], p[0], other[0]),
+            [(place, *both) for place, both in weights.items()],
+            _once(other[1]),
+        )
+
+    def _hinge(self, name: str, parameters: Sequence[float], path: KeyPath) -> None:
+        joint = self._joint(name, path)
+        if not JOINTS[joint.kind].turns:
+            turning = ", ".join(kind for kind, about in JOINTS.items() if about.turns)
+            message = f"a {joint.kind} joint has no angle; one of {turning} has"
+            raise self.document.error(path, message)
+        terms = self._turning(joint)
+        self._elements.append(
+            _Element(
+                elements.HINGE,
+                _reals(*terms.constants, parameters),
+                (),
+                terms.first,
+                terms.second,
+            )
+        )
+
+    def _rate_gradient(self, joint: Connection, key: str, bodies: Array) -> Array:
+        """(n,) of the angle or the distance of a joint, at origins and directors (b, 4, 3)."""
+        gradient = np.zeros(PER_BODY * len(self._numbers))
+
+        def push(terms: Sequence[tuple[int, float]], vector: Array) -> None:
+            for place, weight in terms:
+                gradient[place : place + 3] += weight * vector
+
+        a, b = joint.sides
+        if key == "angle":
+            q, p, other = (
+                a.direction("q", bodies),
+                a.direction("p", bodies),
+                b.direction("p", bodies),
+            )
+            sine, cosine = float(q @ other), float(p @ other)
+            push(_direction(a, "q")[1], cosine * other)
+            push(_direction(a, "p")[1], -sine * other)
+            push(_direction(b, "p")[1], cosine * q - sine * p)
+            return gradient / (sine**2 + cosine**2)
+        push(_direction(a, "n")[1], b.place(bodies) - a.place(bodies))
+        push(_minus(_site(b), _site(a))[1], a.direction("n", bodies))
+        return gradient
+
+    # -- motions -------------------------------------------------------------------------------
+
+    def _add_motion(self, motion: Motion, path: KeyPath) -> None:
+        for key, law in motion.laws.items():
+            with self._checked():
+                if motion.joint is not None:
+                    self._drive(motion.joint, key, law, path)
+                else:
+                    assert motion.point is not None
+                    side = self._of_body(motion.point, (*path, "point"))
+                    axis = np.eye(3)["xyz".index(key)]
+                    now = float(axis @ self._place(side))
+                    parameters = self._fitting(law, now, (*path, key))
+                    self._driven(path, key)
+                    self._dot(len(self.rows) - 1, (axis, []), _site(side), parameters)
+
+    def _drive(self, name: str, key: str, law: Law, path: KeyPath) -> None:
+        joint = self._joint(name, (*path, "joint"))
+        kind = JOINTS[joint.kind]
+        if not (kind.turns if key == "angle" else kind.slides):
+            having = ", ".join(
+                other for other, one in JOINTS.items()
+                if (one.turns if key == "angle" else one.slides)
+            )  # fmt: skip
+            message = f"a {joint.kind} joint has none; one of {having} has"
+            raise self.document.error((*path, key), message)
+        a, b = joint.sides
+        period = 2 * math.pi if key == "angle" else math.inf
+        now = 0.0
+        if key == "distance":
+            now = float(self._turned(a.body, a.vectors["n"]) @ (self._place(b) - self._place(a)))
+        parameters = self._fitting(law, now, (*path, key), period)
+        self._driven(path, key)
+        row = len(self.rows) - 1
+        if key == "distance":
+            self._dot(row, _direction(a, "n"), _minus(_site(b), _site(a)), parameters)
+            return
+        terms = self._turning(joint)
+        reals = _reals(*terms.constants, parameters)
+        self._elements.append(_Element(elements.ANGLE, reals, (row,), terms.first, terms.second))
+
+    def _driven(self, path: KeyPath, key: str) -> None:
+        self.rows.append((*map(str, path), key))
+        self.paths.append((*path, key))
+        self.owners.append(("", ""))
+
+    def _fitting(
+        self, law: Law, now: float, path: KeyPath, period: float = math.inf
+    ) -> tuple[float, ...]:
+        """Parameters of a law that starts where the mechanism does."""
+        parameters = law.parameters(now)
+        begin = parameters[0] + law.amplitude * math.sin(law.phase)
+        away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
+        if not self.mechanism.assemble and abs(away) > 1e-9 * max(1.0, abs(now)):
+            raise self.document.error(
+                path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}"
+            )
+        return parameters
+
+    # -- start ---------------------------------------------------------------------------------
+
+    def _start(self) -> Array:
+        """(n,) coordinates."""
+        return np.concatenate(
+            [
+                np.concatenate([origin, frame.T.ravel()])
+                for origin, frame in zip(self._origins, self._frames, strict=True)
+            ]
+        )
+
+    def _velocities(self) -> Array:
+        """(n,) velocities: d_i' = ω × d_i."""
+        return np.concatenate(
+            [
+                np.concatenate([body.velocity, (frame.T @ _turning_rate(body).T).ravel()])
+                for body, frame in zip(self.mechanism.bodies.values(), self._frames, strict=True)
+            ]
+        )
+
+
+_VECTORS = ("origin", "d1", "d2", "d3")
+
+
+def _turning_rate(body: Body) -> Array:
+    """(3, 3) matrix of ω ×."""
+    x, y, z = body.angular_velocity
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def mass_of(body: Body) -> Array:
+    """(4, 4) S of a body, M = S ⊗ 1: mass, first moments, Euler tensor about the origin."""
+    centre, inertia = np.array(body.centre), body.tensor
+    euler = np.trace(inertia) / 2 * np.eye(3) - inertia + body.mass * np.outer(centre, centre)
+    first = body.mass * centre
+    return np.block([[np.array([[body.mass]]), first[None]], [first[:, None], euler]])
+
+
+def _degrees(first: Array, second: Array) -> float:
+    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(first, second))), first @ second))
+
+
+def _site(side: Side) -> _Combination:
+    """The point of a side."""
+    if side.body < 0:
+        return side.point, []
+    place = PER_BODY * side.body
+    weights = zip(range(place + 3, place + PER_BODY, 3), side.point.tolist(), strict=True)
+    return np.zeros(3), [(place, 1.0), *((at, weight) for at, weight in weights if weight)]
+
+
+def _direction(side: Side, name: str) -> _Combination:
+    """A vector of a side."""
+    vector = side.vectors[name]
+    if side.body < 0:
+        return vector, []
+    place = PER_BODY * side.body
+    weights = zip(range(place + 3, place + PER_BODY, 3), vector.tolist(), strict=True)
+    return np.zeros(3), [(at, weight) for at, weight in weights if weight]
+
+
+def _minus(one: _Combination, other: _Combination) -> _Combination:
+    return one[0] - other[0], [*one[1], *((place, -weight) for place, weight in other[1])]
+
+
+def _once(terms: Sequence[tuple[int, float]]) -> list[tuple[int, float, float]]:
+    return [(place, weight, 0.0) for place, weight in terms]
+
+
+def _reals(
+    offset: Any, other: Any = (), third: Any = (), parameters: Sequence[float] = ()
+) -> list[float]:
+    row = [0.0] * elements.REAL_COLUMNS
+    for start, part in (
+        (elements.OFFSET, offset), (elements.OTHER, other), (elements.THIRD, third),
+        (elements.PARAMETER, parameters),
+    ):  # fmt: skip
+        numbers = [float(number) for number in part]
+        row[start : start + len(numbers)] = numbers
+    return row
+
+
+#: Places of the values of a body, relative to its first director: of X, and of G.
+_BODY_X = [(3 * i + c, 3 * i + c) for i in range(3) for c in range(3)] + [
+    entry
+    for i, j in elements.PAIRS
+    for one, two in ((i, j), (j, i))
+    for entry in [(3 * one + c, 3 * two + c) for c in range(3)]
+]
+_BODY_G = [(3 * i + c, i) for i in range(3) for c in range(3)] + [
+    (3 * one + c, 3 + k)
+    for k, (i, j) in enumerate(elements.PAIRS)
+    for one in (i, j)
+    for c in range(3)
+]
+_CROSS = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
+_FULL = tuple((c, d) for c in range(3) for d in range(3))
+
+_Entries = list[tuple[int, int]]
+
+
+def _tables(
+    found: Sequence[_Element], kept: Sequence[int], rows: int
+) -> tuple[IndexArray, Array, IndexArray, IndexArray, IndexArray]:
+    """Both tables, and the places (2, entries) of X, Y and G."""
+    number = np.full(rows, -1)
+    number[list(kept)] = np.arange(len(kept))
+    numbers = number.tolist()
+    ints: list[list[int]] = []
+    reals: list[Sequence[float]] = []
+    x: _Entries = []
+    y: _Entries = []
+    g: _Entries = []
+    for element in found:
+        own = [numbers[row] for row in element.rows]
+        if own and all(row < 0 for row in own):
+            continue
+        first, second = len(element.first) or element.place, len(element.second)
+        places = (*own, 0, 0, 0)[:3]
+        ints.append([element.kind, first, second, len(x), len(y), len(g), *places])
+        reals.append([*element.reals, *[0.0] * (elements.REAL_COLUMNS - len(element.reals))])
+        terms = (*element.first, *element.second)
+        for place, one, other in terms:
+            ints.append([elements.TERM, place, 0, 0, 0, 0, 0, 0, 0])
+            reals.append([one, other, *[0.0] * (elements.REAL_COLUMNS - 2)])
+        _add_entries(element, own, x, y, g)
+    places_of = (np.array(entries, np.int64).reshape(-1, 2).T.copy() for entries in (x, y, g))
+    return (
+        np.array(ints, np.int64).reshape(-1, elements.INT_COLUMNS),
+        np.array(reals, float).reshape(-1, elements.REAL_COLUMNS),
+        *places_of,
+    )  # type: ignore[return-value]
+
+
+def _add_entries(
+    element: _Element, own: Sequence[int], x: _Entries, y: _Entries, g: _Entries
+) -> None:
+    """Places of the values of an element, in the order in which the loop writes them."""
+    kind, at = element.kind, element.place
+    first = [place for place, _, _ in element.first]
+    second = [place for place, _, _ in element.second]
+    both = first + second
+    if kind == elements.BODY:
+        x += [(at + i, at + j) for i, j in _BODY_X]
+        g += [(at + i, own[k]) for i, k in _BODY_G]
+    elif kind == elements.POINT:
+        g += [(i + c, row) for c, row in enumerate(own) if row >= 0 for i in first]
+    elif kind in (elements.DOT, elements.ANGLE):
+        g += [(i + c, own[0]) for i in both for c in range(3)]
+        for i in first:
+            for j in second:
+                x += [(i + c, j + c) for c in range(3)] + [(j + c, i + c) for c in range(3)]
+    elif kind == elements.SQUARE:
+        g += [(i + c, own[0]) for i in first for c in range(3)]
+        x += [(i + c, j + c) for i in first for j in first for c in range(3)]
+    elif kind == elements.TORQUE:
+        x += [(at + 3 * i + c, at + 3 * i + d) for i in range(3) for c, d in _CROSS]
+    elif kind == elements.FOLLOWER:
+        x += [
+            (at + 3 * i + c, at + 3 * j + d) for i in range(3) for j in range(3) for c, d in _CROSS
+        ]
+    elif kind in (elements.SPRING, elements.DAMPER, elements.HINGE):
+        entries = [(i + c, j + d) for i in both for j in both for c, d in _FULL]
+        x += entries
+        if kind != elements.SPRING:
+            y += entries

@@ -1,0 +1,425 @@
+"""What a spatial mechanism file may say; SI units.
+
+Geometry is given as it stands at the start, in global axes.  Only ``centre``, ``inertia``,
+``body_points.at`` and what a joint gives by body are in body axes.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    model_validator,
+)
+
+from newmark_cli import documents
+from newmark_cli.arrays import Array
+from newmark_cli.documents import StrictModel, Truth, misfit
+from newmark_cli.json_schema import also
+from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.mechanisms.models import Bounded, Damper, Law, Length, NotNegative, Spring
+
+#: Largest cosine of directions that are to be perpendicular.
+_SKEW = 1e-9
+#: How far the largest moment of inertia may be beyond the sum of the others.
+_IMPOSSIBLE = 1e-12
+
+GROUND = "ground"
+
+
+def _three_numbers(value: Any, info: ValidationInfo) -> Any:
+    documents.require_brackets(value, info)
+    if isinstance(value, list | tuple) and len(value) == 2:
+        raise ValueError("must have three components, given two: this mechanism is spatial")
+    return value
+
+
+Vector = Annotated[tuple[Bounded, Bounded, Bounded], BeforeValidator(_three_numbers)]
+
+
+def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*value) == 0:
+        raise ValueError("must not be [0, 0, 0]: it has no direction")
+    return value
+
+
+Direction = Annotated[Vector, AfterValidator(_has_length), also(not_={"const": [0, 0, 0]})]
+Extents = Annotated[tuple[Length, Length, Length], BeforeValidator(_three_numbers)]
+_ORIGIN = (0.0, 0.0, 0.0)
+
+
+#: Which branch of a union a value is meant for, so that errors are those of one branch.
+_MAPPED, _LISTED, _PLAIN = "(mapping)", "(list)", "(value)"
+
+
+def _branch(value: Any) -> str:
+    if isinstance(value, Mapping | StrictModel):
+        return _MAPPED
+    return _LISTED if isinstance(value, list | tuple) else _PLAIN
+
+
+def _by_name(value: Any) -> str:
+    return _MAPPED if _branch(value) == _MAPPED else _LISTED
+
+
+def _as_list(value: Any) -> str:
+    return _LISTED if _branch(value) == _LISTED else _PLAIN
+
+
+def _as_mapping(value: Any) -> str:
+    return _MAPPED if _branch(value) == _MAPPED else _PLAIN
+
+
+Place = Annotated[
+    Annotated[Vector, Tag(_LISTED)] | Annotated[dict[str, Vector], Tag(_MAPPED)],
+    Discriminator(_by_name),
+]
+Axis = Annotated[
+    Annotated[Direction, Tag(_LISTED)] | Annotated[dict[str, Direction], Tag(_MAPPED)],
+    Discriminator(_by_name),
+]
+TwoAxes = Annotated[
+    Annotated[tuple[Direction, Direction], Tag(_LISTED)]
+    | Annotated[dict[str, Direction], Tag(_MAPPED)],
+    Discriminator(_by_name),
+]
+
+
+def unit(direction: Any) -> Array:
+    """(3,) a direction with length 1."""
+    vector = np.asarray(direction, float)
+    vector = vector / np.abs(vector).max()
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _skew(first: Any, second: Any) -> float:
+    return abs(float(unit(first) @ unit(second)))
+
+
+class Axes(StrictModel):
+    """Directions of two body axes at the start; the third follows."""
+
+    x: Direction = Field(description="direction of the body's x axis, global")
+    y: Direction = Field(description="direction of the body's y axis, global")
+
+    @model_validator(mode="after")
+    def _perpendicular(self) -> "Axes":
+        if _skew(self.x, self.y) > _SKEW:
+            raise misfit(
+                "y", f"must be perpendicular to x, the cosine is {_cosine(self.x, self.y)}"
+            )
+        return self
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3) directors as columns."""
+        x = unit(self.x)
+        y = unit(np.asarray(self.y, float) - (x @ np.asarray(self.y, float)) * x)
+        (a, b, c), (d, e, f) = x.tolist(), y.tolist()
+        return np.column_stack([x, y, [b * f - c * e, c * d - a * f, a * e - b * d]])
+
+
+def _cosine(first: Any, second: Any) -> str:
+    return f"{float(unit(first) @ unit(second)):.3g}"
+
+
+class Tensor(StrictModel):
+    """Tensor of inertia about the mass centre, in body axes (kg m²)."""
+
+    xx: NotNegative = Field(description="moment about x (kg m²)")
+    yy: NotNegative = Field(description="moment about y (kg m²)")
+    zz: NotNegative = Field(description="moment about z (kg m²)")
+    xy: Bounded = Field(0.0, description="−∫ x y dm (kg m²)")
+    xz: Bounded = Field(0.0, description="−∫ x z dm (kg m²)")
+    yz: Bounded = Field(0.0, description="−∫ y z dm (kg m²)")
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3)."""
+        return np.array(
+            [
+                [self.xx, self.xy, self.xz],
+                [self.xy, self.yy, self.yz],
+                [self.xz, self.yz, self.zz],
+            ]
+        )
+
+
+Inertia = Annotated[
+    Annotated[Vector, Tag(_LISTED)] | Annotated[Tensor, Tag(_MAPPED)], Discriminator(_by_name)
+]
+
+
+class Body(StrictModel):
+    """A rigid body: its origin and three directors."""
+
+    position: Vector = Field(description="position of its origin at the start (m)")
+    axes: Axes | None = Field(
+        None, description="directions of its x and y axes at the start; the global ones if omitted"
+    )
+    mass: NotNegative = Field(description="mass (kg)")
+    centre: Vector = Field(_ORIGIN, description="mass centre in body axes, from its origin (m)")
+    inertia: Inertia | None = Field(
+        None,
+        description="about the mass centre, in body axes (kg m²): [xx, yy, zz], or all six by name",
+    )
+    box: Extents | None = Field(
+        None, description="in place of inertia: edges of a homogeneous box along its axes (m)"
+    )
+    velocity: Vector = Field(_ORIGIN, description="initial velocity of its origin (m/s)")
+    angular_velocity: Vector = Field(_ORIGIN, description="initial, in global axes (rad/s)")
+
+    @model_validator(mode="after")
+    def _possible(self) -> "Body":
+        if (self.inertia is None) == (self.box is None):
+            both = self.inertia is not None
+            text = "give either 'inertia' or 'box'" + (", not both" if both else "")
+            raise misfit("box" if both else "mass", text)
+        if self.inertia is not None:
+            moments = np.linalg.eigvalsh(self.tensor)
+            size = max(abs(float(moments[0])), abs(float(moments[2])))
+            if moments[0] < -_IMPOSSIBLE * size:
+                raise misfit("inertia", f"must not have a negative moment, {_listed(moments)}")
+            if moments[2] - moments[0] - moments[1] > _IMPOSSIBLE * size:
+                raise misfit(
+                    "inertia",
+                    f"no body has such moments, {_listed(moments)}: the largest is more than the "
+                    "sum of the others; are they about the centre?",
+                )
+        return self
+
+    @property
+    def tensor(self) -> Array:
+        """(3, 3) tensor of inertia about the centre, in body axes."""
+        if self.box is not None:
+            squares = np.square(self.box)
+            return np.diag(self.mass / 12 * (squares.sum() - squares))
+        if isinstance(self.inertia, Tensor):
+            return self.inertia.matrix
+        return np.diag(np.asarray(self.inertia, float))
+
+    @property
+    def directors(self) -> Array:
+        """(3, 3) directors at the start, as columns."""
+        return np.eye(3) if self.axes is None else self.axes.matrix
+
+
+def _listed(numbers: Any) -> str:
+    return ", ".join(f"{float(number):.6g}" for number in numbers)
+
+
+class Point(StrictModel):
+    """A point of the ground."""
+
+    fixed: Vector = Field(description="position (m)")
+
+
+class BodyPoint(StrictModel):
+    """A point fixed on a body."""
+
+    on: str = Field(description="body")
+    at: Vector = Field(description="place in the body's axes, from its origin (m)")
+    mass: NotNegative = Field(0.0, description="point mass (kg)")
+
+
+_KINDS = "; ".join(f"{name}: {joint.about}" for name, joint in JOINTS.items())
+_GIVEN_BY_BODY = "; by body, in body axes: {crank: [...], rod: [...]}"
+
+
+class Joint(StrictModel):
+    """A joint between two bodies, or of a body and the ground."""
+
+    type: Literal[
+        "spherical", "revolute", "universal", "cylindrical", "prismatic", "planar", "rigid",
+        "distance", "point-on-line", "point-on-plane",
+    ] = Field(description=_KINDS)  # fmt: skip
+    from_: str = Field(alias="from", description="first body, or 'ground'")
+    to: str = Field(description="second body, or 'ground'")
+    at: Place = Field(description="its point at the start, in global axes (m)" + _GIVEN_BY_BODY)
+    axis: Axis | None = Field(
+        None, description="its axis at the start, in global axes" + _GIVEN_BY_BODY
+    )
+    axes: TwoAxes | None = Field(
+        None, description="of 'universal': of 'from' and of 'to', perpendicular"
+    )
+    length: Length | None = Field(
+        None, description="of 'distance': what it keeps (m); as at the start if omitted"
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Joint":
+        kind, errors = JOINTS[self.type], []
+        if self.from_ == self.to:
+            errors.append(misfit("to", f"joins {self.to} with itself"))
+        for key, count in (("axis", 1), ("axes", 2)):
+            given = getattr(self, key) is not None
+            if kind.axes == count and not given:
+                errors.append(misfit(key, f"missing: a {self.type} joint has it"))
+            if kind.axes != count and given:
+                errors.append(misfit(key, f"a {self.type} joint has no '{key}'"))
+        if isinstance(self.axes, tuple) and _skew(*self.axes) > _SKEW:
+            errors.append(
+                misfit("axes", f"must be perpendicular, the cosine is {_cosine(*self.axes)}")
+            )
+        if self.length is not None and not kind.length:
+            errors.append(misfit("length", f"a {self.type} joint has no 'length'"))
+        for key in ("at", "axis", "axes"):
+            given = getattr(self, key)
+            if isinstance(given, dict) and set(given) != {self.from_, self.to}:
+                text = f"must name both bodies, {self.from_} and {self.to}"
+                errors.append(misfit(key, f"{text}, given {', '.join(given) or 'none'}"))
+        if kind.length and not isinstance(self.at, dict):
+            errors.append(
+                misfit("at", "a distance has two points: give them by body, in body axes")
+            )
+        documents.together(errors)
+        return self
+
+
+class TorsionSpring(StrictModel):
+    """A spring about the axis of a joint."""
+
+    on: str = Field(description="joint")
+    stiffness: NotNegative = Field(description="stiffness (N m/rad)")
+    rest_angle: Annotated[Bounded, also(minimum=-3, maximum=3)] = Field(
+        0.0, description="angle without torque (rad); the angle at the start is 0"
+    )
+
+    @model_validator(mode="after")
+    def _within_a_turn(self) -> "TorsionSpring":
+        if abs(self.rest_angle) > 3:
+            raise misfit(
+                "rest_angle",
+                f"must be between -3 and 3, given {self.rest_angle:g}: angles of torsion springs "
+                "stay within half a turn",
+            )
+        return self
+
+
+class TorsionDamper(StrictModel):
+    """A damper about the axis of a joint."""
+
+    on: str = Field(description="joint")
+    damping: NotNegative = Field(description="damping (N m s/rad)")
+
+
+class Torque(StrictModel):
+    """A constant torque on a body, or about the axis of a joint."""
+
+    on: str = Field(description="body or joint")
+    torque: Annotated[
+        Annotated[Vector, Tag(_LISTED)] | Annotated[Bounded, Tag(_PLAIN)], Discriminator(_as_list)
+    ] = Field(description="on a body [x, y, z]; on a joint a number, from 'from' on 'to' (N m)")
+    frame: Literal["global", "body"] | None = Field(
+        None, description="axes of a torque on a body; global if omitted"
+    )
+
+
+class Force(StrictModel):
+    """A constant force at a point, in global axes."""
+
+    at: str = Field(description="point of a body: one of 'body_points', or a body: its origin")
+    force: Vector = Field(description="force (N)")
+
+
+class Motion(StrictModel):
+    """A prescribed motion: of a joint, or of coordinates of a point."""
+
+    joint: str | None = Field(None, description="driven joint")
+    angle: Law | None = Field(None, description="law of its angle (rad), 0 at the start")
+    distance: Law | None = Field(None, description="law of its distance (m), 0 at the start")
+    point: str | None = Field(None, description="driven point of a body")
+    x: Law | None = Field(None, description="law of its first coordinate (m)")
+    y: Law | None = Field(None, description="law of its second coordinate (m)")
+    z: Law | None = Field(None, description="law of its third coordinate (m)")
+
+    @model_validator(mode="after")
+    def _drives_one_thing(self) -> "Motion":
+        of_joint, of_point = bool(self.angle or self.distance), bool(self.x or self.y or self.z)
+        if (
+            (self.joint is None) == (self.point is None)
+            or of_joint == of_point
+            or of_joint != (self.joint is not None)
+        ):
+            raise ValueError("needs a joint with angle or distance, or a point with x, y or z")
+        return self
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """What is driven → its law."""
+        keys = ("angle", "distance", "x", "y", "z")
+        return {key: law for key in keys if (law := getattr(self, key)) is not None}
+
+
+class Rate(StrictModel):
+    """Both rates of a joint that turns and slides."""
+
+    angle: Bounded | None = Field(None, description="rate of its angle (rad/s)")
+    distance: Bounded | None = Field(None, description="rate of its distance (m/s)")
+
+
+OneOrBoth = Annotated[
+    Annotated[Bounded, Tag(_PLAIN)] | Annotated[Rate, Tag(_MAPPED)], Discriminator(_as_mapping)
+]
+Redundant = Annotated[
+    Annotated[Literal["refuse", "drop"], Tag(_PLAIN)]
+    | Annotated[dict[str, list[str]], Tag(_MAPPED)],
+    Discriminator(_as_mapping),
+]
+
+
+class SpatialMechanism(StrictModel):
+    """A spatial mechanism; SI units."""
+
+    title: str = Field("", description="heads drawings")
+    description: str = Field("", description="what it is and how it moves, in one line")
+    source: str = Field("", description="where the data come from")
+    dimensions: Literal[3] = Field(description="3: the mechanism is spatial")
+    points: dict[str, Point] = Field({}, description="points of the ground")
+    bodies: Annotated[dict[str, Body], also(minProperties=1)] = Field(description="rigid bodies")
+    body_points: dict[str, BodyPoint] = Field({}, description="points on bodies")
+    joints: dict[str, Joint] = Field({}, description="joints")
+    motions: dict[str, Motion] = Field({}, description="prescribed motions")
+    springs: dict[str, Spring] = Field({}, description="linear springs between two points")
+    dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
+    torsion_springs: dict[str, TorsionSpring] = Field({}, description="springs about joints' axes")
+    torsion_dampers: dict[str, TorsionDamper] = Field({}, description="dampers about joints' axes")
+    torques: dict[str, Torque] = Field({}, description="constant torques")
+    forces: dict[str, Force] = Field({}, description="constant forces at points of bodies")
+    gravity: Vector = Field(_ORIGIN, description="acceleration of gravity (m/s²)")
+    assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
+    project_velocities: Truth = Field(
+        False, description="replace initial velocities by the nearest that fit the constraints"
+    )
+    rates: dict[str, OneOrBoth] = Field(
+        {}, description="relative rates of joints (rad/s, m/s), met while velocities are projected"
+    )
+    redundant: Redundant = Field(
+        "refuse",
+        description="constraints that depend on each other: refuse them, drop what is redundant, "
+        "or release rows by joint, such as {P5: [q]}",
+    )
+
+    @model_validator(mode="after")
+    def _has_bodies(self) -> "SpatialMechanism":
+        if not self.bodies:
+            raise misfit("bodies", "must name at least one body")
+        return self
+
+    @property
+    def conservative(self) -> bool:
+        """Whether energy is conserved: nothing damps, drives or moves by a law of time."""
+        laws = [law for motion in self.motions.values() for law in motion.laws.values()]
+        return not (
+            any(damper.damping for damper in self.dampers.values())
+            or any(damper.damping for damper in self.torsion_dampers.values())
+            or any(np.any(torque.torque) for torque in self.torques.values())
+            or any(law.moves for law in laws)
+        )

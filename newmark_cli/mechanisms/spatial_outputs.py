@@ -1,0 +1,173 @@
+"""What one wants to know of a spatial mechanism: angular velocities, angles, reactions.
+
+With f the force of a joint's constraints on the coordinates of a body, f = Σ λ_k ∂Φ_k/∂u,
+
+    force R = f_φ,        moment about r:  Σ_i d_i × f_{d_i} + (φ − r) × R.
+
+Neither depends on how constraints are scaled, nor on the directions p and q of a joint.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.problems.problem import Problem
+
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """What a joint has on one of its bodies.
+
+    Attributes:
+        body: Number of the body; −1 for the ground.
+        point: (3,) its point, in body axes.
+        vectors: Its directions by the name that `joints` gives them, in body axes.
+    """
+
+    body: int
+    point: Array
+    vectors: Mapping[str, Array]
+
+    def place(self, bodies: Array) -> Array:
+        """(3,) its point, of the origins and directors (bodies, 4, 3) of a position."""
+        if self.body < 0:
+            return self.point
+        return np.asarray(bodies[self.body, 0] + self.point @ bodies[self.body, 1:])
+
+    def direction(self, name: str, bodies: Array) -> Array:
+        """(3,) one of its directions, in global axes."""
+        vector = self.vectors[name]
+        return vector if self.body < 0 else np.asarray(vector @ bodies[self.body, 1:])
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """A joint as it was built.
+
+    Attributes:
+        kind: One of `JOINTS`.
+        sides: On the bodies that it goes from and to.
+    """
+
+    kind: str
+    sides: tuple[Side, Side]
+
+    def angle(self, bodies: Array) -> float:
+        """Angle of the second body about the axis, 0 at the start, between −π and π."""
+        first, second = self.sides
+        p = second.direction("p", bodies)
+        sine, cosine = (float(first.direction(name, bodies) @ p) for name in ("q", "p"))
+        return float(np.arctan2(sine, cosine))
+
+    def distance(self, bodies: Array) -> float:
+        """How far the second body has slid along the axis (m)."""
+        first, second = self.sides
+        apart = second.place(bodies) - first.place(bodies)
+        return float(first.direction("n", bodies) @ apart)
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialOutputs:
+    """Outputs of a spatial mechanism, in the order of its bodies and joints.
+
+    Angular velocities ``rod.omega.x`` (rad/s, global), and of each joint ``A.angle`` (rad)
+    or ``A.distance`` (m) where it has one, ``A.force.x`` (N) and, where its constraints are
+    more than places, ``A.moment.x`` (N m), in global axes, on the body that it goes to,
+    about its point there.
+
+    Attributes:
+        bodies: Names of the bodies.
+        joints: Joints by name.
+        rows: (m,) joint of each constraint, and its row; empty strings for others.
+    """
+
+    bodies: tuple[str, ...]
+    joints: Mapping[str, Connection]
+    rows: tuple[tuple[str, str], ...]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """All different."""
+        return tuple(self._named())
+
+    def _named(self) -> Iterator[str]:
+        for body in self.bodies:
+            yield from (f"{body}.omega.{axis}" for axis in _AXES)
+        for name, joint in self.joints.items():
+            kind = JOINTS[joint.kind]
+            if kind.turns:
+                yield f"{name}.angle"
+            if kind.slides:
+                yield f"{name}.distance"
+            yield from (f"{name}.force.{axis}" for axis in _AXES)
+            if kind.dots:
+                yield from (f"{name}.moment.{axis}" for axis in _AXES)
+
+    @cached_property
+    def _owner(self) -> IndexArray:
+        """(m,) number of the joint of each constraint; that after the last for others."""
+        numbers = {name: i for i, name in enumerate(self.joints)}
+        return np.array([numbers.get(joint, len(numbers)) for joint, _ in self.rows], np.int64)
+
+    def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
+        """(k,) outputs at one state.
+
+        Args:
+            problem: The problem that they belong to.
+            t: Time (s).
+            u, v: (n,) coordinates and velocities.
+            multipliers: (m,) λ.
+        """
+        bodies, rates = u.reshape(-1, 4, 3), v.reshape(-1, 4, 3)
+        found = list((np.cross(bodies[:, 1:], rates[:, 1:]).sum(axis=1) / 2).ravel())
+        pushed = self._pushed(problem, t, u, multipliers)
+        for i, joint in enumerate(self.joints.values()):
+            kind = JOINTS[joint.kind]
+            if kind.turns:
+                found.append(joint.angle(bodies))
+            if kind.slides:
+                found.append(joint.distance(bodies))
+            force, moment = self._reaction(joint, pushed[i], bodies)
+            found += force.tolist()
+            if kind.dots:
+                found += moment.tolist()
+        return np.array(found)
+
+    def length(self, u: Array) -> float:
+        """Largest distance of an origin or a joint from their middle (m)."""
+        bodies = u.reshape(-1, 4, 3)
+        places = [side.place(bodies) for joint in self.joints.values() for side in joint.sides]
+        every = np.array([*bodies[:, 0], *places])
+        return float(np.linalg.norm(every - every.mean(axis=0), axis=1).max())
+
+    def _pushed(self, problem: Problem, t: float, u: Array, multipliers: Array) -> Array:
+        """(joints, 2, 4, 3) force of each joint on the vectors of both of its bodies."""
+        pattern = problem.pattern
+        gradient = problem.values(t, u, np.zeros(problem.n), np.zeros(problem.m)).g
+        pushes = gradient * multipliers[pattern.g_columns]
+        owner = self._owner[pattern.g_columns]
+        sides = np.array(
+            [[side.body for side in joint.sides] for joint in self.joints.values()] + [[-1, -1]]
+        )
+        body = pattern.g_rows // 12
+        found = np.zeros((len(self.joints) + 1, 2, 12))
+        for k in range(2):
+            here = sides[owner, k] == body
+            np.add.at(found, (owner[here], k, pattern.g_rows[here] % 12), pushes[here])
+        return found.reshape(-1, 2, 4, 3)
+
+    @staticmethod
+    def _reaction(joint: Connection, pushed: Array, bodies: Array) -> tuple[Array, Array]:
+        """Force on the body that a joint goes to, and the moment about its point there."""
+        about = joint.sides[1].place(bodies)
+        # The ground has no coordinates: its reaction is that of the other body, reversed.
+        k, sign = (1, 1.0) if joint.sides[1].body >= 0 else (0, -1.0)
+        body, force = bodies[joint.sides[k].body], pushed[k, 0]
+        moment = np.cross(body[1:], pushed[k, 1:]).sum(axis=0) + np.cross(body[0] - about, force)
+        return sign * force, sign * moment

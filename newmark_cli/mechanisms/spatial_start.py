@@ -1,0 +1,502 @@
+"""Consistent starts of spatial mechanisms, and constraints that are redundant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from newmark_cli import documents
+from newmark_cli.arrays import Array
+from newmark_cli.documents import KeyPath
+from newmark_cli.problems import index_1
+from newmark_cli.problems.problem import Problem
+from newmark_cli.spelling import nearest
+
+if TYPE_CHECKING:
+    from newmark_cli.mechanisms.spatial import Builder
+
+#: Coordinates up to which ranks are found by dense factorisations, which also tell which
+#: rows depend on each other; beyond, pivots of a sparse one must do.
+_DENSE_UP_TO = 600
+_RANK_TOLERANCE = 1e-10
+#: The same after a search, which finds a singular position only to half the digits.
+_RANK_TOLERANCE_FOUND = 1e-7
+_VELOCITY_TOLERANCE = 1e-9
+#: What a position that was looked for may miss of a constraint, of the largest coordinate.
+_MISSED = 1e-9
+_MOST_CORRECTIONS = 50
+#: Largest inertia, relative to others, with which a motion has none.
+_NO_INERTIA = 1e-13
+#: Part of the largest share in what is redundant that a row must have to be dropped.
+_SHARE = 0.5
+#: How far from the start it is looked whether the start is singular.
+_ASIDE = 0.05
+_MOST_NAMED = 12
+#: Least size of a direction's part, relative to the largest, that words mention.
+_SEEN = 1e-6
+
+
+def consistent(builder: "Builder") -> Problem:
+    """The problem of a mechanism, with a consistent start and without redundant rows.
+
+    Raises:
+        DocumentError: When constraints depend on each other or contradict each other, the
+            start is a singular position, nothing can move, a motion has no inertia, or
+            velocities do not fit.
+    """
+    problem = builder.problem()
+    if builder.mechanism.assemble:
+        problem = replace(problem, u0=_assembled(builder, problem))
+    found = _independent(builder, problem)
+    u0, v0 = problem.u0, problem.v0
+    gradient = _gradient(problem, u0)
+    if found.released:
+        problem = replace(builder.problem(found.released), u0=u0)
+    known = replace(
+        problem.drawing,
+        shared=found.shared,
+        freedom=found.freedom,
+        mass_rank=_mass_rank(problem),
+        loose=_loose(builder),
+    )
+    problem = replace(problem, drawing_given=known)
+    _require_inertia(builder, problem)
+    return replace(problem, v0=_fitting_velocities(builder, problem, v0, gradient))
+
+
+# -- redundancy -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Rows of an overconstrained mechanism that are dropped.
+
+    Attributes:
+        released: Numbers of the rows.
+        shared: Joints whose rows have a share in what is redundant.
+        freedom: Degrees of freedom.
+    """
+
+    released: tuple[int, ...]
+    shared: frozenset[str]
+    freedom: int
+
+
+def _independent(builder: "Builder", problem: Problem) -> _Found:
+    """Which rows to drop so that the rest is independent."""
+    document, given = builder.document, builder.mechanism.redundant
+    asked = _asked(builder)
+    gradient = _gradient(problem, problem.u0)
+    sizes = _column_norms(gradient)
+    mistakes = documents.Mistakes()
+    for k in map(int, np.flatnonzero(sizes == 0)):
+        message = f"row {builder.rows[k][-1]} does not constrain the initial position"
+        mistakes.note(document.error(builder.paths[k], message))
+    mistakes.refuse()
+    if problem.n > _DENSE_UP_TO:
+        return _independent_sparse(builder, problem, gradient, asked)
+    scaled = np.asarray((gradient / sizes[None, :]).toarray(), float)
+    tolerance = _RANK_TOLERANCE_FOUND if builder.mechanism.assemble else _RANK_TOLERANCE
+    null = _null_space(scaled, tolerance)
+    rank = scaled.shape[1] - null.shape[1]
+    _require_freedom(builder, scaled, tolerance)
+    if null.shape[1] == 0:
+        if asked:
+            released = ", ".join(".".join(builder.rows[k]) for k in asked)
+            message = f"nothing is redundant, {released} cannot be released"
+            raise document.error(("redundant",), message)
+        return _Found((), frozenset(), problem.n - rank)
+    involved = [int(k) for k in np.flatnonzero(np.linalg.norm(null, axis=1) > 1e-6)]
+    last = builder.paths[involved[-1]]
+    if _singular_here(problem, scaled, tolerance, rank):
+        raise document.error(
+            last,
+            "the start is a singular position: only here do these constraints depend on each "
+            f"other: {_named(builder, involved)}; start from another position",
+        )
+    chosen = _dropped(builder, null)
+    shared = frozenset(builder.owners[k][0] for k in involved if builder.owners[k][0])
+    names = _named(builder, involved)
+    if given == "refuse" or chosen is None:
+        would = "no rows of joints can be dropped"
+        if chosen is not None:
+            listed = ", ".join(".".join(builder.rows[k]) for k in chosen)
+            would = f"'redundant: drop' releases {listed}"
+        raise document.error(
+            last, f"redundant: these constraints depend on each other: {names}; {would}"
+        )
+    dropped = chosen if given == "drop" else asked
+    kept = [k for k in range(scaled.shape[1]) if k not in dropped]
+    left = _null_space(scaled[:, kept], tolerance)
+    if left.shape[1]:
+        still = [kept[int(k)] for k in np.flatnonzero(np.linalg.norm(left, axis=1) > 1e-6)]
+        raise document.error(
+            ("redundant",),
+            "these constraints still depend on each other: " + _named(builder, still),
+        )
+    if len(kept) < rank:
+        listed = ", ".join(".".join(builder.rows[k]) for k in asked)
+        raise document.error(
+            ("redundant",),
+            f"only {scaled.shape[1] - rank} of {listed} can be released: the rest is not redundant",
+        )
+    missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
+    for k in dropped:
+        if missed[k] > _MISSED * max(1.0, float(np.abs(problem.u0).max())):
+            raise document.error(
+                builder.paths[k],
+                f"cannot be closed: its row {builder.rows[k][-1]} is missed by {missed[k]:.3g}",
+            )
+    return _Found(tuple(dropped), shared, problem.n - rank)
+
+
+def _asked(builder: "Builder") -> list[int]:
+    """Rows that the file releases by name."""
+    given, found = builder.mechanism.redundant, []
+    if isinstance(given, str):
+        return []
+    document, mistakes = builder.document, documents.Mistakes()
+    for joint, rows in given.items():
+        path: KeyPath = ("redundant", joint)
+        having = {row: k for k, (owner, row) in enumerate(builder.owners) if owner == joint}
+        if not having:
+            hint = nearest(joint, builder.mechanism.joints)
+            mistakes.note(document.error(path, f"unknown joint {joint!r}{hint}"))
+        for i, row in enumerate(rows):
+            if having and row not in having:
+                message = f"{joint} has no row {row!r}{nearest(row, having)}"
+                mistakes.note(document.error((*path, i), message))
+            elif having:
+                found.append(having[row])
+    mistakes.refuse()
+    return sorted(set(found))
+
+
+def _independent_sparse(
+    builder: "Builder", problem: Problem, gradient: scipy.sparse.csc_array, asked: Sequence[int]
+) -> _Found:
+    """The same of a large mechanism: only rows that the file names are dropped."""
+    kept = np.setdiff1d(np.arange(problem.m), asked)
+    part = scipy.sparse.csc_array(gradient[:, kept])
+    part = scipy.sparse.csc_array(part / _column_norms(part)[None, :])
+    try:
+        factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(part.T @ part))
+        pivots = np.abs(factors.U.diagonal())
+        # Pivots of GᵀG are squares of what a rank would be judged by.
+        regular = bool(np.all(pivots >= _RANK_TOLERANCE**1.5 * pivots.max()))
+    except RuntimeError:
+        regular = False
+    if not regular:
+        raise builder.document.error(
+            ("redundant",),
+            f"constraints depend on each other; of more than {_DENSE_UP_TO} coordinates only "
+            "rows that are released by name are dropped",
+        )
+    if len(kept) >= problem.n and not builder.mechanism.motions:
+        raise builder.document.error(("joints",), "nothing can move: no freedom is left")
+    return _Found(tuple(asked), frozenset(), problem.n - len(kept))
+
+
+def _null_space(matrix: Array, tolerance: float) -> Array:
+    """(m, k) orthonormal vectors with matrix @ vectors = 0."""
+    _, values, vectors = np.linalg.svd(matrix, full_matrices=True)
+    rank = int(np.count_nonzero(values > tolerance * values[0])) if len(values) else 0
+    return np.asarray(vectors[rank:].T)
+
+
+def _dropped(builder: "Builder", null: Array) -> list[int] | None:
+    """The last row of the file with at least half of the largest share, until none has any.
+
+    None where rows of joints do not suffice.
+    """
+    candidates = [k for k, (owner, _) in enumerate(builder.owners) if owner]
+    found = []
+    while null.shape[1]:
+        shares = np.linalg.norm(null[candidates], axis=1) if candidates else np.zeros(1)
+        largest = float(shares.max())
+        if largest < 1e-6:
+            return None
+        place = max(i for i, share in enumerate(shares) if share >= _SHARE * largest)
+        row = candidates.pop(place)
+        found.append(row)
+        # What is left of the null space vanishes in this row.
+        turned, _ = np.linalg.qr(null[row][:, None], mode="complete")
+        null = null @ turned[:, 1:]
+    return sorted(found)
+
+
+def _singular_here(problem: Problem, scaled: Array, tolerance: float, rank: int) -> bool:
+    """Whether the rank of G is higher next to the start."""
+    free = _null_space(scaled.T, tolerance)
+    random = np.random.default_rng(0)
+    for _ in range(3):
+        if not free.shape[1]:
+            return False
+        direction = free @ random.normal(size=free.shape[1])
+        moved = problem.u0 + _ASIDE * direction / np.abs(direction).max()
+        u, missed = _closest(problem, moved)
+        if missed > _MISSED:
+            continue
+        gradient = _gradient(problem, u)
+        there = np.asarray((gradient / _column_norms(gradient)[None, :]).toarray(), float)
+        values = np.linalg.svd(there, compute_uv=False)
+        if int(np.count_nonzero(values > _RANK_TOLERANCE_FOUND * values[0])) > rank:
+            return True
+    return False
+
+
+def _closest(problem: Problem, u: Array) -> tuple[Array, float]:
+    """A position next to another that meets all constraints, and what it misses of them.
+
+    Newton's method of least change; least squares where constraints depend on each other.
+    """
+    size = max(1.0, float(np.abs(u).max()))
+    missed = np.inf
+    for _ in range(_MOST_CORRECTIONS):
+        phi = problem.constraint_values(problem.t0, u)
+        missed = float(np.abs(phi).max()) / size
+        if not np.isfinite(missed):
+            break
+        gradient = _gradient(problem, u)
+        if problem.n <= _DENSE_UP_TO:
+            change = np.linalg.lstsq(np.asarray(gradient.toarray()).T, phi, rcond=1e-9)[0]
+        else:
+            change = _least_change(gradient, phi)
+        if not np.all(np.isfinite(change)):
+            return u, np.inf
+        # Far away Newton's steps are too long.
+        step = float(np.abs(change).max())
+        u = u - change * min(1.0, 0.5 * size / step if step else 1.0)
+        if step <= 1e-15 * size:
+            break
+    phi = problem.constraint_values(problem.t0, u)
+    return u, float(np.abs(phi).max()) / size
+
+
+def _least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
+    """Smallest d with Gᵀ d as wanted."""
+    try:
+        solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(gradient.T @ gradient)).solve
+    except RuntimeError:
+        return np.full(gradient.shape[0], np.nan)
+    return np.asarray(gradient @ solve(wanted))
+
+
+def _assembled(builder: "Builder", problem: Problem) -> Array:
+    """Positions on the constraints near a guess."""
+    u, missed = _closest(problem, problem.u0)
+    if missed <= _MISSED:
+        return u
+    phi = np.abs(problem.constraint_values(problem.t0, u))
+    worst = sorted(np.argsort(-phi)[:_MOST_NAMED].tolist()) if np.all(np.isfinite(phi)) else []
+    named = ", ".join(
+        f"{'.'.join(builder.rows[k])} by {phi[k]:.3g}" for k in worst if phi[k] > _MISSED
+    )
+    raise builder.document.error(
+        ("assemble",),
+        f"no position found from this guess: the closest one misses {named or 'everything'}; "
+        "these contradict each other, or the guess is too far away",
+    )
+
+
+def _named(builder: "Builder", rows: Sequence[int]) -> str:
+    """Rows of joints, by joint; of other constraints where there are none."""
+    joints: dict[str, list[str]] = {}
+    for k in rows:
+        owner, row = builder.owners[k]
+        if owner:
+            joints.setdefault(owner, []).append(row)
+        elif len(builder.rows[k]) > 2:
+            joints.setdefault(".".join(builder.rows[k]), [])
+    if not joints:
+        return ", ".join(".".join(builder.rows[k]) for k in rows[:_MOST_NAMED])
+    texts = [f"{joint} ({', '.join(of)})" if of else joint for joint, of in joints.items()]
+    return ", ".join(texts[:_MOST_NAMED]) + (", …" if len(texts) > _MOST_NAMED else "")
+
+
+def _require_freedom(builder: "Builder", scaled: Array, tolerance: float) -> None:
+    """Joints leave something free."""
+    passive = [k for k, path in enumerate(builder.paths) if path[0] != "motions"]
+    values = np.linalg.svd(scaled[:, passive], compute_uv=False)
+    if int(np.count_nonzero(values > tolerance * values[0])) == scaled.shape[0]:
+        raise builder.document.error(("joints",), "nothing can move: no freedom is left")
+
+
+# -- inertia ----------------------------------------------------------------------------------
+
+
+def _mass_rank(problem: Problem) -> int:
+    """Rank of M, which is S ⊗ 1 for each body."""
+    rank, diagonal = 0, np.zeros((problem.n // 12, 4, 4))
+    rows, columns = problem.pattern.mass_rows, problem.pattern.mass_columns
+    along = rows % 3 == 0
+    body, i, j = rows[along] // 12, rows[along] % 12 // 3, columns[along] % 12 // 3
+    diagonal[body, i, j] = problem.mass_values[along]
+    values = np.linalg.eigvalsh(diagonal)
+    for of_body in values:
+        rank += 3 * int(np.count_nonzero(of_body > _NO_INERTIA * max(of_body[-1], 1e-300)))
+    return rank
+
+
+def _require_inertia(builder: "Builder", problem: Problem) -> None:
+    """Whatever can move has inertia: M is positive on the kernel of Gᵀ."""
+    gradient = _gradient(problem, problem.u0)
+    n, pattern = problem.n, problem.pattern
+    if n > _DENSE_UP_TO:
+        unit = float(np.abs(problem.mass_values).max())
+        mass = scipy.sparse.csc_array(
+            (problem.mass_values / unit, (pattern.mass_rows, pattern.mass_columns)), (n, n)
+        )
+        try:
+            pivots = np.abs(scipy.sparse.linalg.splu(_saddle(mass, gradient)).U.diagonal())
+            regular = bool(pivots.min() > _NO_INERTIA * pivots.max())
+        except RuntimeError:
+            regular = False
+        if not regular:
+            message = "something can move that has no inertia; the accelerations are undetermined"
+            raise builder.document.error(("bodies",), message)
+        return
+    motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
+    if motions.size:
+        raise builder.document.error(*_without_inertia(builder, problem.u0, motions[:, 0]))
+
+
+def _without_inertia(builder: "Builder", u: Array, motion: Array) -> tuple[KeyPath, str]:
+    """Key and words of a motion that has no inertia."""
+    bodies = tuple(builder.mechanism.bodies)
+    moving = motion.reshape(len(bodies), 4, 3)
+    worst = int(np.argmax(np.abs(moving).max(axis=(1, 2))))
+    directors, change = u.reshape(len(bodies), 4, 3)[worst, 1:], moving[worst, 1:]
+    spin = directors @ (np.cross(directors, change).sum(axis=0) / 2)  # in body axes
+    name, path = bodies[worst], ("bodies", bodies[worst])
+    if np.abs(spin).max() < _SEEN * np.abs(moving[worst]).max():
+        return path, f"nothing stops {name} from moving, and it has no mass"
+    spin = spin / spin[int(np.argmax(np.abs(spin)))]
+    axis = next(
+        (letter for i, letter in enumerate("xyz") if np.abs(np.delete(spin, i)).max() < _SEEN),
+        f"[{', '.join(f'{part:.3g}' for part in spin)}]",
+    )
+    return path, f"nothing stops {name} from spinning about {axis}, and it has no inertia there"
+
+
+def _loose(builder: "Builder") -> tuple[str, ...]:
+    """Bodies that no joint, spring or damper connects with anything, in free space."""
+    held = {side.body for joint in builder.joints.values() for side in joint.sides}
+    return tuple(name for i, name in enumerate(builder.mechanism.bodies) if i not in held)
+
+
+# -- velocities -------------------------------------------------------------------------------
+
+
+def _fitting_velocities(
+    builder: "Builder", problem: Problem, v: Array, every: scipy.sparse.csc_array
+) -> Array:
+    """Velocities that fit the constraints, as the file asks for them.
+
+    Args:
+        builder: The mechanism.
+        problem: Its problem, at its start.
+        v: (n,) velocities that the file gives, for the directors of the file.
+        every: G with the rows that were dropped.
+    """
+    mechanism, document = builder.mechanism, builder.document
+    if mechanism.assemble:
+        # The directors have moved, angular velocities are what they were.
+        frames = problem.u0.reshape(-1, 4, 3)[:, 1:]
+        v = v.copy().reshape(-1, 4, 3)
+        for i, body in enumerate(mechanism.bodies.values()):
+            v[i, 1:] = np.cross(body.angular_velocity, frames[i])
+        v = v.ravel()
+    gradient = _gradient(problem, problem.u0)
+    rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, v)
+    if mechanism.rates or mechanism.project_velocities:
+        return _projected(builder, problem, v, gradient, rate)
+    sizes = _column_norms(every)
+    wanted = np.zeros(every.shape[1])
+    names = set(problem.constraint_names)
+    kept = [k for k, row in enumerate(builder.rows) if ".".join(row) in names]
+    wanted[kept] = rate
+    speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
+    missed = np.abs(every.T @ v + wanted)
+    worst: dict[KeyPath, tuple[float, str]] = {}
+    for k in map(int, np.flatnonzero(missed > _VELOCITY_TOLERANCE * speed * sizes)):
+        found = (float(missed[k]), builder.rows[k][-1])
+        worst[builder.paths[k]] = max(worst.get(builder.paths[k], (0.0, "")), found)
+    mistakes = documents.Mistakes()
+    for path, (size, row) in worst.items():
+        message = (
+            f"initial velocities miss it by {size:.3g} (row {row}); correct them, give 'rates' of "
+            "joints, or set 'project_velocities: true'"
+        )
+        mistakes.note(document.error(path, message))
+    mistakes.refuse()
+    return v
+
+
+def _projected(
+    builder: "Builder",
+    problem: Problem,
+    v: Array,
+    gradient: scipy.sparse.csc_array,
+    rate: Array,
+) -> Array:
+    """The velocities nearest to v in the norm of M that fit constraints and rates."""
+    n, pattern = problem.n, problem.pattern
+    given = list(builder.rates(problem.u0))
+    rows = scipy.sparse.csc_array(np.array([of_rate for _, of_rate, _ in given]).reshape(-1, n).T)
+    every = scipy.sparse.csc_array(scipy.sparse.hstack([gradient, rows]))
+    wanted = np.concatenate([-rate, [value for _, _, value in given]])
+    sizes = _column_norms(every)
+    every, wanted = scipy.sparse.csc_array(every / sizes[None, :]), wanted / sizes
+    unit = float(np.abs(problem.mass_values).max())
+    mass = scipy.sparse.csc_array(
+        (problem.mass_values / unit, (pattern.mass_rows, pattern.mass_columns)), (n, n)
+    )
+    saddle = _saddle(mass, every)
+    dense = saddle.toarray() if n <= _DENSE_UP_TO else None
+    for _ in range(3):  # the first leaves what is rounding of a large change
+        rhs = np.concatenate([np.zeros(n), wanted - every.T @ v])
+        if dense is not None:
+            v = v + np.linalg.lstsq(dense, rhs, rcond=1e-13)[0][:n]
+        else:
+            v = v + scipy.sparse.linalg.spsolve(saddle, rhs)[:n]
+    left = np.abs(wanted - every.T @ v)
+    speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
+    for k, (path, _, value) in enumerate(given, start=problem.m):
+        if not left[k] <= _VELOCITY_TOLERANCE * speed:
+            reached = value - (wanted[k] - every[:, [k]].T @ v)[0] * sizes[k]
+            raise builder.document.error(
+                path,
+                f"contradicts other rates or the constraints: {reached:.6g} is the nearest to "
+                f"{value:g} that fits",
+            )
+    if not np.all(left <= _VELOCITY_TOLERANCE * speed):
+        k = int(np.argmax(left))
+        raise builder.document.error(
+            builder.paths[k] if k < len(builder.paths) else (),
+            "no velocities found that fit this constraint and the rates",
+        )
+    return v
+
+
+def _saddle(mass: scipy.sparse.csc_array, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_array:
+    """[[M, −G], [Gᵀ, 0]]."""
+    blocks: list[list[Any]] = [[mass, -rows], [rows.T, None]]
+    return scipy.sparse.csc_array(scipy.sparse.block_array(blocks))
+
+
+# -- G ----------------------------------------------------------------------------------------
+
+
+def _gradient(problem: Problem, u: Array) -> scipy.sparse.csc_array:
+    """(n, m) sparse G at a position."""
+    n, m, pattern = problem.n, problem.m, problem.pattern
+    values = problem.values(problem.t0, u, problem.v0, np.zeros(m)).g
+    return scipy.sparse.csc_array((values, (pattern.g_rows, pattern.g_columns)), shape=(n, m))
+
+
+def _column_norms(gradient: scipy.sparse.csc_array) -> Array:
+    return np.asarray(np.sqrt(gradient.multiply(gradient).sum(axis=0))).ravel()

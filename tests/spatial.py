@@ -1,0 +1,138 @@
+"""Spatial mechanisms for tests, and what is known of them independently."""
+
+from fractions import Fraction
+
+import numpy as np
+
+from newmark_cli.mechanisms import spatial_elements as elements
+
+#: A mechanism with every joint, every element, and both kinds of laws that are driven.
+EVERYTHING = """\
+dimensions: 3
+points:
+  G: {fixed: [0.3, -2, 0.4]}
+bodies:
+  one: {position: [0.1, 0.2, 0.3], axes: {x: [1, 2, 2], y: [2, 1, -2]}, mass: 3,
+        centre: [0.1, -0.2, 0.3], inertia: {xx: 2, yy: 3, zz: 4, xy: 0.2, xz: -0.1, yz: 0.3},
+        angular_velocity: [1, 2, 3]}
+  two: {position: [1.1, 0.4, -0.3], axes: {x: [0, 1, 0], y: [0, 0, 1]}, mass: 2,
+        inertia: [1, 1.5, 2]}
+  three: {position: [2, 1, 0], mass: 1, box: [0.3, 0.4, 0.5]}
+  four: {position: [3, 1, 0.2], mass: 1.5, inertia: [1, 1, 1]}
+body_points:
+  P: {on: one, at: [0.2, 0.1, -0.4], mass: 0.7}
+  Q: {on: two, at: [-0.3, 0.5, 0.1]}
+  R: {on: four, at: [0.3, 0.2, -0.1]}
+joints:
+JOINTS
+springs:
+  s1: {from: P, to: Q, stiffness: 7, rest_length: 0.3}
+  s2: {from: G, to: R, stiffness: 5, rest_length: 0.9}
+dampers:
+  c1: {from: P, to: R, damping: 0.6}
+  c2: {from: Q, to: G, damping: 0.4}
+torsion_springs:
+  k1: {on: H, stiffness: 1.7, rest_angle: 0.4}
+  k2: {on: K, stiffness: 0.9}
+torsion_dampers:
+  b1: {on: K, damping: 0.3}
+torques:
+  t1: {on: one, torque: [1, -2, 0.5]}
+  t2: {on: two, torque: [0.3, 0.8, -1.1], frame: body}
+  t3: {on: H, torque: 0.7}
+forces:
+  f1: {at: Q, force: [1, 2, -3]}
+  f2: {at: four, force: [0.5, 0, 1]}
+motions:
+  m1: {point: R, z: {amplitude: 0.3, frequency: 2}}
+  m2: {joint: J, angle: {rate: 0.7, amplitude: 0.2, frequency: 3}}
+gravity: [0.3, -1, -9]
+"""
+
+#: Joints of it, in two sets so that both mechanisms can move.
+SETS = {
+    "pairs": """\
+  H: {type: revolute, from: ground, to: one, at: [0, 0.5, 1], axis: [1, 1, 0.3]}
+  J: {type: revolute, from: one, to: two, at: [1, 0, 0], axis: [0.2, -1, 0.5]}
+  K: {type: cylindrical, from: two, to: three, at: [2, 0, 1], axis: [0, 1, 1]}
+  U: {type: universal, from: three, to: four, at: [3, 0, 0], axes: [[1, 1, 0], [1, -1, 0.5]]}
+""",
+    "planes": """\
+  H: {type: planar, from: one, to: ground, at: [0, 0.5, 1], axis: [1, 1, 0.3]}
+  J: {type: cylindrical, from: ground, to: two, at: [1, 0, 0], axis: [0.2, -1, 0.5]}
+  K: {type: planar, from: two, to: three, at: [2, 0, 1], axis: [0, 1, 1]}
+  S: {type: spherical, from: four, to: one, at: [2, 2, 1]}
+  L: {type: point-on-line, from: three, to: four, at: [3, 1, 0], axis: [1, 1, 1]}
+""",
+    "slides": """\
+  H: {type: revolute, from: one, to: ground, at: [0, 0.5, 1], axis: [1, 1, 0.3]}
+  P1: {type: prismatic, from: one, to: two, at: [1, 0, 0], axis: [0.2, -1, 0.5]}
+  J: {type: cylindrical, from: two, to: three, at: [2, 0, 1], axis: [0, 1, 1]}
+  K: {type: cylindrical, from: four, to: ground, at: [2, 0, 1], axis: [0, 1, 1]}
+  D: {type: distance, from: three, to: four, at: {three: [0.1, 0.2, 0], four: [0, -0.3, 0.1]}}
+  N: {type: point-on-plane, from: four, to: two, at: [3, 1, 0], axis: [1, -1, 1]}
+""",
+    "fixed": """\
+  H: {type: revolute, from: ground, to: one, at: [0, 0.5, 1], axis: [1, 1, 0.3]}
+  F: {type: rigid, from: one, to: two, at: [1, 0, 0]}
+  K: {type: revolute, from: two, to: three, at: [2, 0, 1], axis: [0, 1, 1]}
+  J: {type: planar, from: ground, to: four, at: [2, 0, 1], axis: [0, 1, 1]}
+""",
+}
+
+
+def everything(name):
+    """One of `SETS` as the text of a file, its velocities projected."""
+    return EVERYTHING.replace("JOINTS\n", SETS[name]) + "project_velocities: true\n"
+
+
+def cross(vector):
+    """(3, 3) matrix of the cross product from the left."""
+    x, y, z = vector
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def state(problem, u):
+    """(bodies, 4, 3) origins and directors."""
+    return np.asarray(u).reshape(-1, 4, 3)
+
+
+def spin(u, v):
+    """(bodies, 3) angular velocities, ω = ½ Σ d × d'."""
+    directors, rates = state(None, u)[:, 1:], state(None, v)[:, 1:]
+    return np.cross(directors, rates).sum(axis=1) / 2
+
+
+def exact_phi(problem, u):
+    """Φ in rational arithmetic, from the tables as their documentation describes them."""
+    phi = [Fraction(0)] * problem.m
+    tables = iter(zip(problem.ints.tolist(), problem.reals.tolist(), strict=True))
+    for ints, reals in tables:
+        kind, first, second, row = ints[0], ints[1], ints[2], ints[elements.ROW]
+        numbers = [Fraction(x) for x in reals]
+        if kind == elements.BODY:
+            d = [u[first + 3 * i : first + 3 * i + 3] for i in range(3)]
+            for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), *elements.PAIRS)):
+                product = sum(a * b for a, b in zip(d[i], d[j], strict=True))
+                phi[row + k] = (product - 1) / 2 if i == j else product
+        if kind in (elements.BODY, elements.LOAD, elements.TORQUE, elements.FOLLOWER):
+            continue
+        sums = []
+        for start, count in ((elements.OFFSET, first), (elements.OTHER, second)):
+            vector = numbers[start : start + 3]
+            for _ in range(count):
+                (_, place, *_), (weight, *_) = next(tables)
+                for c in range(3):
+                    vector[c] += Fraction(weight) * u[place + c]
+            sums.append(vector)
+        one, other = sums
+        if kind == elements.POINT:
+            for c in range(3):
+                if ints[elements.ROW + c] >= 0:
+                    phi[ints[elements.ROW + c]] = one[c]
+        elif kind == elements.DOT:
+            product = sum(a * b for a, b in zip(one, other, strict=True))
+            phi[row] = product - numbers[elements.PARAMETER]
+        elif kind == elements.SQUARE:
+            phi[row] = (sum(a * a for a in one) - numbers[elements.PARAMETER]) / 2
+    return phi

@@ -1,0 +1,91 @@
+"""A singular mass matrix, where constraints hold what it leaves free."""
+
+import numpy as np
+import pytest
+
+import newmark_cli as newmark
+from newmark_cli.documents import DocumentError
+from newmark_cli.problems.index_1 import weightless
+from newmark_cli.problems.problem import ProblemError
+
+DAMPED = "generalized-alpha rho=0.9"
+
+
+def shadowed(held):
+    """The shipped pendulum with a coordinate without mass, which follows x where it is held."""
+
+    def constraints(u, t):
+        return np.array([(u[0] ** 2 + u[1] ** 2 - 1) / 2, u[2] - u[0]])[: 1 + held]
+
+    def gradient(u, t):
+        return np.array([[u[0], -1.0], [u[1], 0.0], [0.0, 1.0]])[:, : 1 + held]
+
+    return newmark.Definition(
+        mass_matrix=np.diag([1.0, 1.0, 0.0]),
+        u0=np.array([1.0, 0.0, 1.0]),
+        v0=np.zeros(3),
+        force=lambda u, v, t: np.array([0.0, -1.0, 0.0]),
+        constraints=constraints,
+        gradient=gradient,
+        quadratic=True,
+    )
+
+
+def test_a_python_problem_marches_with_a_singular_mass_matrix():
+    """Its motion and first multiplier are those of the pendulum, in direct and GGL marches."""
+    ggl = {"form": "a-lambda", "formulation": "ggl"}
+    # GGL pushes along G in place of M⁻¹G there, and differs as far as it is of order 2.
+    for how, allowed in (({}, 1e-10), ({"evaluation": "compensated"}, 1e-10), (ggl, 1e-5)):
+        options = {"h": 1e-2, "t_end": 1.0, "every": 0, "integrator": DAMPED, **how}
+        found, plain = (newmark.march(p, **options) for p in (shadowed(True), "pendulum"))
+        np.testing.assert_allclose(found.u[-1, :2], plain.u[-1], rtol=0, atol=allowed)
+        np.testing.assert_allclose(found.u[-1, 2], plain.u[-1, 0], rtol=0, atol=allowed)
+        one, other = found.multipliers[-1, 0], plain.multipliers[-1, 0]
+        np.testing.assert_allclose(one, other, atol=max(1e-7, 30 * allowed))
+
+
+def test_a_python_problem_with_a_free_massless_coordinate_is_refused():
+    """Nothing says how a coordinate moves that has neither mass nor constraint."""
+    with pytest.raises(ProblemError, match="singular on motions that the constraints allow"):
+        newmark.problem(shadowed(False))
+
+
+def test_positive_on_what_is_free():
+    """Of a singular M only the part on the kernel of Gᵀ counts."""
+    mass = np.diag([1.0, 0.0])
+    assert weightless(mass, np.array([[0.0], [1.0]])).size == 0
+    assert weightless(mass, np.array([[1.0], [1.0]])).size == 0
+    for gradient in (np.array([[1.0], [0.0]]), np.zeros((2, 0))):
+        (motion,) = weightless(mass, gradient).T
+        np.testing.assert_allclose(np.abs(motion), [0, 1], atol=1e-15)
+    assert weightless(np.diag([1e-9, 1e9]), np.zeros((2, 0))).size == 0
+
+
+CARRIED = {
+    "points": {
+        "C": {"at": (0, 0), "velocity": (0.8, 0)},
+        "P": {"at": (1, 0), "mass": 1, "velocity": (0.8, 0)},
+    },
+    "bars": {"rod": {"from": "C", "to": "P", "length": 1}},
+    "motions": {"drive": {"point": "C", "x": {"amplitude": 0.1, "frequency": 8}, "y": {}}},
+    "gravity": (0, -9.81),
+}
+
+
+def test_a_driven_point_needs_no_mass():
+    """A pendulum on a driven point moves the same, whatever the point weighs."""
+    heavy = CARRIED | {"points": {**CARRIED["points"], "C": {**CARRIED["points"]["C"], "mass": 3}}}
+    options = {"h": 1e-3, "t_end": 0.5, "every": 0, "integrator": DAMPED}
+    one, other = (newmark.march(given, **options) for given in (CARRIED, heavy))
+    np.testing.assert_allclose(one.point("P"), other.point("P"), rtol=0, atol=1e-11)
+    rods = (one.constraint("bars.rod"), other.constraint("bars.rod"))
+    np.testing.assert_allclose(*rods, rtol=0, atol=1e-6)
+
+
+def test_a_massless_point_that_moves_is_refused():
+    """Driven along x only it may move along y."""
+    given = CARRIED | {
+        "motions": {"drive": {"point": "C", "x": {"amplitude": 0.1, "frequency": 8}}}
+    }
+    with pytest.raises(DocumentError, match="C carries no mass of its own"):
+        newmark.problem(given)

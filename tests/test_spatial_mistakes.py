@@ -1,0 +1,327 @@
+"""Mistakes in spatial mechanism files: one line each, with file, line and key."""
+
+import pytest
+
+from newmark_cli.documents import DocumentError, parse
+from newmark_cli.mechanisms import loading
+
+ARM = """\
+dimensions: 3
+bodies:
+  arm: {position: [0.5, 0, 0], mass: 1, inertia: [0.1, 1, 1]}
+  rod: {position: [1, 0.5, 0], mass: 1, box: [0.1, 1, 0.1]}
+body_points:
+  E: {on: arm, at: [0.2, 0.3, 0]}
+  F: {on: rod, at: [0.2, 0.3, 0]}
+joints:
+  A: {type: revolute, from: ground, to: arm, at: [0, 0, 0], axis: [0, 1, 0]}
+  B: {type: universal, from: arm, to: rod, at: [1, 0, 0], axes: [[0, 0, 1], [1, 0, 0]]}
+springs:
+  s: {from: E, to: F, stiffness: 3, rest_length: 1}
+gravity: [0, 0, -9.81]
+"""
+
+#: What is replaced, by what, the line and the key of the mistake, and words of it.
+MISTAKES = {
+    "two components": (
+        "at: [0, 0, 0]", "at: [0, 0]", 9, "joints.A.at", "must have three components, given two",
+    ),
+    "gravity of the plane": (
+        "[0, 0, -9.81]", "[0, -9.81]", 13, "gravity", "must have three components, given two",
+    ),
+    "dimensions left out": (
+        "dimensions: 3\n", "# plane\n", 8, "joints", "is 'dimensions: 3' missing?",
+    ),
+    "dimensions": ("dimensions: 3", "dimensions: 4", 1, "dimensions", "must be 2 or 3, given 4"),
+    "no direction": (
+        "axis: [0, 1, 0]", "axis: [0, 0, 0]", 9, "joints.A.axis",
+        "must not be [0, 0, 0]: it has no direction",
+    ),
+    "no axis": (", axis: [0, 1, 0]", "", 9, "joints.A.axis", "missing: a revolute joint has it"),
+    "an axis too much": (
+        "axes: [[", "axis: [0, 1, 0], axes: [[", 10, "joints.B.axis",
+        "a universal joint has no 'axis'",
+    ),
+    "universal axes askew": (
+        "[[0, 0, 1], [1, 0, 0]]", "[[0, 0, 1], [1, 0, 0.1]]", 10, "joints.B.axes",
+        "must be perpendicular, the cosine is 0.0995",
+    ),
+    "body axes askew": (
+        "mass: 1, inertia", "axes: {x: [1, 0, 0], y: [0.1, 1, 0]}, mass: 1, inertia", 3,
+        "bodies.arm.axes.y", "must be perpendicular to x, the cosine is 0.0995",
+    ),
+    "negative moment": (
+        "[0.1, 1, 1]", "{xx: 1, yy: 1, zz: 1, xy: 2}", 3, "bodies.arm.inertia",
+        "must not have a negative moment, -1, 1, 3",
+    ),
+    "impossible moments": (
+        "[0.1, 1, 1]", "[0.1, 1, 1.2]", 3, "bodies.arm.inertia",
+        "no body has such moments, 0.1, 1, 1.2: the largest is more than the sum of the others; "
+        "are they about the centre?",
+    ),
+    "tensor with a slip": (
+        "[0.1, 1, 1]", "{xx: 1, yy: 1, zz: 1, zx: 0}", 3, "bodies.arm.inertia.zx",
+        "unknown key; allowed: xx, yy, zz, xy, xz, yz",
+    ),
+    "box and inertia": (
+        "inertia: [0.1, 1, 1]", "inertia: [0.1, 1, 1], box: [1, 1, 1]", 3, "bodies.arm.box",
+        "give either 'inertia' or 'box', not both",
+    ),
+    "neither": (", inertia: [0.1, 1, 1]", "", 3, "bodies.arm.mass", "give either 'inertia' or"),
+    "joint with itself": (
+        "from: arm, to: rod", "from: arm, to: arm", 10, "joints.B.to", "joins arm with itself",
+    ),
+    "unknown body": (
+        "from: ground, to", "from: grund, to", 9, "joints.A.from",
+        "unknown body 'grund'; did you mean 'ground'?",
+    ),
+    "body called ground": (
+        "  rod: {pos",
+        "  ground: {position: [5, 0, 0], mass: 1, box: [1, 1, 1]}\n  rod: {pos", 4,
+        "bodies.ground", "give this body another name",
+    ),
+    "unknown type": ("type: revolute", "type: hinge", 9, "joints.A.type", "must be 'spherical',"),
+    "no distance": (
+        "revolute, from: ground, to: arm, at: [0, 0, 0], axis: [0, 1, 0]",
+        "distance, from: ground, to: arm, at: [0, 0, 0]", 9, "joints.A.at",
+        "a distance has two points",
+    ),
+    "places of other bodies": (
+        "at: [1, 0, 0]", "at: {arm: [0.5, 0, 0], rid: [0, -0.5, 0]}", 10, "joints.B.at",
+        "must name both bodies, arm and rod, given arm, rid",
+    ),
+    "places apart": (
+        "at: [1, 0, 0]", "at: {arm: [0.5, 0, 0], rod: [0, -0.4, 0]}", 10, "joints.B.at",
+        "its places on arm and rod start 0.1 m apart",
+    ),
+    "axes apart": (
+        "axis: [0, 1, 0]", "axis: {ground: [0, 1, 0], arm: [0, 1, 1]}", 9, "joints.A.axis",
+        "its axes on ground and arm start 45° apart",
+    ),
+    "unknown point": ("from: E, to", "from: G, to", 12, "springs.s.from", "unknown point 'G'"),
+    "spring in a body": (
+        "F: {on: rod", "F: {on: arm", 12, "springs.s",
+        "joins E and F, which cannot move relative to each other",
+    ),
+    "spring without length": (
+        "on: rod, at: [0.2, 0.3, 0]", "on: rod, at: [-0.3, -0.2, 0]", 12, "springs.s",
+        "E and F start in one place",
+    ),
+    "torsion spring on a universal joint": (
+        "gravity", "torsion_springs: {t: {on: B, stiffness: 1}}\ngravity", 13,
+        "torsion_springs.t.on", "a universal joint has no angle; one of revolute, cylindrical,",
+    ),
+    "torsion spring wound up": (
+        "gravity", "torsion_springs: {t: {on: A, stiffness: 1, rest_angle: 4}}\ngravity", 13,
+        "torsion_springs.t.rest_angle", "must be between -3 and 3, given 4",
+    ),
+    "torque of a joint on a body": (
+        "gravity", "torques: {t: {on: arm, torque: 2}}\ngravity", 13, "torques.t.torque",
+        "must be [x, y, z] on a body, or the torque of a joint",
+    ),
+    "motion of nothing": (
+        "gravity", "motions: {m: {joint: A, x: {rate: 1}}}\ngravity", 13, "motions.m",
+        "needs a joint with angle or distance, or a point with x, y or z",
+    ),
+    "motion of what does not move": (
+        "gravity", "motions: {m: {joint: A, distance: {rate: 1}}}\ngravity", 13,
+        "motions.m.distance", "a revolute joint has none; one of cylindrical, prismatic has",
+    ),
+    "motion that starts elsewhere": (
+        "gravity", "motions: {m: {joint: A, angle: {value: 1}}}\ngravity", 13, "motions.m.angle",
+        "the law starts at 1, the mechanism at 0",
+    ),
+    "velocities": (
+        "box: [0.1, 1, 0.1]", "box: [0.1, 1, 0.1], velocity: [0, 0.3, 0]", 10, "joints.B",
+        "initial velocities miss it by 0.3 (row y); correct them, give 'rates' of joints, or set "
+        "'project_velocities: true'",
+    ),
+    "rate of no joint": (
+        "gravity", "rates: {C: 1}\ngravity", 13, "rates.C", "unknown joint 'C'",
+    ),
+    "rate of a joint without one": (
+        "gravity", "rates: {B: 1}\ngravity", 13, "rates.B", "a universal joint has no single rate",
+    ),
+    "redundant": (
+        "springs:",
+        "  C: {type: spherical, from: ground, to: arm, at: [0, 1, 0]}\nsprings:", 11, "joints.C",
+        "redundant: these constraints depend on each other: A (x, y, z, p, q), C (x, y, z); "
+        "'redundant: drop' releases C.x, C.y, C.z",
+    ),
+    "no such row": (
+        "gravity", "redundant: {A: [r]}\ngravity", 13, "redundant.A[1]", "A has no row 'r'",
+    ),
+    "released in vain": (
+        "gravity", "redundant: {A: [q]}\ngravity", 13, "redundant",
+        "nothing is redundant, A.q cannot be released",
+    ),
+    "no freedom": (
+        "universal, from: arm, to: rod, at: [1, 0, 0], axes: [[0, 0, 1], [1, 0, 0]]}",
+        "rigid, from: arm, to: rod, at: [1, 0, 0]}\n"
+        "  C: {type: point-on-plane, from: ground, to: rod, at: [1, 0, 0], axis: [0, 0, 1]}", 8,
+        "joints", "nothing can move: no freedom is left",
+    ),
+    "no mass": ("mass: 1", "mass: 0", 2, "bodies", "no body has mass"),
+    "no bodies": ("bodies:\n  arm: {position: [0.5, 0, 0], mass: 1, inertia: [0.1, 1, 1]}\n"
+                  "  rod: {position: [1, 0.5, 0], mass: 1, box: [0.1, 1, 0.1]}\n", "bodies: {}\n",
+                  2, "bodies", "must name at least one body"),
+}  # fmt: skip
+
+
+def mistakes(text):
+    """Mistakes of a file."""
+    with pytest.raises(DocumentError) as caught:
+        loading.built("arm", parse(text, "arm.yaml"))
+    return caught.value.mistakes
+
+
+def test_it_is_right_as_it_stands():
+    """The mechanism of these tests has no mistake: 3 freedoms."""
+    subject = loading.built("arm", parse(ARM, "arm.yaml"))
+    assert (subject.n, subject.m, subject.drawing.freedom) == (24, 21, 3)
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistake(name):
+    """Each is refused in one line, which says where it is and what is allowed."""
+    old, new, line, key, words = MISTAKES[name]
+    assert old in ARM
+    # Massless bodies have no box, and no mass is no inertia.
+    text = ARM.replace(old, new) if name == "no mass" else ARM.replace(old, new, 1)
+    if name == "no mass":
+        text = text.replace("[0.1, 1, 1]", "[0, 0, 0]")
+    found = mistakes(text)
+    assert len(found) == 1, [one.text for one in found]
+    assert found[0].text.startswith(f"arm.yaml, line {line}: {key}: "), found[0].text
+    assert words in found[0].text
+    assert "\n" not in found[0].text
+
+
+def test_several_mistakes_are_told_at_once():
+    """What does not depend on a mistake is looked at all the same."""
+    text = ARM.replace("on: arm", "on: arn").replace("from: ground", "from: grand")
+    assert [(one.line, one.path) for one in mistakes(text)] == [
+        (6, ("body_points", "E", "on")),
+        (9, ("joints", "A", "from")),
+    ]
+
+
+def test_planar_file_with_three_components():
+    """A vector of three components in a planar file asks for the key that is missing."""
+    text = (
+        "points: {O: {fixed: [0, 0, 0]}, P: {at: [1, 0], mass: 1}}\n"
+        "bars: {b: {from: O, to: P, length: 1}}\n"
+    )
+    (mistake,) = mistakes(text)
+    assert mistake.text.startswith("arm.yaml, line 1: points.O.fixed: ")
+    assert "given three; is 'dimensions: 3' missing?" in mistake.text
+
+
+ROD = """\
+dimensions: 3
+bodies:
+  rod: {position: [0, 0, 0], mass: 2, centre: [0, 0, 1], inertia: [2, 2, 0]}
+joints:
+  O: {type: spherical, from: ground, to: rod, at: [0, 0, 0]}
+"""
+
+
+def test_body_with_a_position():
+    """A single body in space, its dimensions left out: one mistake, not one for each key."""
+    (mistake,) = mistakes("bodies: {b: {position: [0, 0, 1], mass: 1, inertia: [1, 1, 1]}}\n")
+    assert mistake.text == (
+        "arm.yaml, line 1: bodies.b.position: only spatial mechanisms have it; is 'dimensions: 3' "
+        "missing?"
+    )
+
+
+def test_thin_rod_without_inertia_about_its_axis():
+    """A rod on a spherical joint can spin about itself, where it has no inertia."""
+    (mistake,) = mistakes(ROD)
+    assert mistake.text == (
+        "arm.yaml, line 3: bodies.rod: nothing stops rod from spinning about z, and it has no "
+        "inertia there"
+    )
+
+
+def test_thin_rod_on_a_revolute_joint_has_what_it_needs():
+    """Across the axis of a revolute joint the same rod marches: M is singular, no matter."""
+    text = ROD.replace("spherical", "revolute").replace(
+        "at: [0, 0, 0]}", "at: [0, 0, 0], axis: [1, 0, 0]}"
+    )
+    subject = loading.built("rod", parse(text, "rod.yaml"))
+    assert (subject.drawing.mass_rank, subject.n) == (6, 12)
+
+
+def test_singular_position():
+    """A flat four-bar has one dependence more than its neighbours; it is not redundancy."""
+    text = """\
+dimensions: 3
+bodies:
+  crank: {position: [0.5, 0, 0], mass: 1, box: [1, 0.1, 0.1]}
+  rod: {position: [2, 0, 0], mass: 1, box: [2, 0.1, 0.1]}
+  rocker: {position: [2.5, 0, 0], mass: 1, box: [1, 0.1, 0.1]}
+joints:
+  A: {type: revolute, from: ground, to: crank, at: [0, 0, 0], axis: [0, 0, 1]}
+  B: {type: universal, from: crank, to: rod, at: [1, 0, 0], axes: [[0, 0, 1], [0, 1, 0]]}
+  C: {type: spherical, from: rod, to: rocker, at: [3, 0, 0]}
+  D: {type: revolute, from: ground, to: rocker, at: [2, 0, 0], axis: [0, 0, 1]}
+redundant: drop
+"""
+    (mistake,) = mistakes(text)
+    assert "the start is a singular position" in mistake.text
+    assert mistake.path[0] == "joints"
+
+
+def test_contradicting_rates():
+    """Two rates of one freedom that cannot both be are refused at the one that is missed."""
+    text = ARM.replace("springs:", (
+        "  C: {type: revolute, from: arm, to: ground, at: [0, 0, 0], axis: [0, 1, 0]}\n"
+        "redundant: drop\nrates: {A: 1, C: 2}\nsprings:"
+    ))  # fmt: skip
+    (mistake,) = mistakes(text)
+    assert mistake.path[0] == "rates"
+    assert "contradicts other rates or the constraints" in mistake.text
+
+
+def test_guess_that_cannot_be_assembled():
+    """Places that cannot meet are named with what they miss."""
+    text = ARM.replace(
+        "at: [1, 0, 0]", "at: {arm: [0.5, 0, 0], rod: [0, -0.5, 0]}"
+    ).replace("springs:", (
+        "  C: {type: distance, from: ground, to: rod, at: {ground: [9, 0, 0], rod: [0, 0, 0]},"
+        " length: 2}\nassemble: true\nsprings:"
+    ))  # fmt: skip
+    (mistake,) = mistakes(text)
+    assert mistake.path == ("assemble",)
+    assert "C.length" in mistake.text
+
+
+def test_command_line_refuses_in_one_line(cli):
+    """A file with a mistake ends `validate` with one line and exit code 2."""
+    cli.write("arm.yaml", ARM.replace("from: ground", "from: grund"))
+    assert cli.refused("validate", "arm.yaml") == (
+        "newmark-study: arm.yaml, line 9: joints.A.from: unknown body 'grund'; did you mean "
+        "'ground'? allowed: arm, rod, ground"
+    )
+
+
+def test_validate_tells_of_a_mechanism(cli):
+    """Freedoms, ranks, what is loose, and the inertia of bodies about centre and origin."""
+    text = ARM.replace(
+        "mass: 1, inertia: [0.1, 1, 1]", "mass: 2, centre: [0, 0, 3], inertia: [1, 1, 1]"
+    )
+    cli.write(
+        "arm.yaml",
+        text.replace(
+            "body_points", "  free: {position: [5, 0, 0], mass: 1, box: [1, 1, 1]}\nbody_points"
+        ),
+    )
+    assert cli("validate", "arm.yaml").stdout.splitlines() == [
+        "arm.yaml: spatial mechanism, 36 coordinates, 27 constraints, 9 freedoms; rank of M 36, of "
+        "the saddle point 63",
+        "  warning: nothing holds free: no joint has it",
+        "  arm: inertia about its centre [1, 1, 1] kg m², about its origin [19, 19, 1] kg m²",
+        "  rod: inertia about its centre and origin [0.0841667, 0.00166667, 0.0841667] kg m²",
+        "  free: inertia about its centre and origin [0.166667, 0.166667, 0.166667] kg m²",
+    ]
