@@ -227,7 +227,7 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
     record = json.loads((ran.folder / "results/swing.json").read_text())
     assert set(record["sha256"]) == {"swing.csv", "trajectory/swing.csv"}
     assert record["config"]["cases"][0]["trajectory"] == {
-        "every": 30, "keep": ["u", "v", "a", "lambda", "energy"]
+        "every": 30, "keep": ["u", "v", "a", "lambda", "energy", "output"]
     }  # fmt: skip
 
 

@@ -453,7 +453,9 @@ def judge(number: int, file: Path, tally: Tally) -> None:
 
 def fault(code: int, out: str, err: str) -> str:
     """What is wrong with how `validate` ended, if anything."""
-    printed, complaints = out.splitlines(), err.splitlines()
+    # What there is to know of a spatial mechanism stands below its line, indented.
+    printed = [line for line in out.splitlines() if not line.startswith("  ")]
+    complaints = err.splitlines()
     if code not in (0, 2):
         return f"exit code {code}"
     if len(printed) != (code == 0) or bool(complaints) != (code == 2):
