@@ -263,6 +263,25 @@ def test_what_needs_pivoting_is_pivoted(toppling, form, h):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
 
 
+@pytest.mark.parametrize("form", ["u-lambda", "v-lambda", "u-v-a-lambda"])
+def test_lists_refuse_what_code_refuses(toppling, form):
+    """A negative pivot, and a positive one that is too small; nothing is overwritten."""
+    refused = 0
+    for h in (0.015, 0.02, 0.03):
+        system = StaticSystem(toppling, scheme_of(form, "optimal", h)).elimination
+        for weight in (1.0, 1 - 1e-5, 1 - 1e-9):
+            load = np.array([2e4, 1e4]) * weight
+            values = toppling.values(0.0, toppling.u0, toppling.v0, load)
+            codes = []
+            for solve in (static_elimination.solve_generated, static_elimination.solve_in_order):
+                rhs = np.ones(system.size)
+                codes.append(solve(system.sources(values), rhs, *system.tables))
+                assert codes[-1] == 0 or np.all(rhs == 1)
+            assert codes[0] == codes[1]
+            refused += codes[0] == PIVOTING
+    assert refused >= 5
+
+
 def test_a_small_step_needs_no_pivoting(toppling):
     """M/(βh²) outweighs the same X: nothing is left to partial pivoting."""
     assert March(toppling, scheme_of("u-lambda", "none", 1e-4), STATIC).advance(200).pivoted == 0
