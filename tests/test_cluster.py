@@ -327,11 +327,9 @@ if __name__ == "__main__":
 def test_nobody_else_gets_in(cli, study):
     """Who has not the credentials of the run is refused by its scheduler; the run goes on."""
     script = cli.write("intruder.py", INTRUDER)
-    done = subprocess.run(
-        [sys.executable, script], cwd=cli.folder, capture_output=True, text=True, timeout=120
-    )
-    *refused, statuses = done.stdout.splitlines()
-    assert [line.split()[0] for line in refused] == ["refused"] * 3, done.stderr
+    output, errors = cli.warm.start([script], cli.folder).communicate(timeout=120)
+    *refused, statuses = output.splitlines()
+    assert [line.split()[0] for line in refused] == ["refused"] * 3, errors
     assert statuses == " ".join(["ok"] * 24)
     cli("run", "spread.yaml", "--results", "own", "--executor", "dask", "--jobs", 2)
     assert (cli.folder / "own/spread.csv").read_bytes() == study

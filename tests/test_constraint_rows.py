@@ -244,7 +244,9 @@ def cranks(tmp_path_factory):
 def test_ways_to_the_rows_of_a_crank_agree(cranks, tmp_path):
     """Given, computed, compiled, and the mechanism: one set of numbers.
 
-    What enters the residual is found by differences to 1e-10, the tangents to 1e-9.
+    What enters the residual is found by differences to 1e-10, the tangents to 1e-9.  Compiled
+    differences are those of the car axis, in `test_formulations`: a second problem would take
+    as long to compile.
     """
     path = tmp_path / "crank.yaml"
     path.write_text(_CRANK_MECHANISM)
@@ -256,6 +258,8 @@ def test_ways_to_the_rows_of_a_crank_agree(cranks, tmp_path):
         expected = [part[[0, 2, 1]] for part in rows]  # motions stand last
         for (name, compiled), subject in cranks.items():
             assert subject.compiled == compiled
+            if (name, compiled) == ("computed", True):
+                continue
             found = dense(subject, subject.constraint_rows(t, u, v, w))
             exact = name == "given"
             assert_alike(found, expected, [1e-14] * 4 if exact else [1e-11, 1e-10, 1e-10, 1e-9])
@@ -293,8 +297,7 @@ def test_compiled_code_calls_the_rows_of_compiled_problems(cranks):
     def called(function, t, u, v, w, ints, reals, rate, curvature, r, q):
         function(t, u, v, w, ints, reals, rate, curvature, r, q)
 
-    subjects = [subject for (_, compiled), subject in cranks.items() if compiled]
-    for subject in (*subjects, problem("pendulum"), damped()):
+    for subject in (cranks["given", True], problem("pendulum"), damped()):
         u, v, w = anywhere(subject, 1)
         expected = subject.constraint_rows(0.2, u, v, w)
         found = [np.full_like(part, np.nan) for part in expected]
@@ -470,7 +473,7 @@ def test_given_rows_may_be_faster_than_differences_can_follow(tmp_path):
 def test_a_plain_function_among_compiled_ones_leaves_the_problem_plain(tmp_path):
     """As a plain tangent does: the kernel could not call it."""
     text = CRANK.replace("    @decorate\n    def curvature", "    def curvature")
-    assert not crank(tmp_path, text, decorate=numba.njit, given=ALL).compiled
+    assert not crank(tmp_path, text, decorate=numba.njit, given=("curvature",)).compiled
 
 
 def test_given_rows_belong_to_the_content(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from covering import covering
 from damped import damped
+from examples import car_axis
 from general import constraint, force, general, gradient
 from marching import EPS, copy, interpreted_march
 
@@ -39,7 +40,6 @@ from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED, State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme, Tolerance
-from newmark_cli.problems import python_problem
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
@@ -109,12 +109,7 @@ _OWN = {
     "general": general,
     "quadrics": lambda: general(hard=False),
     "singular mass": lambda: general(singular=True),
-    "car axis": lambda: python_problem.load(
-        Path(__file__).parents[1] / "docs/examples/car_axis.py",
-        "car_axis",
-        {"compiled": True},
-        "car axis",
-    ),
+    "car axis": lambda: car_axis(compiled=True),
 }
 #: Step sizes large enough that every block of J is seen in a correction.
 STEP = {
@@ -539,13 +534,32 @@ def test_each_block_is_recorded_until_it_grows(formulation, engine):
     assert early or formulation != "ggl"
 
 
+def test_plain_functions_have_the_rows_of_compiled_ones():
+    """Φ', Φ'' and their tangents by differences: one set of numbers, anywhere and at any time.
+
+    Those of plain functions are held to exact ones in `test_constraint_rows`.
+    """
+    plain, subject = car_axis(compiled=False), subject_of("car axis")
+    assert (plain.compiled, subject.compiled) == (False, True)
+    assert plain.rows_given == subject.rows_given == "differences"
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        t = random.uniform(0, 3)
+        u = subject.u0 + 0.2 * random.normal(size=subject.n)
+        v, w = 2 * random.normal(size=subject.n), 5 * random.normal(size=subject.n)
+        found, expected = (one.constraint_rows(t, u, v, w) for one in (subject, plain))
+        for one, other, tolerance in zip(found, expected, (1e-11, 1e-10, 1e-10, 1e-9), strict=True):
+            size = np.abs(other).max()
+            assert size > 1e-3
+            np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * size)
+
+
 def test_plain_functions_march_like_compiled_ones():
     """The car axis in plain Python and compiled, Φ(u, t) and its derivatives by differences.
 
     Two codings of the differences agree to their own rounding, about 1e-10.
     """
-    path = Path(__file__).parents[1] / "docs/examples/car_axis.py"
-    plain = python_problem.load(path, "car_axis", {"compiled": False}, "plain car axis")
+    plain, subject = car_axis(compiled=False), subject_of("car axis")
     for label, projection in (
         ("index-3", "velocity"),
         ("ggl", "none"),
@@ -553,7 +567,7 @@ def test_plain_functions_march_like_compiled_ones():
         ("index-2", "position-velocity accelerations"),
     ):
         scheme = scheme_of(label, "a-lambda", 1e-2, projection=projection)
-        compiled, slow = March(subject_of("car axis"), scheme), March(plain, scheme)
+        compiled, slow = March(subject, scheme), March(plain, scheme)
         for march in (compiled, slow):
             march.advance(3)
         for field, size in zip(range(3), (1, 1e2, 1e4), strict=True):
@@ -615,7 +629,7 @@ def test_steps_end_at_a_tolerance_in_both_engines(formulation):
             scheme = scheme_of(formulation, form, 0.02, stop=stop, iteration_cap=400)
             for engine in ("kernel", "dense", "sparse"):
                 march = march_of(subject, scheme, engine)
-                stretch = march.advance(10)
+                stretch = march.advance(4)
                 assert np.all(stretch.iterations > 0)
                 # The last norms recorded are those of the correction that met it.
                 whole = np.linalg.norm(stretch.norms[:, : len(scheme.form.unknowns)], axis=1)
@@ -643,13 +657,13 @@ def test_a_march_goes_on_and_is_recorded_to_the_same_bits(formulation, reported,
             evaluation=evaluation, reported=reported,
         )  # fmt: skip
         whole, halted = march_of(subject, scheme, engine), march_of(subject, scheme, engine)
-        (stretch,) = whole.recorded(12, [3, 5, 12])
+        (stretch,) = whole.recorded(6, [2, 3, 6])
         seen = []
-        for stop in (3, 5):
+        for stop in (2, 3):
             halted.advance(stop - halted.done)
             seen.append(halted.seen)
         resumed = march_of(subject, scheme, engine, state=halted.state, done=halted.done)
-        resumed.advance(7)
+        resumed.advance(3)
         seen.append(resumed.seen)
         for one, other in zip(whole.state, resumed.state, strict=True):
             np.testing.assert_array_equal(one, other)

@@ -1,7 +1,6 @@
 """Problems in Python: a published reference, engines, and what is refused."""
 
-from pathlib import Path
-
+import examples
 import numba
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import constraint_rows, python_problem
 from newmark_cli.problems.problem import ProblemError
-
-CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
 
 #: IVP test set, t = 3: x_l, y_l, x_r, y_r and their rates.
 REFERENCE = np.array(
@@ -48,10 +45,7 @@ def march(engine, subject, h, t_end, form="u-lambda"):
 @pytest.fixture(scope="module")
 def car_axis():
     """The example, compiled and plain."""
-    return {
-        compiled: python_problem.load(CAR_AXIS, "car_axis", {"compiled": compiled}, "car axis")
-        for compiled in (True, False)
-    }
+    return {compiled: examples.car_axis(compiled) for compiled in (True, False)}
 
 
 def test_car_axis_converges_to_the_published_reference(car_axis):
@@ -132,7 +126,7 @@ def test_tangents_by_differences_are_good(car_axis):
     multipliers, t, step = np.array([0.3, -0.2]), 0.1, 1e-20
     terms = subject.evaluate(t, u, v, multipliers)
     spec = {}
-    exec(CAR_AXIS.read_text(), spec)
+    exec(examples.CAR_AXIS.read_text(), spec)
     force, _, gradient = spec["functions"](lambda function: function)
     for j in range(4):
         moved = u.astype(complex)

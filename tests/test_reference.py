@@ -2,11 +2,11 @@
 
 import json
 import threading
-from pathlib import Path
 
 import numpy as np
 import oracles
 import pytest
+from examples import car_axis
 from marching import start
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
@@ -25,14 +25,13 @@ from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems import index_1, python_problem, reference
+from newmark_cli.problems import index_1, reference
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.running import references
 from newmark_cli.running.references import References
 
-CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
 PARTS = ("u", "v", "multipliers")
 TIMES = [1e-3, 0.5, 3.0, 3.7, 10.0, 40.0]
 
@@ -159,7 +158,7 @@ def test_known_solutions_are_of_shipped_problems(name):
 
 def test_car_axis_against_the_published_reference():
     """Φ(u, t) in Python, its derivatives by differences: IVP test set, t = 3."""
-    found = solution(python_problem.load(CAR_AXIS, "car_axis", {"compiled": True}, "car axis"), 3.0)
+    found = solution(car_axis(compiled=True), 3.0)
     exact = [
         np.array([0.493455784275402809122e-1, 0.496989460230171153861,
                   0.104174252488542151681e1, 0.373911027265361256927]),
