@@ -68,7 +68,11 @@ def picture(name: str) -> Picture:
     from newmark_cli import documents
     from newmark_cli.mechanisms.models import Mechanism
 
-    mechanism = documents.validate(documents.read(_FOLDER / f"{name}.yaml"), Mechanism)
+    document = documents.read(_FOLDER / f"{name}.yaml")
+    if document.data.get("dimensions") == 3:
+        built = problem(name)
+        return Picture(built.drawing, built.points, built.u0, built.axes)
+    mechanism = documents.validate(document, Mechanism)
     if mechanism.assemble:  # the file has a guess only
         found = problem(name)
         return Picture(mechanism, found.points, found.u0)

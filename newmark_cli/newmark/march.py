@@ -135,11 +135,7 @@ class March:
         self.problem, self.scheme = problem, scheme
         self.solver = choice.choose(linear_solver, problem, scheme.form, scheme.formulated)
         self.system = systems.system(self.solver, problem, scheme, krylov)
-        self._longest = _STRETCH.get(self.solver, 1)
         static = self.system if isinstance(self.system, StaticSystem) else None
-        if static:
-            in_step = static.elimination.operations + 20 * static.elimination.size
-            self._longest = max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
         self._compiled: compiled_march.Engine | None = None
         if _by_kernel(problem, self.solver):
             formulation = self.system.constraining
@@ -230,6 +226,16 @@ class March:
             self._go_back(before)
             self.ending, self.done = COMPLETED, begin
             raise
+
+    @property
+    def _longest(self) -> int:
+        """Most steps between two signs of life."""
+        if self.solver != choice.STATIC:
+            return _STRETCH[self.solver]
+        assert isinstance(self.system, StaticSystem)
+        elimination = self.system.elimination
+        in_step = elimination.operations + 20 * elimination.size
+        return max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
 
     @property
     def _pivoted(self) -> int:
