@@ -53,15 +53,13 @@ def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
     except RuntimeError:  # no locator
         return make()
     path = folder / name
-    with contextlib.suppress(OSError):
-        content = path.read_bytes()
-        if hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]:
-            return content[_DIGEST:]
+    with contextlib.suppress(OSError), contextlib.suppress(_Damaged):
+        return _opened(path)
     made = make()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
-            file.write(hashlib.sha256(made).digest() + made)
+            file.write(_sealed(made))
         os.replace(file.name, path)
     except OSError as error:
         _warn(str(folder), f"{folder}: {error.strerror}")
@@ -70,6 +68,20 @@ def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
 
 class _Damaged(Exception):
     """A file does not hold what was written."""
+
+
+def _sealed(data: bytes) -> bytes:
+    """The data behind their digest."""
+    return hashlib.sha256(data).digest() + data
+
+
+def _opened(path: Path) -> bytes:
+    """What was sealed in a file; raises _Damaged where it is something else."""
+    content = path.read_bytes()
+    digest, data = content[:_DIGEST], content[_DIGEST:]
+    if hashlib.sha256(data).digest() != digest:
+        raise _Damaged(str(path))
+    return data
 
 
 class _Files(IndexDataCacheFile):
@@ -113,15 +125,10 @@ class _Files(IndexDataCacheFile):
         return self._checked(self._data_path(name))
 
     def _dump(self, value: Any) -> bytes:
-        data: bytes = super()._dump(value)
-        return hashlib.sha256(data).digest() + data
+        return _sealed(super()._dump(value))
 
     def _checked(self, path: str) -> Any:
-        content = Path(path).read_bytes()
-        digest, data = content[:_DIGEST], content[_DIGEST:]
-        if hashlib.sha256(data).digest() != digest:
-            raise _Damaged(path)
-        return pickle.loads(data)
+        return pickle.loads(_opened(Path(path)))
 
 
 class _Cache(FunctionCache):

@@ -12,7 +12,7 @@ from marching import copy, in_motion, march, scheme_of, start
 
 import newmark_cli as newmark
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark import compiled_march, static_elimination
@@ -23,7 +23,7 @@ from newmark_cli.newmark.linear import exact, generated
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC, choose
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.linear.static import Factors, StaticSystem
+from newmark_cli.newmark.linear.static import StaticBalancedJacobian, StaticSystem
 from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import PIVOTING
 from newmark_cli.newmark.monomial import Monomial
@@ -201,8 +201,8 @@ def test_transposed_systems_are_solved():
     subject = subject_of("chain")
     system = StaticSystem(subject, scheme_of("u-v-lambda", "optimal", 1e-3))
     values = subject.values(0.0, subject.u0, subject.v0, np.ones(subject.m))
-    factors = system.elimination.factors(values)
-    assert isinstance(factors, Factors)
+    factors = system.elimination.balanced(values)
+    assert isinstance(factors, StaticBalancedJacobian)
     matrix = system.matrix(values).toarray()
     rhs = np.random.default_rng(2).normal(size=len(matrix))
     for solved, of in ((factors.solve, matrix), (factors.solve_transposed, matrix.T)):
@@ -244,7 +244,7 @@ def toppling(tmp_path):
     """The mechanism from its file."""
     file = tmp_path / "toppling.yaml"
     file.write_text(yaml.safe_dump(TOPPLING), encoding="utf-8")
-    return planar.load(file, "toppling")
+    return loading.load(file, "toppling")
 
 
 @pytest.mark.parametrize("h", [0.02, 0.03])

@@ -283,6 +283,12 @@ class Projection:
 #: What goes without saying.
 CONSTRAINTS, UNPROJECTED = Formulation(), Projection()
 
+
+def is_formulated(formulation: Formulation, projection: Projection) -> bool:
+    """Whether anything but index 3, as the paper has it, is marched."""
+    return formulation != CONSTRAINTS or projection.level > 0
+
+
 #: The reported multipliers that a projection decides.
 AUTO = "auto"
 

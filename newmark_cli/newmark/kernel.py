@@ -67,7 +67,7 @@ def solve_type(dtype):
 
     It is handed the sources (E,), the entries of X, Y and G, the right-hand side (N,),
     which it overwrites with the solution, and the arrays of `march_data.MatrixTables`.
-    It returns COMPLETED, SINGULAR, or PIVOTING where it leaves the step to another.
+    It returns COMPLETED, or PIVOTING where it leaves the system to another.
     """
     scalar = from_dtype(dtype)
     vector = scalar[::1]
@@ -108,7 +108,7 @@ class _History(NamedTuple):
 
 
 class _System(NamedTuple):
-    """D_L J D_R of a formulation, dense."""
+    """D_L J D_R, dense."""
 
     matrix: np.ndarray  #: (N, N) until it is solved
     entries: np.ndarray  #: (N²,) the same memory as one vector

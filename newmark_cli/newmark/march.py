@@ -201,9 +201,8 @@ class March:
         pivoted = self._pivoted
         try:
             ending, taken, norms, iterations = self._marched(steps, record)
-            again = 0
+            pivoted = self._pivoted - pivoted
             if ending != COMPLETED:
-                again = self._pivoted - pivoted
                 # Newton has overwritten the state on its way to a step that there is not.
                 self._go_back(before)
                 self._marched(taken, recording(self.state, np.empty(0)))
@@ -217,7 +216,7 @@ class March:
                 iterations[:taken],
                 np.array(looks[:reached], np.int64),
                 Record(*(array[:reached] for array in record)),
-                again or self._pivoted - pivoted,
+                pivoted,
             )
             self.ending, self.done = ending, begin + taken
             return stretch

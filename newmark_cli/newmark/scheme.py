@@ -19,6 +19,7 @@ from newmark_cli.newmark.formulation import (
     UNPROJECTED,
     Formulation,
     Projection,
+    is_formulated,
 )
 from newmark_cli.newmark.integrator import FIELDS, Integrator, Relations
 from newmark_cli.newmark.march_data import StepTables
@@ -153,7 +154,7 @@ class Scheme:
     @property
     def formulated(self) -> bool:
         """Whether anything but index 3, as the paper has it, is marched."""
-        return self.formulation != CONSTRAINTS or self.projection.level > 0
+        return is_formulated(self.formulation, self.projection)
 
     @cached_property
     def relations(self) -> Relations:

@@ -82,6 +82,23 @@ def analyse(size, starts, rows):
 
 
 @_compile
+def _factors(structure, room, work):
+    """Starts, rows and values of the strict upper and lower factor, and the inverse pivots."""
+    size = np.intp(room[-1])
+    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
+    lower_size = np.intp(lower_starts[size])
+    return (
+        structure[np.intp(room[UPPER_STARTS]) :],
+        structure[np.intp(room[UPPER_ROWS]) :],
+        work[5 * size + lower_size :],
+        lower_starts,
+        structure[np.intp(room[LOWER_ROWS]) :],
+        work[5 * size : 5 * size + lower_size],
+        work[2 * size : 3 * size],
+    )
+
+
+@_compile
 def eliminate(sources, constant, places, origins, coefficients, structure, room, work):
     """Factorise the matrix of these sources; see `solve_in_order` for the arguments.
 
@@ -92,14 +109,10 @@ def eliminate(sources, constant, places, origins, coefficients, structure, room,
     constant_starts = structure[np.intp(room[CONSTANT_STARTS]) :]
     constant_rows = structure[np.intp(room[CONSTANT_ROWS]) :]
     term_starts = structure[np.intp(room[TERM_STARTS]) :]
-    upper_starts = structure[np.intp(room[UPPER_STARTS]) :]
-    upper_rows = structure[np.intp(room[UPPER_ROWS]) :]
-    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
-    lower_rows = structure[np.intp(room[LOWER_ROWS]) :]
-    lower_size = np.intp(lower_starts[size])
-    inverse, column = work[2 * size : 3 * size], work[3 * size : 4 * size]
-    lower = work[5 * size : 5 * size + lower_size]
-    upper = work[5 * size + lower_size :]
+    (
+        upper_starts, upper_rows, upper, lower_starts, lower_rows, lower, inverse,
+    ) = _factors(structure, room, work)  # fmt: skip
+    column = work[3 * size : 4 * size]
     one, limit = work.dtype.type(1), work.dtype.type(LARGEST_MULTIPLIER)
     for j in range(size):
         for e in range(upper_starts[j], upper_starts[j + 1]):
@@ -137,14 +150,11 @@ def substitute(rhs, structure, room, work):
     size = np.intp(room[-1])
     row_order = structure[np.intp(room[ROW_ORDER]) :]
     column_order = structure[np.intp(room[COLUMN_ORDER]) :]
-    upper_starts = structure[np.intp(room[UPPER_STARTS]) :]
-    upper_rows = structure[np.intp(room[UPPER_ROWS]) :]
-    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
-    lower_rows = structure[np.intp(room[LOWER_ROWS]) :]
-    lower_size = np.intp(lower_starts[size])
+    (
+        upper_starts, upper_rows, upper, lower_starts, lower_rows, lower, inverse,
+    ) = _factors(structure, room, work)  # fmt: skip
     row_units, column_units = work[:size], work[size : 2 * size]
-    inverse, solution = work[2 * size : 3 * size], work[4 * size : 5 * size]
-    lower, upper = work[5 * size : 5 * size + lower_size], work[5 * size + lower_size :]
+    solution = work[4 * size : 5 * size]
     for j in range(size):
         solution[j] = rhs[row_order[j]] * row_units[j]
     for j in range(size):
@@ -164,14 +174,11 @@ def substitute_transposed(rhs, structure, room, work):
     size = np.intp(room[-1])
     row_order = structure[np.intp(room[ROW_ORDER]) :]
     column_order = structure[np.intp(room[COLUMN_ORDER]) :]
-    upper_starts = structure[np.intp(room[UPPER_STARTS]) :]
-    upper_rows = structure[np.intp(room[UPPER_ROWS]) :]
-    lower_starts = structure[np.intp(room[LOWER_STARTS]) :]
-    lower_rows = structure[np.intp(room[LOWER_ROWS]) :]
-    lower_size = np.intp(lower_starts[size])
+    (
+        upper_starts, upper_rows, upper, lower_starts, lower_rows, lower, inverse,
+    ) = _factors(structure, room, work)  # fmt: skip
     row_units, column_units = work[:size], work[size : 2 * size]
-    inverse, solution = work[2 * size : 3 * size], work[4 * size : 5 * size]
-    lower, upper = work[5 * size : 5 * size + lower_size], work[5 * size + lower_size :]
+    solution = work[4 * size : 5 * size]
     for j in range(size):
         value = rhs[column_order[j]] * column_units[j]
         for e in range(upper_starts[j], upper_starts[j + 1]):

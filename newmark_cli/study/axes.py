@@ -23,6 +23,7 @@ from newmark_cli.newmark.formulation import (
     UNPROJECTED,
     Formulation,
     Projection,
+    is_formulated,
     reported,
 )
 from newmark_cli.newmark.integrator import Integrator, Newmark
@@ -307,7 +308,7 @@ class Cell:
     @property
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
-        formulated = self.formulation != CONSTRAINTS or self.projection.level > 0
+        formulated = is_formulated(self.formulation, self.projection)
         return choose(self.linear_solver, self.problem.load(), self.formulated, formulated)
 
     @property

@@ -29,7 +29,7 @@ from newmark_cli.documents import (
 )
 from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import CONSTRAINTS, CORRECTED, TOTAL
+from newmark_cli.newmark.formulation import CORRECTED, TOTAL, is_formulated
 from newmark_cli.newmark.integrator import is_trapezoidal
 from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
@@ -264,8 +264,9 @@ class _Rules(StrictModel):
     @property
     def _formulated(self) -> bool:
         """Whether any cell marches anything but index 3."""
-        return any(each.formulation() != CONSTRAINTS for each in self.formulation) or any(
-            each.projection().level > 0 for each in self.projection
+        return any(
+            is_formulated(formulation.formulation(), projection.projection())
+            for formulation, projection in product(self.formulation, self.projection)
         )
 
     def formulated(self) -> list[Form]:

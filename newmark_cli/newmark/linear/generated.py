@@ -105,7 +105,7 @@ def _module(tables: MatrixTables) -> ir.Module:
     sources, rhs, constant, coefficients, work = function.args
     blocks = [function.append_basic_block(name) for name in ("eliminate", "solved", "refused")]
     build = ir.IRBuilder(blocks[0])
-    size_of_number = module.declare_intrinsic("llvm.fabs", [number])
+    magnitude = module.declare_intrinsic("llvm.fabs", [number])
 
     def at(array: ir.Argument, place: int) -> ir.Value:
         return build.gep(array, [ir.Constant(index, int(place))])
@@ -150,7 +150,7 @@ def _module(tables: MatrixTables) -> ir.Module:
         for e in entries("lower", j):
             row = of["lower_rows"][e]
             lower[e] = build.fmul(column[row], inverse[j])
-            multiplier = build.call(size_of_number, [lower[e]])
+            multiplier = build.call(magnitude, [lower[e]])
             larger = build.fcmp_ordered(">", multiplier, largest)
             largest = build.select(larger, multiplier, largest)
             solution[row] = build.fsub(solution[row], build.fmul(lower[e], solution[j]))

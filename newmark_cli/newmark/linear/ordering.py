@@ -61,6 +61,18 @@ def coupling(problem: Problem) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array(coupled + coupled.T)
 
 
+def banded(coupled: scipy.sparse.csr_array) -> IndexArray:
+    """(n,) place of each coordinate by reverse Cuthill–McKee."""
+    return inverse(np.asarray(reverse_cuthill_mckee(coupled, symmetric_mode=True), np.int64))
+
+
+def inverse(order: IndexArray) -> IndexArray:
+    """Place of each number in an order of all."""
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return place
+
+
 def _ones(rows: IndexArray, columns: IndexArray, shape: tuple[int, int]) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape)
 
@@ -74,8 +86,7 @@ def _row_of(n: int, m: int, fields: int) -> IndexArray:
 def _bands(problem: Problem, fields: int) -> IndexArray:
     """Unknowns by reverse Cuthill–McKee, which keeps the fill of long mechanisms in a band."""
     n, m, pattern = problem.n, problem.m, problem.pattern
-    place = np.empty(n, np.int64)
-    place[reverse_cuthill_mckee(coupling(problem), symmetric_mode=True)] = np.arange(n)
+    place = banded(coupling(problem))
     met = np.zeros(m, np.int64)
     np.maximum.at(met, pattern.g_columns, place[pattern.g_rows])
     moments = np.concatenate([place] * fields + [met])
@@ -89,8 +100,7 @@ def _least_work(
     """Unknowns by least work of the next pivot (Markowitz 1957), ties in a given order."""
     n, m, pattern = problem.n, problem.m, problem.pattern
     size = fields * n + m
-    pivot = np.empty(size, np.int64)
-    pivot[_row_of(n, m, fields)] = np.arange(size)
+    pivot = inverse(_row_of(n, m, fields))
     in_row: list[set[int]] = [set() for _ in range(size)]
     in_column: list[set[int]] = [set() for _ in range(size)]
     for i, j in zip(pivot[rows].tolist(), columns.tolist(), strict=True):
@@ -111,7 +121,7 @@ def _least_work(
     places = zip(pattern.g_rows.tolist(), pattern.g_columns.tolist(), strict=True)
     for i, k in sorted(set(places)):
         wait(highest + i, fields * n + k)
-    rank = np.argsort(ties).tolist()
+    rank = inverse(ties).tolist()
 
     def cost(k: int) -> int:
         return len(in_row[k]) * len(in_column[k])

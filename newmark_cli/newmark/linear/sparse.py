@@ -5,15 +5,17 @@ dense.  What makes the plain LU factorisation of J̄ usable at small step sizes,
 scaled or not, is the order of elimination: see `elimination_order`.
 """
 
+from typing import Protocol
+
 import numpy as np
 import scipy.sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
+from newmark_cli.newmark.linear.ordering import banded, coupling
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
@@ -46,16 +48,8 @@ def elimination_order(
         (p n + k m,) rows and (p n + k m,) unknowns in their order of elimination.
     """
     n, m, pattern = problem.n, problem.m, problem.pattern
-    constraints = _ones(pattern.g_rows, pattern.g_columns, (n, m))
-    coupled = scipy.sparse.csr_array(
-        _ones(pattern.mass_rows, pattern.mass_columns, (n, n))
-        + _ones(pattern.x_rows, pattern.x_columns, (n, n))
-        + _ones(pattern.y_rows, pattern.y_columns, (n, n))
-        + constraints @ constraints.T
-    )
-    coupled = scipy.sparse.csr_array(coupled + coupled.T)
-    place = np.empty(n, np.int64)
-    place[reverse_cuthill_mckee(coupled, symmetric_mode=True)] = np.arange(n)
+    coupled = coupling(problem)
+    place = banded(coupled)
     # When a coordinate and all that it is coupled to have had their turn.
     ends = coupled.tocoo()
     surrounded = place.copy()
@@ -75,10 +69,6 @@ def elimination_order(
 
     ranks = list(range(fields))
     return order(ranks), order(ranks[::-1])
-
-
-def _ones(rows: IndexArray, columns: IndexArray, shape: tuple[int, int]) -> scipy.sparse.csr_array:
-    return scipy.sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape)
 
 
 class Factors:
@@ -380,6 +370,34 @@ class SparseSystem:
         return SparseBalancedJacobian(self, values, tangents)
 
 
+class Solvable(Protocol):
+    """A factorised matrix A."""
+
+    size: int
+
+    def solve(self, rhs: Array) -> Array:
+        """Solution of A x = rhs."""
+
+    def solve_transposed(self, rhs: Array) -> Array:
+        """Solution of Aᵀ x = rhs."""
+
+
+def inverse_norm(matrix: Solvable) -> float:
+    """‖A⁻¹‖₁, estimated from below.
+
+    The estimate (Higham & Tisseur 2000) is rarely less than a third of the norm.  It
+    works on one column: with more it would draw random ones, from a generator that
+    threads share, and differ from run to run.
+    """
+    inverse = LinearOperator(
+        (matrix.size, matrix.size),
+        matvec=lambda x: matrix.solve(np.ravel(x)),
+        rmatvec=lambda x: matrix.solve_transposed(np.ravel(x)),
+        dtype=float,
+    )
+    return float(onenormest(inverse, t=1))
+
+
 class SparseBalancedJacobian:
     """J̄ at a state, solved through the balanced matrix; see `jacobian.BalancedJacobian`."""
 
@@ -408,17 +426,6 @@ class SparseBalancedJacobian:
         return np.asarray(self._rows * self._factors.solve_transposed(self._columns * rhs))
 
     def condition(self) -> float:
-        """1-norm condition number ‖J̄‖₁·‖J̄⁻¹‖₁, its second factor estimated from below.
-
-        The estimate (Higham & Tisseur 2000) is rarely less than a third of the
-        norm.  It works on one column: with more it would draw random ones, from a
-        generator that threads share, and differ from run to run.
-        """
+        """1-norm condition number ‖J̄‖₁·‖J̄⁻¹‖₁; see `inverse_norm`."""
         norm = _summed(self._entry_columns, np.abs(self._scaled), self.size).max()
-        inverse = LinearOperator(
-            (self.size, self.size),
-            matvec=lambda x: self.solve(np.ravel(x)),
-            rmatvec=lambda x: self.solve_transposed(np.ravel(x)),
-            dtype=float,
-        )
-        return float(norm * onenormest(inverse, t=1))
+        return float(norm * inverse_norm(self))

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.linalg import LinearOperator, onenormest
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import static_elimination
@@ -13,8 +12,13 @@ from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.linear import assembly, generated
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
 from newmark_cli.newmark.linear.dense import BalancedJacobian, DenseSystem
-from newmark_cli.newmark.linear.ordering import static_order
-from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem, mass_matrix
+from newmark_cli.newmark.linear.ordering import inverse, static_order
+from newmark_cli.newmark.linear.sparse import (
+    SparseBalancedJacobian,
+    SparseSystem,
+    inverse_norm,
+    mass_matrix,
+)
 from newmark_cli.newmark.march_data import COMPLETED, MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
@@ -41,7 +45,7 @@ class StaticElimination:
             np.concatenate([getattr(part, side) for part in every]) for side in ("rows", "columns")
         )
         self.order = static_order(problem, len(scheme.form.kept), rows, columns)
-        self._row_place, self._column_place = (_inverse(side) for side in self.order)
+        self._row_place, self._column_place = (inverse(side) for side in self.order)
         keys = np.unique(self._column_place[columns] * self.size + self._row_place[rows])
         starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
         (
@@ -89,22 +93,21 @@ class StaticElimination:
             _power_of_two(np.concatenate(columns)[self.order.columns]),
         )
 
-    @cached_property
-    def tables(self) -> MatrixTables:
-        """All of it as `solve` reads it."""
-        tables = self._tables()
-        if self.operations <= generated.OPERATIONS_AT_MOST:
-            tables.room[static_elimination.ADDRESS] = generated.address(tables)
-        return tables
+    @property
+    def written_out(self) -> bool:
+        """Whether code is made for the pattern."""
+        return self.operations <= generated.OPERATIONS_AT_MOST
 
     @property
     def solve(self) -> Any:
         """What eliminates; of `newmark_cli.newmark.kernel.solve_type`."""
-        if self.operations <= generated.OPERATIONS_AT_MOST:
+        if self.written_out:
             return static_elimination.solve_generated
         return static_elimination.solve_in_order
 
-    def _tables(self) -> MatrixTables:
+    @cached_property
+    def tables(self) -> MatrixTables:
+        """All of it as `solve` reads it."""
         size, dtype = self.size, self.scheme.dtype
         row_units, column_units = self.units
         constant_rows, constant_columns, constant = self._in_order(
@@ -127,7 +130,7 @@ class StaticElimination:
         room = np.array([*begins, 0, size], np.uint64)
         work = np.zeros(5 * size + len(self.lower_rows) + len(self.upper_rows), dtype)
         work[:size], work[size : 2 * size] = row_units, column_units
-        return MatrixTables(
+        tables = MatrixTables(
             constant=constant.astype(dtype),
             places=rows[by_column].astype(np.uint32),
             origins=self._sums.origins[by_column].astype(np.uint32),
@@ -136,6 +139,9 @@ class StaticElimination:
             room=room,
             work=work,
         )
+        if self.written_out:
+            room[static_elimination.ADDRESS] = generated.address(tables)
+        return tables
 
     def _in_order(
         self, rows: IndexArray, columns: IndexArray, values: Array
@@ -158,52 +164,41 @@ class StaticElimination:
         )
         return scipy.sparse.csc_array((entries, (rows, columns)), (self.size, self.size))
 
-    def factors(self, values: Values) -> "Factors | None":
-        """LU factors at a state; None where rows would have to be exchanged."""
-        tables = self._tables()
-        done = static_elimination.eliminate(self.sources(values), *tables)
-        return Factors(tables) if done else None
-
-
-class Factors:
-    """LU factors that static elimination has left."""
-
-    def __init__(self, tables: MatrixTables) -> None:
-        self._given = tables.structure, tables.room, tables.work
-
-    def solve(self, rhs: Array) -> Array:
-        """Solution of A x = rhs."""
-        solution = rhs.astype(self._given[2].dtype)
-        static_elimination.substitute(solution, *self._given)
-        return solution
-
-    def solve_transposed(self, rhs: Array) -> Array:
-        """Solution of Aᵀ x = rhs."""
-        solution = rhs.astype(self._given[2].dtype)
-        static_elimination.substitute_transposed(solution, *self._given)
-        return solution
+    def balanced(self, values: Values) -> "StaticBalancedJacobian | None":
+        """J̄ at a state; None where rows would have to be exchanged."""
+        tables = self.tables._replace(work=self.tables.work.copy())
+        if static_elimination.eliminate(self.sources(values), *tables):
+            return StaticBalancedJacobian(self.matrix(values), tables)
+        return None
 
 
 class StaticBalancedJacobian:
-    """J̄ at a state, in the units of its elimination, which no scaling changes."""
+    """J̄ at a state as static elimination has factorised it, which no scaling changes.
 
-    def __init__(self, matrix: scipy.sparse.csc_array, factors: Factors) -> None:
-        self.size, self._matrix, self._factors = matrix.shape[0], matrix, factors
+    Attributes:
+        size: N.
+    """
+
+    def __init__(self, matrix: scipy.sparse.csc_array, tables: MatrixTables) -> None:
+        """Of J̄ and the tables that `static_elimination.eliminate` has left."""
+        self.size, self._matrix = matrix.shape[0], matrix
+        self._factors = tables.structure, tables.room, tables.work
 
     def solve(self, rhs: Array) -> Array:
         """Solution of J̄ q̄ = rhs."""
-        return self._factors.solve(rhs)
+        solution = rhs.astype(self._factors[2].dtype)
+        static_elimination.substitute(solution, *self._factors)
+        return solution
+
+    def solve_transposed(self, rhs: Array) -> Array:
+        """Solution of J̄ᵀ x = rhs."""
+        solution = rhs.astype(self._factors[2].dtype)
+        static_elimination.substitute_transposed(solution, *self._factors)
+        return solution
 
     def condition(self) -> float:
-        """1-norm condition number, its inverse estimated; see `SparseBalancedJacobian`."""
-        inverse = LinearOperator(
-            (self.size, self.size),
-            matvec=lambda x: self._factors.solve(np.ravel(x)),
-            rmatvec=lambda x: self._factors.solve_transposed(np.ravel(x)),
-            dtype=float,
-        )
-        norm = abs(self._matrix).sum(axis=0).max()
-        return float(norm * onenormest(inverse, t=1))
+        """1-norm condition number ‖J̄‖₁·‖J̄⁻¹‖₁; see `inverse_norm`."""
+        return float(abs(self._matrix).sum(axis=0).max() * inverse_norm(self))
 
 
 class StaticSystem:
@@ -256,8 +251,8 @@ class StaticSystem:
         """J̄ at a state, to be solved accurately."""
         if not self.dense:
             values = self.problem.values(t, state.fields[0], state.fields[1], state.multipliers)
-            if (factors := self.elimination.factors(values)) is not None:
-                return StaticBalancedJacobian(self.elimination.matrix(values), factors)
+            if (found := self.elimination.balanced(values)) is not None:
+                return found
         return self.pivoting.balanced(t, state)
 
 
@@ -265,9 +260,3 @@ def _power_of_two(values: Array) -> Array:
     """The powers of two nearest to values, signed; 1 for what is not finite."""
     found = np.ldexp(np.sign(values), np.rint(np.log2(np.abs(values))).astype(int))
     return np.where(np.isfinite(values) & (values != 0), found, 1.0)
-
-
-def _inverse(order: IndexArray) -> IndexArray:
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    return place
