@@ -1,6 +1,6 @@
 """A mechanism with every element, for tests that go through all of them."""
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 
 #: Two bodies on points A, B and C, and points on them.
 TWO_BODIES = """\
@@ -53,4 +53,4 @@ def everything(folder, driven=True):
         text = text.replace("mass: 1}", "mass: 1, velocity: [0.5, 0.5]}")
     path = folder / "everything.yaml"
     path.write_text(text)
-    return planar.load(path, "everything")
+    return loading.load(path, "everything")

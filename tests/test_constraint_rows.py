@@ -11,7 +11,7 @@ from mechanisms import TWO_BODIES
 from mpmath import mp, mpc, mpf
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.mechanisms.spec import PythonFactory
 from newmark_cli.problems import python_problem
@@ -102,7 +102,7 @@ def constrained(tmp_path_factory):
     """`CONSTRAINED`."""
     path = tmp_path_factory.mktemp("mechanism") / "m.yaml"
     path.write_text(CONSTRAINED)
-    return planar.load(path, "constrained")
+    return loading.load(path, "constrained")
 
 
 # References take their time: a failure is not made smaller.
@@ -250,7 +250,7 @@ def test_ways_to_the_rows_of_a_crank_agree(cranks, tmp_path):
     """
     path = tmp_path / "crank.yaml"
     path.write_text(_CRANK_MECHANISM)
-    mechanism = planar.load(path, "crank")
+    mechanism = loading.load(path, "crank")
     for seed in range(20):
         t = np.random.default_rng(seed).uniform(0, 3)
         u, v, w = anywhere(mechanism, seed)
@@ -337,7 +337,7 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient(tmp_path):
         "  A: {at: [1.25, 0], mass: 1}\n  B: {at: [2.25, 0], mass: 1}\n"
         "bars:\n  one: {from: O, to: A, length: 1}\n  two: {from: A, to: B, length: 1}\n"
     )
-    mechanism = planar.load(path, "double")
+    mechanism = loading.load(path, "double")
     for decorate in (numba.njit, lambda function: function):
         exact = double(decorate, True)
         assert exact.rows_given == "exact"

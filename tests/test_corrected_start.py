@@ -9,7 +9,7 @@ from marching import march
 from mpmath import matrix, mp, mpf
 from scipy.stats import linregress
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
@@ -37,7 +37,7 @@ def thrown(folder, mass="1") -> Problem:
     """The pendulum thrown from the horizontal with v₀ = 1."""
     path = folder / "thrown.yaml"
     path.write_text(THROWN.replace("MASS", mass))
-    return planar.load(path, "thrown")
+    return loading.load(path, "thrown")
 
 
 @cache
@@ -93,7 +93,7 @@ def test_the_jerk_of_a_driven_crank_is_that_of_its_motion(tmp_path):
         "motions: {drive: {body: rod, angle: {rate: 4, acceleration: 3, amplitude: 0.2, "
         "frequency: 7, phase: 0.4}}}\nproject_velocities: true\n"
     )
-    subject = planar.load(path, "crank")
+    subject = loading.load(path, "crank")
     first = 4 + 0.2 * 7 * np.cos(0.4)
     second, third = 3 - 0.2 * 49 * np.sin(0.4), -0.2 * 343 * np.cos(0.4)
     # (e^{iφ})‴ over e^{iφ}

@@ -12,7 +12,7 @@ from examples import car_axis
 from general import constraint, force, general, gradient
 from marching import EPS, copy, interpreted_march
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import constraints, scipy_march
 from newmark_cli.newmark.constraints import (
@@ -99,7 +99,7 @@ def _mechanism(text, name):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.yaml"
         path.write_text(text)
-        return planar.load(path, name)
+        return loading.load(path, name)
 
 
 _OWN = {

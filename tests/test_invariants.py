@@ -9,7 +9,7 @@ from mechanisms import TWO_BODIES
 from mpmath import ellipfun, mp, mpf
 from scipy.stats import linregress
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, march_data
@@ -114,7 +114,7 @@ def test_driven_points_are_compared_with_their_laws(tmp_path):
         "bars: {arm: {from: O, to: P, length: 2}}\n"
         "motions: {drive: {point: P, y: {rate: 8}}}\n"
     )
-    subject = planar.load(path, "driven")
+    subject = loading.load(path, "driven")
     t = 0.1
     y = 8 * t
     x = np.sqrt(4 - y * y)
@@ -160,7 +160,7 @@ def test_equilibrium_has_no_division_by_zero(tmp_path):
         "points: {O: {fixed: [0, 0]}, P: {at: [0, -1], mass: 1}}\n"
         "bars: {rod: {from: O, to: P, length: 1}}\ngravity: [0, -1]\n"
     )
-    subject = planar.load(path, "rest")
+    subject = loading.load(path, "rest")
     found = relative([invariants(subject, 0.0, start(subject))])
     assert found == dict.fromkeys(INVARIANTS, 0.0)
 
@@ -279,7 +279,7 @@ def load(tmp_path):
     def loaded(text):
         path = tmp_path / "mechanism.yaml"
         path.write_text(text)
-        return planar.load(path, "mechanism")
+        return loading.load(path, "mechanism")
 
     return loaded
 

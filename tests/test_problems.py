@@ -13,7 +13,7 @@ from mpmath import mp
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
@@ -148,7 +148,7 @@ def double(tmp_path):
     """Two bodies in a row with everything the model has."""
     path = tmp_path / "double.yaml"
     path.write_text(BODY)
-    return planar.load(path, "double")
+    return loading.load(path, "double")
 
 
 def rigid(points, velocities, centre, length):
@@ -218,7 +218,7 @@ def test_mistakes_are_located(tmp_path, old, new, line, words):
     assert old in BODY
     path.write_text(BODY.replace(old, new))
     with pytest.raises(DocumentError) as caught:
-        planar.load(path, "bad")
+        loading.load(path, "bad")
     assert f"bad.yaml, line {line}: " in str(caught.value)
     assert words in str(caught.value)
 
@@ -366,7 +366,7 @@ def test_inconsistent_starts_are_refused(tmp_path, change, line, words):
     path = tmp_path / "r.yaml"
     path.write_text(RECTANGLE.replace(old, new))
     with pytest.raises(DocumentError) as caught:
-        planar.load(path, "r")
+        loading.load(path, "r")
     assert f"r.yaml, line {line}: " in str(caught.value), str(caught.value)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -471,7 +471,7 @@ def test_dependent_constraints_are_told_apart(tmp_path, text, said, start):
     path = tmp_path / "m.yaml"
     path.write_text(text + ("assemble: true\n" if start != "exact" else ""))
     with pytest.raises(DocumentError, match=f"m.yaml, {said}") as caught:
-        planar.load(path, "m")
+        loading.load(path, "m")
     assert len(caught.value.mistakes) == 1
 
 
@@ -480,11 +480,11 @@ def test_moving_away_from_a_singular_position_helps(tmp_path):
     path = tmp_path / "m.yaml"
     c, s = 0.8, 0.6
     path.write_text(_LINE.replace("[3, 0]", f"[{2 + c}, {s}]").replace("[1, 0]", f"[{c}, {s}]"))
-    assert planar.load(path, "m").m == 3
+    assert loading.load(path, "m").m == 3
     turned = _CRANKS.replace("at: [0, 1]", f"at: [{c}, {s}]").replace("[2, 1]", f"[{2 + c}, {s}]")
     path.write_text(turned)
     with pytest.raises(DocumentError, match=r"redundant: .*bars\.middle"):
-        planar.load(path, "m")
+        loading.load(path, "m")
 
 
 def test_redundancy_in_large_mechanisms(tmp_path):
@@ -494,10 +494,10 @@ def test_redundancy_in_large_mechanisms(tmp_path):
     text = f"points:\n  P0: {{fixed: [0, 0]}}\n{points}bars:\n{bars}"
     path = tmp_path / "m.yaml"
     path.write_text(text + "assemble: true\n")
-    assert planar.load(path, "m").m == 401
+    assert loading.load(path, "m").m == 401
     path.write_text(text + "  again: {from: P199, to: P200, length: 1}\nassemble: true\n")
     with pytest.raises(DocumentError, match=r"redundant: .* other: bars\.b200, bars\.again$"):
-        planar.load(path, "m")
+        loading.load(path, "m")
 
 
 def test_contradicting_lengths(tmp_path):
@@ -506,7 +506,7 @@ def test_contradicting_lengths(tmp_path):
     again = "  again: {from: D, to: C, length: 2.1}\nassemble: true\n"
     path.write_text(RECTANGLE + again)
     with pytest.raises(DocumentError) as caught:
-        planar.load(path, "m")
+        loading.load(path, "m")
     found = re.fullmatch(
         r".*m\.yaml, line 11: assemble: no position found from this guess: the closest one misses "
         r"bars\.top by (\S+) m, bars\.again by (\S+) m; these contradict each other, or .*",
@@ -528,9 +528,9 @@ def test_driven_crank_follows_its_law(tmp_path):
         "motions: {drive: {body: rod, angle: {rate: 4}}}\ngravity: [0, -9.81]\n"
     )
     with pytest.raises(DocumentError, match=r"redundant.*bodies.rod, bars.arm"):
-        planar.load(path, "crank")
+        loading.load(path, "crank")
     path.write_text(path.read_text().replace("bars: {arm: {from: O, to: P, length: 2}}\n", ""))
-    subject, h, steps = planar.load(path, "crank"), 1e-3, 500
+    subject, h, steps = loading.load(path, "crank"), 1e-3, 500
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
     for engine in (compiled_march, scipy_march):

@@ -14,7 +14,7 @@ from scipy.stats import linregress
 
 from newmark_cli import apart
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
@@ -205,7 +205,7 @@ def driven(tmp_path_factory):
     """A mechanism with a motion, a damper and body-fixed points."""
     path = tmp_path_factory.mktemp("mechanism") / "driven.yaml"
     path.write_text(DRIVEN)
-    return planar.load(path, "driven")
+    return loading.load(path, "driven")
 
 
 def march(subject, h, t_end):
@@ -255,7 +255,7 @@ def test_driven_crank_is_where_its_law_says(tmp_path):
         "bars: {arm: {from: O, to: P, length: 2}}\n"
         "motions: {drive: {point: P, y: {amplitude: 8, frequency: 1}}}\n"
     )
-    found = solution(planar.load(path, "crank"), 0.2)
+    found = solution(loading.load(path, "crank"), 0.2)
     sine, cosine = np.sin(0.2), np.cos(0.2)
     y, vy, ay = 8 * sine, 8 * cosine, -8 * sine
     x = np.sqrt(4 - y * y)

@@ -8,7 +8,7 @@ from conftest import SWING
 from scipy.integrate import solve_ivp
 
 from newmark_cli import apart
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import problem
@@ -25,7 +25,7 @@ def built(tmp_path, text):
     """The problem of a mechanism file."""
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    return planar.load(path, "mine")
+    return loading.load(path, "mine")
 
 
 class Linkage:

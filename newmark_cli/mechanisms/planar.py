@@ -8,8 +8,7 @@ mass matrix is constant, and it brings one distance constraint.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,24 +40,13 @@ class Site:
         }
 
 
-def load(path: Path, name: str, spelled: str | None = None) -> Problem:
-    """Problem from a mechanism file, which carries what the file said as its source.
-
-    Args:
-        path: YAML file.
-        name: Name of the problem.
-        spelled: How errors name the file.
+def built(name: str, document: Document) -> Problem:
+    """Problem from a mechanism file that was read.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
-    document = documents.read(path, spelled)
-    return replace(built(name, document), sources={path.name: document.content})
-
-
-def built(name: str, document: Document) -> Problem:
-    """Problem from a mechanism file that was read; raises DocumentError as `load` does."""
     try:
         mechanism = documents.validate(document, Mechanism)
     except DocumentError as error:
@@ -359,15 +347,8 @@ class _Builder:
     def _fitting(
         self, law: Law, now: float, path: KeyPath, period: float = math.inf
     ) -> tuple[float, ...]:
-        """Parameters of a law that starts where the mechanism does."""
-        parameters = law.parameters(now)
-        begin = parameters[0] + law.amplitude * math.sin(law.phase)
-        away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
-        if not self.mechanism.assemble and abs(away) > 1e-9 * max(1.0, abs(now)):
-            raise self.document.error(
-                path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}"
-            )
-        return parameters
+        guessed = self.mechanism.assemble
+        return start.law_parameters(law, now, self.document, path, period, guessed)
 
     def _moving_site(self, name: str, path: KeyPath) -> dict[str, complex]:
         weights = dict(self._site(name, path).weights)

@@ -69,13 +69,11 @@ def picture(name: str) -> Picture:
     from newmark_cli.mechanisms.models import Mechanism
 
     document = documents.read(_FOLDER / f"{name}.yaml")
-    if document.data.get("dimensions") == 3:
+    # Of an assembled one the file has a guess only.
+    if document.data.get("dimensions") == 3 or document.data.get("assemble"):
         built = problem(name)
         return Picture(built.drawing, built.points, built.u0, built.axes)
     mechanism = documents.validate(document, Mechanism)
-    if mechanism.assemble:  # the file has a guess only
-        found = problem(name)
-        return Picture(mechanism, found.points, found.u0)
     moving = {key: point.at for key, point in mechanism.points.items() if point.at is not None}
     return Picture(mechanism, tuple(moving), np.array(list(moving.values())).reshape(-1))
 

@@ -28,6 +28,7 @@ from newmark_cli.mechanisms.spatial_model import (
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
+from newmark_cli.mechanisms.start import law_parameters
 from newmark_cli.problems.problem import Pattern, Problem
 from newmark_cli.spelling import nearest
 
@@ -695,15 +696,8 @@ class Builder:
     def _fitting(
         self, law: Law, now: float, path: KeyPath, period: float = math.inf
     ) -> tuple[float, ...]:
-        """Parameters of a law that starts where the mechanism does."""
-        parameters = law.parameters(now)
-        begin = parameters[0] + law.amplitude * math.sin(law.phase)
-        away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
-        if not self.mechanism.assemble and abs(away) > 1e-9 * max(1.0, abs(now)):
-            raise self.document.error(
-                path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}"
-            )
-        return parameters
+        guessed = self.mechanism.assemble
+        return law_parameters(law, now, self.document, path, period, guessed)
 
     # -- start ---------------------------------------------------------------------------------
 

@@ -11,6 +11,17 @@ import scipy.sparse.linalg
 from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import KeyPath
+from newmark_cli.mechanisms.start import (
+    DENSE_UP_TO,
+    MISSED,
+    MOST_CORRECTIONS,
+    MOST_NAMED,
+    RANK_TOLERANCE,
+    RANK_TOLERANCE_FOUND,
+    VELOCITY_TOLERANCE,
+    column_norms,
+    gradient_of,
+)
 from newmark_cli.problems import index_1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
@@ -18,23 +29,12 @@ from newmark_cli.spelling import nearest
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.spatial import Builder
 
-#: Coordinates up to which ranks are found by dense factorisations, which also tell which
-#: rows depend on each other; beyond, pivots of a sparse one must do.
-_DENSE_UP_TO = 600
-_RANK_TOLERANCE = 1e-10
-#: The same after a search, which finds a singular position only to half the digits.
-_RANK_TOLERANCE_FOUND = 1e-7
-_VELOCITY_TOLERANCE = 1e-9
-#: What a position that was looked for may miss of a constraint, of the largest coordinate.
-_MISSED = 1e-9
-_MOST_CORRECTIONS = 50
 #: Largest inertia, relative to others, with which a motion has none.
 _NO_INERTIA = 1e-13
 #: Part of the largest share in what is redundant that a row must have to be dropped.
 _SHARE = 0.5
 #: How far from the start it is looked whether the start is singular.
 _ASIDE = 0.05
-_MOST_NAMED = 12
 #: Least size of a direction's part, relative to the largest, that words mention.
 _SEEN = 1e-6
 
@@ -52,7 +52,7 @@ def consistent(builder: "Builder") -> Problem:
         problem = replace(problem, u0=_assembled(builder, problem))
     found = _independent(builder, problem)
     u0, v0 = problem.u0, problem.v0
-    gradient = _gradient(problem, u0)
+    gradient = gradient_of(problem, u0)
     if found.released:
         problem = replace(builder.problem(found.released), u0=u0)
     known = replace(
@@ -89,17 +89,17 @@ def _independent(builder: "Builder", problem: Problem) -> _Found:
     """Which rows to drop so that the rest is independent."""
     document, given = builder.document, builder.mechanism.redundant
     asked = _asked(builder)
-    gradient = _gradient(problem, problem.u0)
-    sizes = _column_norms(gradient)
+    gradient = gradient_of(problem, problem.u0)
+    sizes = column_norms(gradient)
     mistakes = documents.Mistakes()
     for k in map(int, np.flatnonzero(sizes == 0)):
         message = f"row {builder.rows[k][-1]} does not constrain the initial position"
         mistakes.note(document.error(builder.paths[k], message))
     mistakes.refuse()
-    if problem.n > _DENSE_UP_TO:
+    if problem.n > DENSE_UP_TO:
         return _independent_sparse(builder, problem, gradient, asked)
     scaled = np.asarray((gradient / sizes[None, :]).toarray(), float)
-    tolerance = _RANK_TOLERANCE_FOUND if builder.mechanism.assemble else _RANK_TOLERANCE
+    tolerance = RANK_TOLERANCE_FOUND if builder.mechanism.assemble else RANK_TOLERANCE
     null = _null_space(scaled, tolerance)
     rank = scaled.shape[1] - null.shape[1]
     _require_freedom(builder, scaled, tolerance)
@@ -145,7 +145,7 @@ def _independent(builder: "Builder", problem: Problem) -> _Found:
         )
     missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
     for k in dropped:
-        if missed[k] > _MISSED * max(1.0, float(np.abs(problem.u0).max())):
+        if missed[k] > MISSED * max(1.0, float(np.abs(problem.u0).max())):
             raise document.error(
                 builder.paths[k],
                 f"cannot be closed: its row {builder.rows[k][-1]} is missed by {missed[k]:.3g}",
@@ -181,18 +181,18 @@ def _independent_sparse(
     """The same of a large mechanism: only rows that the file names are dropped."""
     kept = np.setdiff1d(np.arange(problem.m), asked)
     part = scipy.sparse.csc_array(gradient[:, kept])
-    part = scipy.sparse.csc_array(part / _column_norms(part)[None, :])
+    part = scipy.sparse.csc_array(part / column_norms(part)[None, :])
     try:
         factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(part.T @ part))
         pivots = np.abs(factors.U.diagonal())
         # Pivots of GᵀG are squares of what a rank would be judged by.
-        regular = bool(np.all(pivots >= _RANK_TOLERANCE**1.5 * pivots.max()))
+        regular = bool(np.all(pivots >= RANK_TOLERANCE**1.5 * pivots.max()))
     except RuntimeError:
         regular = False
     if not regular:
         raise builder.document.error(
             ("redundant",),
-            f"constraints depend on each other; of more than {_DENSE_UP_TO} coordinates only "
+            f"constraints depend on each other; of more than {DENSE_UP_TO} coordinates only "
             "rows that are released by name are dropped",
         )
     if len(kept) >= problem.n and not builder.mechanism.motions:
@@ -238,12 +238,12 @@ def _singular_here(problem: Problem, scaled: Array, tolerance: float, rank: int)
         direction = free @ random.normal(size=free.shape[1])
         moved = problem.u0 + _ASIDE * direction / np.abs(direction).max()
         u, missed = _closest(problem, moved)
-        if missed > _MISSED:
+        if missed > MISSED:
             continue
-        gradient = _gradient(problem, u)
-        there = np.asarray((gradient / _column_norms(gradient)[None, :]).toarray(), float)
+        gradient = gradient_of(problem, u)
+        there = np.asarray((gradient / column_norms(gradient)[None, :]).toarray(), float)
         values = np.linalg.svd(there, compute_uv=False)
-        if int(np.count_nonzero(values > _RANK_TOLERANCE_FOUND * values[0])) > rank:
+        if int(np.count_nonzero(values > RANK_TOLERANCE_FOUND * values[0])) > rank:
             return True
     return False
 
@@ -255,13 +255,13 @@ def _closest(problem: Problem, u: Array) -> tuple[Array, float]:
     """
     size = max(1.0, float(np.abs(u).max()))
     missed = np.inf
-    for _ in range(_MOST_CORRECTIONS):
+    for _ in range(MOST_CORRECTIONS):
         phi = problem.constraint_values(problem.t0, u)
         missed = float(np.abs(phi).max()) / size
         if not np.isfinite(missed):
             break
-        gradient = _gradient(problem, u)
-        if problem.n <= _DENSE_UP_TO:
+        gradient = gradient_of(problem, u)
+        if problem.n <= DENSE_UP_TO:
             change = np.linalg.lstsq(np.asarray(gradient.toarray()).T, phi, rcond=1e-9)[0]
         else:
             change = _least_change(gradient, phi)
@@ -288,12 +288,12 @@ def _least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
 def _assembled(builder: "Builder", problem: Problem) -> Array:
     """Positions on the constraints near a guess."""
     u, missed = _closest(problem, problem.u0)
-    if missed <= _MISSED:
+    if missed <= MISSED:
         return u
     phi = np.abs(problem.constraint_values(problem.t0, u))
-    worst = sorted(np.argsort(-phi)[:_MOST_NAMED].tolist()) if np.all(np.isfinite(phi)) else []
+    worst = sorted(np.argsort(-phi)[:MOST_NAMED].tolist()) if np.all(np.isfinite(phi)) else []
     named = ", ".join(
-        f"{'.'.join(builder.rows[k])} by {phi[k]:.3g}" for k in worst if phi[k] > _MISSED
+        f"{'.'.join(builder.rows[k])} by {phi[k]:.3g}" for k in worst if phi[k] > MISSED
     )
     raise builder.document.error(
         ("assemble",),
@@ -312,9 +312,9 @@ def _named(builder: "Builder", rows: Sequence[int]) -> str:
         elif len(builder.rows[k]) > 2:
             joints.setdefault(".".join(builder.rows[k]), [])
     if not joints:
-        return ", ".join(".".join(builder.rows[k]) for k in rows[:_MOST_NAMED])
+        return ", ".join(".".join(builder.rows[k]) for k in rows[:MOST_NAMED])
     texts = [f"{joint} ({', '.join(of)})" if of else joint for joint, of in joints.items()]
-    return ", ".join(texts[:_MOST_NAMED]) + (", …" if len(texts) > _MOST_NAMED else "")
+    return ", ".join(texts[:MOST_NAMED]) + (", …" if len(texts) > MOST_NAMED else "")
 
 
 def _require_freedom(builder: "Builder", scaled: Array, tolerance: float) -> None:
@@ -343,13 +343,10 @@ def _mass_rank(problem: Problem) -> int:
 
 def _require_inertia(builder: "Builder", problem: Problem) -> None:
     """Whatever can move has inertia: M is positive on the kernel of Gᵀ."""
-    gradient = _gradient(problem, problem.u0)
-    n, pattern = problem.n, problem.pattern
-    if n > _DENSE_UP_TO:
-        unit = float(np.abs(problem.mass_values).max())
-        mass = scipy.sparse.csc_array(
-            (problem.mass_values / unit, (pattern.mass_rows, pattern.mass_columns)), (n, n)
-        )
+    gradient = gradient_of(problem, problem.u0)
+    n = problem.n
+    if n > DENSE_UP_TO:
+        mass = _mass(problem)
         try:
             pivots = np.abs(scipy.sparse.linalg.splu(_saddle(mass, gradient)).U.diagonal())
             regular = bool(pivots.min() > _NO_INERTIA * pivots.max())
@@ -410,11 +407,11 @@ def _fitting_velocities(
         for i, body in enumerate(mechanism.bodies.values()):
             v[i, 1:] = np.cross(body.angular_velocity, frames[i])
         v = v.ravel()
-    gradient = _gradient(problem, problem.u0)
+    gradient = gradient_of(problem, problem.u0)
     rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, v)
     if mechanism.rates or mechanism.project_velocities:
         return _projected(builder, problem, v, gradient, rate)
-    sizes = _column_norms(every)
+    sizes = column_norms(every)
     wanted = np.zeros(every.shape[1])
     names = set(problem.constraint_names)
     kept = [k for k, row in enumerate(builder.rows) if ".".join(row) in names]
@@ -422,7 +419,7 @@ def _fitting_velocities(
     speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
     missed = np.abs(every.T @ v + wanted)
     worst: dict[KeyPath, tuple[float, str]] = {}
-    for k in map(int, np.flatnonzero(missed > _VELOCITY_TOLERANCE * speed * sizes)):
+    for k in map(int, np.flatnonzero(missed > VELOCITY_TOLERANCE * speed * sizes)):
         found = (float(missed[k]), builder.rows[k][-1])
         worst[builder.paths[k]] = max(worst.get(builder.paths[k], (0.0, "")), found)
     mistakes = documents.Mistakes()
@@ -444,19 +441,16 @@ def _projected(
     rate: Array,
 ) -> Array:
     """The velocities nearest to v in the norm of M that fit constraints and rates."""
-    n, pattern = problem.n, problem.pattern
+    n = problem.n
     given = list(builder.rates(problem.u0))
     rows = scipy.sparse.csc_array(np.array([of_rate for _, of_rate, _ in given]).reshape(-1, n).T)
     every = scipy.sparse.csc_array(scipy.sparse.hstack([gradient, rows]))
     wanted = np.concatenate([-rate, [value for _, _, value in given]])
-    sizes = _column_norms(every)
+    sizes = column_norms(every)
     every, wanted = scipy.sparse.csc_array(every / sizes[None, :]), wanted / sizes
-    unit = float(np.abs(problem.mass_values).max())
-    mass = scipy.sparse.csc_array(
-        (problem.mass_values / unit, (pattern.mass_rows, pattern.mass_columns)), (n, n)
-    )
+    mass = _mass(problem)
     saddle = _saddle(mass, every)
-    dense = saddle.toarray() if n <= _DENSE_UP_TO else None
+    dense = saddle.toarray() if n <= DENSE_UP_TO else None
     for _ in range(3):  # the first leaves what is rounding of a large change
         rhs = np.concatenate([np.zeros(n), wanted - every.T @ v])
         if dense is not None:
@@ -466,14 +460,14 @@ def _projected(
     left = np.abs(wanted - every.T @ v)
     speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
     for k, (path, _, value) in enumerate(given, start=problem.m):
-        if not left[k] <= _VELOCITY_TOLERANCE * speed:
+        if not left[k] <= VELOCITY_TOLERANCE * speed:
             reached = value - (wanted[k] - every[:, [k]].T @ v)[0] * sizes[k]
             raise builder.document.error(
                 path,
                 f"contradicts other rates or the constraints: {reached:.6g} is the nearest to "
                 f"{value:g} that fits",
             )
-    if not np.all(left <= _VELOCITY_TOLERANCE * speed):
+    if not np.all(left <= VELOCITY_TOLERANCE * speed):
         k = int(np.argmax(left))
         raise builder.document.error(
             builder.paths[k] if k < len(builder.paths) else (),
@@ -482,21 +476,14 @@ def _projected(
     return v
 
 
+def _mass(problem: Problem) -> scipy.sparse.csc_array:
+    """M, its largest entry 1."""
+    pattern, values = problem.pattern, problem.mass_values
+    places = pattern.mass_rows, pattern.mass_columns
+    return scipy.sparse.csc_array((values / np.abs(values).max(), places), (problem.n,) * 2)
+
+
 def _saddle(mass: scipy.sparse.csc_array, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_array:
     """[[M, −G], [Gᵀ, 0]]."""
     blocks: list[list[Any]] = [[mass, -rows], [rows.T, None]]
     return scipy.sparse.csc_array(scipy.sparse.block_array(blocks))
-
-
-# -- G ----------------------------------------------------------------------------------------
-
-
-def _gradient(problem: Problem, u: Array) -> scipy.sparse.csc_array:
-    """(n, m) sparse G at a position."""
-    n, m, pattern = problem.n, problem.m, problem.pattern
-    values = problem.values(problem.t0, u, problem.v0, np.zeros(m)).g
-    return scipy.sparse.csc_array((values, (pattern.g_rows, pattern.g_columns)), shape=(n, m))
-
-
-def _column_norms(gradient: scipy.sparse.csc_array) -> Array:
-    return np.asarray(np.sqrt(gradient.multiply(gradient).sum(axis=0))).ravel()

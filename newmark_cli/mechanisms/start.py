@@ -1,5 +1,6 @@
 """Consistent starts: positions on the constraints, velocities that fit, no redundancy."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -12,21 +13,22 @@ from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath
 from newmark_cli.mechanisms import elements
+from newmark_cli.mechanisms.models import Law
 from newmark_cli.problems import index_1
 from newmark_cli.problems.problem import Problem
 
 #: Coordinates up to which ranks are found by dense factorisations, which also tell
 #: which constraints depend on each other; beyond, pivots of a sparse one must do.
-_DENSE_UP_TO = 600
-_RANK_TOLERANCE = 1e-10
+DENSE_UP_TO = 600
+RANK_TOLERANCE = 1e-10
 #: The same after a search, which finds a singular position only to half the digits.
-_RANK_TOLERANCE_FOUND = 1e-7
-_VELOCITY_TOLERANCE = 1e-9
-_MOST_CORRECTIONS = 50
+RANK_TOLERANCE_FOUND = 1e-7
+VELOCITY_TOLERANCE = 1e-9
+MOST_CORRECTIONS = 50
 #: What a position that was looked for may miss of a constraint, of the largest coordinate.
-_MISSED = 1e-9
+MISSED = 1e-9
 #: Constraints that an error names.
-_MOST_NAMED = 12
+MOST_NAMED = 12
 #: How far from the start it is looked whether the start is singular, likewise.
 _ASIDE = 1e-7
 
@@ -70,24 +72,47 @@ def consistent(
     return problem
 
 
+def law_parameters(
+    law: Law, now: float, document: Document, path: KeyPath, period: float, guessed: bool
+) -> tuple[float, ...]:
+    """Parameters of a law of time that starts where the mechanism does.
+
+    Args:
+        law: The law.
+        now: Where the mechanism starts.
+        document, path: Where the law came from, for errors.
+        period: Values that differ by it are the same; infinite for a length.
+        guessed: Whether the start is a guess, which any law may leave.
+
+    Raises:
+        DocumentError: When it starts elsewhere.
+    """
+    parameters = law.parameters(now)
+    begin = parameters[0] + law.amplitude * math.sin(law.phase)
+    away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
+    if not guessed and abs(away) > 1e-9 * max(1.0, abs(now)):
+        raise document.error(path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}")
+    return parameters
+
+
 def _fitted(
     problem: Problem, options: Options, document: Document, paths: Sequence[KeyPath]
 ) -> Problem:
     """The problem with positions on its constraints and velocities that fit them."""
     if options.assemble:
         problem = replace(problem, u0=_assembled(problem, document, paths))
-    gradient = _gradient(problem, problem.u0)
-    tolerance = _RANK_TOLERANCE_FOUND if options.assemble else _RANK_TOLERANCE
+    gradient = gradient_of(problem, problem.u0)
+    tolerance = RANK_TOLERANCE_FOUND if options.assemble else RANK_TOLERANCE
     _require_independent(problem, gradient, tolerance, document, paths)
     rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
     misfit = gradient.T @ problem.v0 + rate
     if options.project_velocities:
         return replace(problem, v0=_projected(problem, gradient, rate, document, paths))
-    sizes = _column_norms(gradient)
+    sizes = column_norms(gradient)
     speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate / sizes).max()))
     mistakes = documents.Mistakes()
     missed = np.abs(misfit) / sizes
-    for k in map(int, np.flatnonzero(np.abs(misfit) > _VELOCITY_TOLERANCE * sizes * speed)):
+    for k in map(int, np.flatnonzero(np.abs(misfit) > VELOCITY_TOLERANCE * sizes * speed)):
         mistakes.note(
             document.error(
                 paths[k],
@@ -111,7 +136,7 @@ def _projected(
     Next to a singular position the normal equations are singular long before G is, and
     velocities that a motion asks for there are beyond all bounds.
     """
-    v, sizes = problem.v0, _column_norms(gradient)
+    v, sizes = problem.v0, column_norms(gradient)
     left = np.abs(gradient.T @ v + rate) / sizes
     with np.errstate(all="ignore"):
         for _ in range(2):  # the first leaves what is rounding of a large change
@@ -121,9 +146,9 @@ def _projected(
                 break
             left = np.abs(gradient.T @ v + rate) / sizes
             speed = max(float(np.abs(v).max()), float(np.abs(rate / sizes).max()))
-            if np.all(left <= _VELOCITY_TOLERANCE * speed):
+            if np.all(left <= VELOCITY_TOLERANCE * speed):
                 return v
-    _require_independent(problem, gradient, _RANK_TOLERANCE_FOUND, document, paths)
+    _require_independent(problem, gradient, RANK_TOLERANCE_FOUND, document, paths)
     worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
     raise document.error(
         paths[worst],
@@ -132,14 +157,15 @@ def _projected(
     )
 
 
-def _gradient(problem: Problem, u: Array) -> scipy.sparse.csc_array:
+def gradient_of(problem: Problem, u: Array) -> scipy.sparse.csc_array:
     """(n, m) sparse G at a position."""
     n, m, pattern = problem.n, problem.m, problem.pattern
     values = problem.values(problem.t0, u, problem.v0, np.zeros(m)).g
     return scipy.sparse.csc_array((values, (pattern.g_rows, pattern.g_columns)), shape=(n, m))
 
 
-def _column_norms(gradient: scipy.sparse.csc_array) -> Array:
+def column_norms(gradient: scipy.sparse.csc_array) -> Array:
+    """(m,) 2-norms of the columns."""
     return np.asarray(np.sqrt(gradient.multiply(gradient).sum(axis=0))).ravel()
 
 
@@ -171,10 +197,10 @@ def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -
     u = problem.u0.copy()
     size = float(np.abs(u).max()) or 1.0
     # With more constraints than coordinates GᵀG is singular everywhere.
-    for _ in range(_MOST_CORRECTIONS if problem.m <= problem.n else 0):
+    for _ in range(MOST_CORRECTIONS if problem.m <= problem.n else 0):
         phi = problem.constraint_values(problem.t0, u)
         try:
-            change = _least_change(_gradient(problem, u), phi)
+            change = _least_change(gradient_of(problem, u), phi)
         except RuntimeError:  # exactly singular
             break
         if not np.all(np.isfinite(change)):
@@ -187,10 +213,10 @@ def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -
         return u
     u = _closest(problem, problem.u0)
     distances = _distances(problem, u)
-    off = [k for k in range(problem.m) if distances[k] > _MISSED * size]
+    off = [k for k in range(problem.m) if distances[k] > MISSED * size]
     if not off:
-        gradient = _gradient(problem, u)
-        if _dependent(gradient, _RANK_TOLERANCE_FOUND):
+        gradient = gradient_of(problem, u)
+        if _dependent(gradient, RANK_TOLERANCE_FOUND):
             return u  # `_require_independent` says how they depend on each other there
         away = np.abs(u - problem.u0)
         point = problem.point_of(int(np.argmax(away)))
@@ -199,7 +225,7 @@ def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -
             f"no position found near this guess: the closest moves {point} by {away.max():.3g} m; "
             "give a better guess",
         )
-    worst = sorted(off, key=lambda k: -distances[k])[:_MOST_NAMED]
+    worst = sorted(off, key=lambda k: -distances[k])[:MOST_NAMED]
     named = ", ".join(f"{_spelled(paths[k])} by {distances[k]:.3g} m" for k in sorted(worst))
     raise document.error(
         ("assemble",),
@@ -233,9 +259,9 @@ def _closest(problem: Problem, u: Array) -> Array:
         return (size if np.isfinite(size) else np.inf), phi
 
     norm, phi = missed(u)
-    for _ in range(_MOST_CORRECTIONS):
-        gradient = _gradient(problem, u)
-        largest = float(_column_norms(gradient).max()) ** 2 or 1.0
+    for _ in range(MOST_CORRECTIONS):
+        gradient = gradient_of(problem, u)
+        largest = float(column_norms(gradient).max()) ** 2 or 1.0
         damping = scale * min(1.0, norm / largest) * largest + 1e-15 * largest
         try:
             step = _damped_change(gradient, phi, damping)
@@ -259,15 +285,15 @@ def _require_mass(problem: Problem, document: Document) -> None:
     on = pattern.mass_rows == pattern.mass_columns
     np.add.at(diagonal, pattern.mass_rows[on], problem.mass_values[on])
     weak = np.flatnonzero(diagonal <= 0)
-    if len(weak) == 0 and n <= _DENSE_UP_TO:
+    if len(weak) == 0 and n <= DENSE_UP_TO:
         values = np.linalg.eigvalsh(problem.M)
         if values[0] <= 1e-13 * values[-1]:
             _, vectors = np.linalg.eigh(problem.M)
             weak = np.array([int(np.argmax(np.abs(vectors[:, 0])))])
     if len(weak) == 0:
         return
-    if n <= _DENSE_UP_TO and problem.m:
-        gradient = np.asarray(_gradient(problem, problem.u0).toarray())
+    if n <= DENSE_UP_TO and problem.m:
+        gradient = np.asarray(gradient_of(problem, problem.u0).toarray())
         motions = index_1.weightless(problem.M, gradient)
         sizes = np.abs(motions).max(axis=1, initial=0.0)
         weak = np.flatnonzero(sizes > 1e-6 * sizes.max(initial=0.0))
@@ -286,7 +312,7 @@ def _require_independent(
     paths: Sequence[KeyPath],
 ) -> None:
     """G must have full rank; names the constraints that depend on each other."""
-    sizes = _column_norms(gradient)
+    sizes = column_norms(gradient)
     idle = np.flatnonzero(sizes == 0)
     if len(idle):
         mistakes = documents.Mistakes()
@@ -296,7 +322,7 @@ def _require_independent(
     involved = _dependent(gradient, tolerance)
     if not involved:
         return
-    names = ", ".join(_spelled(paths[k]) for k in involved[:_MOST_NAMED])
+    names = ", ".join(_spelled(paths[k]) for k in involved[:MOST_NAMED])
     message = f"redundant: these constraints depend on each other: {names}"
     if _singular_here(problem, gradient):
         message = (
@@ -310,12 +336,12 @@ def _spelled(path: KeyPath) -> str:
     return ".".join(map(str, path))
 
 
-def _dependent(gradient: scipy.sparse.csc_array, tolerance: float = _RANK_TOLERANCE) -> list[int]:
+def _dependent(gradient: scipy.sparse.csc_array, tolerance: float = RANK_TOLERANCE) -> list[int]:
     """Constraints with a share in a dependence, by their columns of G; none at full rank."""
     n, m = gradient.shape
-    sizes = _column_norms(gradient)
+    sizes = column_norms(gradient)
     scaled = scipy.sparse.csc_array(gradient / np.where(sizes > 0, sizes, 1.0)[None, :])
-    if n <= _DENSE_UP_TO:
+    if n <= DENSE_UP_TO:
         dense = np.asarray(scaled.toarray(), float)
         # Vectors take ten times as long as values, and are needed for the error only.
         values = np.linalg.svd(dense, compute_uv=False)
@@ -357,7 +383,7 @@ def _singular_here(problem: Problem, gradient: scipy.sparse.csc_array) -> bool:
         return False
     u = problem.u0
     size = float(np.abs(u).max()) or 1.0
-    solve = _damped_solver(gradient, 1e-13 * float(_column_norms(gradient).max()) ** 2)
+    solve = _damped_solver(gradient, 1e-13 * float(column_norms(gradient).max()) ** 2)
     random = np.random.default_rng(0)
     for _ in range(3):
         direction = random.normal(size=problem.n)
@@ -371,6 +397,6 @@ def _singular_here(problem: Problem, gradient: scipy.sparse.csc_array) -> bool:
         moved = _closest(problem, u + direction)
         if np.abs(moved - u - direction).max() > 0.1 * np.abs(direction).max():
             return True
-        if not _dependent(_gradient(problem, moved)):
+        if not _dependent(gradient_of(problem, moved)):
             return True
     return False

@@ -220,7 +220,10 @@ def core() -> str:
             for room in ("newmark", "problems", "mechanisms")
             for file in sorted((package / room).rglob("*.py"))
         ),
-        *(package / "study" / f"{name}.py" for name in ("axes", "compute", "measures")),
+        *(
+            package / "study" / f"{name}.py"
+            for name in ("axes", "compute", "measures", "redundancy")
+        ),
     ]
     digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     for file in files:

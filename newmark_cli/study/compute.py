@@ -61,13 +61,13 @@ def compute(
     march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
     observers = [measure.observe(cell, march, reference) for measure in measures]
+    observers.append(Watch(march.problem, cell.steps))
     counts, pivoted = [np.zeros(0, np.int64)], 0
     if cell.steps == 0:
         for observer in observers:
             observer.sees(march)
         on_steps(1)
-    watch = Watch(march.problem, cell.steps)
-    stops = frozenset[int]().union(watch.stops, *(observer.stops for observer in observers))
+    stops = frozenset[int]().union(*(observer.stops for observer in observers))
     looks = next((observer.looks for observer in observers if len(observer.looks)), ())
     for stretch in march.stretches(cell.steps, stops, looks) if cell.steps else ():
         on_steps(len(stretch.iterations))
@@ -79,20 +79,19 @@ def compute(
             for observer in observers:
                 if march.done in observer.stops:
                     observer.sees(march)
-            if march.done in watch.stops:
-                watch.sees(march)
-        if watch.reason:
+        if any(observer.reason for observer in observers):
             break
 
     iterations = np.concatenate(counts)
+    reason = next((observer.reason for observer in observers if observer.reason), "")
     not_converged = int(np.count_nonzero(iterations < 0))
     ended = march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok")
     return Outcome(
         measurements=[found for observer in observers for found in observer.measured()],
         not_converged=not_converged,
         newton_iterations=float(np.mean(np.abs(iterations))) if march.done else np.nan,
-        status=REDUNDANT if watch.reason else ended,
-        reason=watch.reason,
+        status=REDUNDANT if reason else ended,
+        reason=reason,
         met=march.done - not_converged if cell.stop else None,
         history=[entry for observer in observers for entry in observer.history],
         drift=[entry for observer in observers for entry in observer.drift],

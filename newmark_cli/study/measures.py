@@ -71,10 +71,12 @@ class Observer:
         stops: Steps after which it wants to see the march.
         looks: Steps whose states the march is to record for it on the way, ascending.
             Only one measure may have any: each takes all that a stretch has recorded.
+        reason: Why the march is to end where it stands; empty as long as it may go on.
     """
 
     stops: frozenset[int] = frozenset()
     looks: Sequence[int] = ()
+    reason: str = ""
 
     def took(self, stretch: "Stretch") -> None:
         """The march took these steps."""

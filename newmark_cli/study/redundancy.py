@@ -6,6 +6,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.newmark.march import March
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
+from newmark_cli.study.measures import Observer
 
 #: States of a march that are looked at, and coordinates up to which that takes little time.
 _LOOKS, _LARGEST = 200, 600
@@ -15,21 +16,17 @@ _LOST = 1e-2
 REDUNDANT = "redundant"
 
 
-class Watch:
+class Watch(Observer):
     """Looks at the constraints that were kept along a march.
 
     A row may be dropped as long as it has a part in the self-stress of the mechanism.
     Where it loses that, the rows that were kept depend on each other: λ grows without bound,
     though the mechanism itself is as it was.
 
-    Attributes:
-        stops: Steps after which it wants to see the march; none where no row was dropped.
-        reason: Why the march is to end there; empty as long as it may go on.
+    It has no stops where no row was dropped.
     """
 
     def __init__(self, problem: Problem, steps: int) -> None:
-        self.stops: frozenset[int] = frozenset()
-        self.reason = ""
         if problem.released and problem.n <= _LARGEST:
             spread = np.unique(np.round(np.linspace(0, steps, _LOOKS + 1)).astype(int))
             self.stops = frozenset(spread[1:].tolist())
@@ -37,6 +34,8 @@ class Watch:
 
     def sees(self, march: March) -> None:
         """The march stands at one of the stops."""
+        if march.done not in self.stops:
+            return  # at its start, where nothing is lost
         problem = march.problem
         least = _least(problem, march.t, np.asarray(march.seen.fields[0], float))
         if not least >= _LOST * self._start:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import CORRECTED, Formulation, Projection
@@ -149,7 +149,7 @@ def thrown() -> Problem:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "thrown.yaml"
         path.write_text(THROWN)
-        return planar.load(path, "thrown")
+        return loading.load(path, "thrown")
 
 
 @cache
