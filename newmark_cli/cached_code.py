@@ -66,6 +66,22 @@ def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
     return made
 
 
+def bitcode(function: Any, signature: tuple[Any, ...]) -> tuple[str, bytes]:
+    """A compiled function as LLVM's bitcode, to be linked into other code.
+
+    Args:
+        function: What `cached_njit` returned.
+        signature: Numba types of its arguments.
+
+    Returns:
+        Its name in the code, and the code.
+    """
+    function.compile(signature)
+    found = function.overloads[signature]
+    # What numba links a callee from; of what was read from disk it shows no text.
+    return found.fndesc.llvm_func_name, found.library._get_module_for_linking().as_bitcode()
+
+
 class _Damaged(Exception):
     """A file does not hold what was written."""
 

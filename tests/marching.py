@@ -10,6 +10,7 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State, recording
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import DIRECT, Scheme
+from newmark_cli.newmark.specialised import unspecialised
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
@@ -48,7 +49,9 @@ def march(engine, subject, scheme, state, first, steps, **options):
 
 def interpreted_march(subject, scheme, state, first, norms, iterations, record=None):
     """The kernel's march as Python runs it, and all that it calls."""
-    engine = compiled_march.Engine(subject, scheme)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled_march, "specialised", lambda problem, *_: unspecialised(problem))
+        engine = compiled_march.Engine(subject, scheme)
     compiled = engine.arguments(
         state, first, norms, iterations, np.zeros(len(norms), np.int64),
         recording(state, np.empty(0)) if record is None else record,

@@ -66,24 +66,13 @@ def _law(t, reals, e, derivative):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
-
-    Args:
-        t: Time (s).
-        u, v: (n,) coordinates (m) and velocities (m/s) of the moving points.
-        multipliers: (m,) λ.
-        ints, reals: Element tables, see the module.
-        force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
-        phi: (m,) overwritten with Φ(u, t).
-        x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
-        y_values: Overwritten with the entries of Y = −∂f/∂v.
-        g_values: Overwritten with the entries of G = Φ_uᵀ.
-    """
+def accumulate(
+    first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+):  # fmt: skip
+    """Do what `evaluate` does for the elements first ≤ e < last; force is added to."""
     # Constants in the precision of the state: others would raise that of their terms.
     zero, half, one, two = u.dtype.type(0), u.dtype.type(0.5), u.dtype.type(1), u.dtype.type(2)
-    force[:] = 0
-    for e in range(ints.shape[0]):
+    for e in range(first, last):
         kind, count = ints[e, KIND], ints[e, COUNT]
         if kind == LOAD:
             i = ints[e, DOF]
@@ -209,6 +198,28 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                 x_values[x + 2] = -(syx * a + syy * b)
                 x_values[x + 3] = -(syy * a - syx * b)
                 x += 4
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
+
+    Args:
+        t: Time (s).
+        u, v: (n,) coordinates (m) and velocities (m/s) of the moving points.
+        multipliers: (m,) λ.
+        ints, reals: Element tables, see the module.
+        force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
+        phi: (m,) overwritten with Φ(u, t).
+        x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
+        y_values: Overwritten with the entries of Y = −∂f/∂v.
+        g_values: Overwritten with the entries of G = Φ_uᵀ.
+    """
+    force[:] = 0
+    accumulate(
+        0, ints.shape[0], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
+        g_values,
+    )  # fmt: skip
 
 
 @cached_njit(nogil=True, error_model="numpy")

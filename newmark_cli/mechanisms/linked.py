@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.problems.problem import Elements, Pattern, Problem
 
 _Item = TypeVar("_Item")
 
@@ -99,6 +99,7 @@ class Linked:
             t0=0.0,
             constraints=len(self.ends),
             function=elements.evaluate,
+            elements=Elements(elements.accumulate, np.arange(len(ints) + len(load_ints))),
             derivatives=elements.constraint_derivatives,
             ints=np.concatenate([ints, load_ints]),
             reals=np.concatenate([reals, load_reals]),

@@ -17,7 +17,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import elements, start
 from newmark_cli.mechanisms.models import Body, Law, Mechanism, Motion, Slider
-from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.problems.problem import Elements, Pattern, Problem
 from newmark_cli.spelling import nearest
 
 #: Largest |Φ| of a bar at the start, relative to L²: the data are rounded numbers.
@@ -232,6 +232,7 @@ class _Builder:
             t0=0.0,
             constraints=len(self.constraint_paths),
             function=elements.evaluate,
+            elements=Elements(elements.accumulate, np.arange(len(self.ints))),
             derivatives=elements.constraint_derivatives,
             ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),

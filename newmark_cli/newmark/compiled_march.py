@@ -19,6 +19,7 @@ from newmark_cli.newmark.march_data import (
     recording,
 )
 from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.specialised import specialised, unspecialised
 from newmark_cli.newmark.static_elimination import solve_in_order
 from newmark_cli.problems.problem import Problem
 
@@ -52,7 +53,7 @@ class Engine:
         self._static = static.elimination.tables if static else no_tables(scheme)
         self._solve = static.elimination.solve if static else solve_in_order
         dtype, pattern = scheme.dtype, problem.pattern
-        self._tables = ProblemTables(
+        tables = ProblemTables(
             problem.ints,
             problem.reals.astype(dtype),
             problem.mass_values.astype(dtype),
@@ -61,6 +62,13 @@ class Engine:
             pattern.mass_columns.astype(np.uint64),
             *pattern[2:],
         )
+        if self._extra is None:
+            written = static is not None and static.elimination.written_out
+            found = specialised(problem, scheme, tables, self._static if written else None)
+        else:
+            found = unspecialised(problem)
+        self._function, self._code = found.function, found.code
+        self._tables = tables._replace(ints=found.ints)
 
     def march(
         self,
@@ -114,9 +122,10 @@ class Engine:
         scheme = self.scheme
         stop = scheme.stop or Tolerance()
         return (
-            self.problem.function,
+            self._function,
             self._derive,
             self._solve,
+            self._code,
             self._tables,
             scheme.tables,
             self._static,

@@ -22,14 +22,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import from_dtype, typeof, types
+from numba.extending import intrinsic
 
 from newmark_cli.cached_code import cached_njit
+from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     DIVERGED,
     MOST_POSITIONS,
     PIVOTING,
     SINGULAR,
+    UNSOLVED,
 )
 
 #: A function by itself, and one that becomes a part of its caller.  Without fastmath:
@@ -265,37 +268,64 @@ def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
 
 
 @_inline
-def _assemble_residual(problem, tables, history, moving, values, rhs):
+def _assemble_residual(
+    mass_rows, mass_columns, mass_values, kept, left, dynamic_weights, row_weights, dynamics,
+    rows, moving, force, phi, rhs,
+):  # fmt: skip
     """Set ``rhs`` (N,) to −D_L b, row blocks D, the kept ones of V and K, C."""
-    _assemble_residual_of_motion(problem, tables, history, moving, values, rhs)
-    first, extra = tables.kept.shape[0] * moving.shape[1], tables.row_weights.shape[0]
-    for i in range(values.phi.shape[0]):
-        rhs[first + i] = -tables.left[1 + extra] * values.phi[i]
+    _assemble_residual_of_motion(
+        mass_rows, mass_columns, mass_values, kept, left, dynamic_weights, row_weights,
+        dynamics, rows, moving, force, rhs,
+    )  # fmt: skip
+    first, extra = kept.shape[0] * moving.shape[1], row_weights.shape[0]
+    for i in range(phi.shape[0]):
+        rhs[first + i] = -left[1 + extra] * phi[i]
 
 
 @_inline
-def _assemble_residual_of_motion(problem, tables, history, moving, values, rhs):
+def _assemble_residual_of_motion(
+    mass_rows, mass_columns, mass_values, kept, left, dynamic_weights, row_weights, dynamics,
+    rows, moving, force, rhs,
+):  # fmt: skip
     """Set rows D and the kept ones of V and K of −D_L b."""
-    left, kept = tables.left, tables.kept
-    n, p, extra = moving.shape[1], kept.shape[0], tables.row_weights.shape[0]
+    n, p, extra = moving.shape[1], kept.shape[0], row_weights.shape[0]
     for i in range(n):
-        rhs[i] = values.force[i] - history.dynamics[i]
+        rhs[i] = force[i] - dynamics[i]
     for k in range(p):
-        weight = tables.dynamic_weights[k]
+        weight = dynamic_weights[k]
         if weight != 0:
             source = kept[k]
-            for e in range(problem.mass_rows.shape[0]):
-                rhs[problem.mass_rows[e]] -= (
-                    problem.mass_values[e] * weight * moving[source, problem.mass_columns[e]]
-                )
+            for e in range(mass_rows.shape[0]):
+                rhs[mass_rows[e]] -= mass_values[e] * weight * moving[source, mass_columns[e]]
     for i in range(n):
         rhs[i] *= left[0]
     for r in range(extra):
         for i in range(n):
-            residual = history.rows[r, i]
+            residual = rows[r, i]
             for k in range(p):
-                residual += tables.row_weights[r, k] * moving[kept[k], i]
+                residual += row_weights[r, k] * moving[kept[k], i]
             rhs[(1 + r) * n + i] = -left[1 + r] * residual
+
+
+#: By themselves, for `specialised`.
+increase_phi, assemble_residual = (
+    _compile(verb.py_func) for verb in (_increase_phi, _assemble_residual)
+)
+
+
+@intrinsic
+def _correct_by(
+    typing, address, t, u, v, multipliers, reals, force, phi, sources, mass_values, left,
+    dynamic_weights, row_weights, dynamics, rows, moving, rhs, phi_old, g_old, shift, constant,
+    coefficients, work,
+):  # fmt: skip
+    """Call what `specialised` has made to evaluate, assemble and, perhaps, to solve."""
+    signature = types.int64(
+        address, t, u, v, multipliers, reals, force, phi, sources, mass_values, left,
+        dynamic_weights, row_weights, dynamics, rows, moving, rhs, phi_old, g_old, shift,
+        constant, coefficients, work,
+    )  # fmt: skip
+    return signature, generate_call
 
 
 @_inline
@@ -798,7 +828,7 @@ def _keep(state, record, place):
 
 
 def _march(
-    evaluate, derive, solve, problem, tables, static, dense, extra, state, compensated,
+    evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
     t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
     pivoted, record,
 ):  # fmt: skip
@@ -816,6 +846,9 @@ def _march(
     u, v, ints, reals = fields[0], fields[1], problem.ints, problem.reals
     force, phi, x, y, g = values
     moving, shift, g_old = iterate.moving, iterate.shift, iterate.g_old
+    mass_rows, mass_columns = problem.mass_rows, problem.mass_columns
+    mass_values, left = problem.mass_values, tables.left
+    dynamic_weights, row_weights = tables.dynamic_weights, tables.row_weights
     constant, places, origins, coefficients = dense[:4]
     of_static, static_places, static_origins, static_coefficients = static[:4]
     structure, room, scratch = static[4:]
@@ -852,20 +885,34 @@ def _march(
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < cap:
             if extra is None:
-                evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-                if compensated:
-                    _increase_phi(
-                        state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
-                    )
-                _assemble_residual(problem, tables, history, moving, values, rhs)
-                ending = PIVOTING
-                if eliminating:
-                    ending = solve(
-                        sources, rhs, of_static, static_places, static_origins,
-                        static_coefficients, structure, room, scratch,
+                ending = UNSOLVED
+                if code[0] != 0:
+                    ending = _correct_by(  # type: ignore[call-arg]
+                        code[0], t, u, v, multipliers, reals, force, phi, sources, mass_values,
+                        left, dynamic_weights, row_weights, history.dynamics, history.rows,
+                        moving, rhs, state.phi, g_old, shift, of_static, static_coefficients,
+                        scratch,
                     )  # fmt: skip
-                    if ending == PIVOTING:
-                        pivoted[s] = 1
+                else:
+                    evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
+                    if compensated:
+                        _increase_phi(
+                            state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
+                        )
+                    _assemble_residual(
+                        mass_rows, mass_columns, mass_values, tables.kept, left,
+                        dynamic_weights, row_weights, history.dynamics, history.rows, moving,
+                        force, phi, rhs,
+                    )  # fmt: skip
+                if ending == UNSOLVED:
+                    ending = PIVOTING
+                    if eliminating:
+                        ending = solve(
+                            sources, rhs, of_static, static_places, static_origins,
+                            static_coefficients, structure, room, scratch,
+                        )  # fmt: skip
+                if ending == PIVOTING and eliminating:
+                    pivoted[s] = 1
                 if ending == PIVOTING and pivoting:
                     _assemble(sources, constant, places, origins, coefficients, entries)
                     ending = SINGULAR
@@ -892,7 +939,10 @@ def _march(
                     derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
                     _rate_of_constraints(problem, iterate, state, values, work)
                 _assemble_constraints(problem, extra, state, values, work)
-                _assemble_residual_of_motion(problem, tables, history, moving, values, rhs)
+                _assemble_residual_of_motion(
+                    mass_rows, mass_columns, mass_values, tables.kept, left, dynamic_weights,
+                    row_weights, history.dynamics, history.rows, moving, force, rhs,
+                )  # fmt: skip
                 _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
                 _assemble(sources, constant, places, origins, coefficients, system.entries)
                 _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
@@ -1036,7 +1086,7 @@ def is_compiled(dtype, formulated):
 
 
 def march(
-    evaluate, derive, solve, problem, tables, static, dense, extra, state, compensated,
+    evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
     t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
     pivoted, record,
 ):  # fmt: skip
@@ -1050,6 +1100,8 @@ def march(
         derive: Compiled derivatives of its constraints, of :func:`derivatives_type`;
             None without a formulation.
         solve: Compiled static elimination, of :func:`solve_type`.
+        code: (1,) address of what `specialised` has made of evaluation, assembly and static
+            elimination for this problem and form; 0 where the functions above serve.
         problem, tables, state: See the classes; ``state`` is overwritten.  The type of its
             numbers is the march's.
         static: What ``solve`` is handed; empty where every system is solved with partial
@@ -1082,9 +1134,9 @@ def march(
     """
     dtype, formulated = state.fields.dtype, extra is not None
     arguments = (
-        problem, tables, static, dense, extra, state, compensated, float(t_start), float(h),
-        first, cap, float(settled_below), float(absolute), float(relative), norms, iterations,
-        pivoted, record,
+        code, problem, tables, static, dense, extra, state, compensated, float(t_start),
+        float(h), first, cap, float(settled_below), float(absolute), float(relative), norms,
+        iterations, pivoted, record,
     )  # fmt: skip
     with _compiling:
         if (dtype, formulated) not in _compiled:

@@ -10,6 +10,8 @@ MOST_POSITIONS = 5
 COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
 #: A step that static elimination leaves to a solver that exchanges rows; no march ends so.
 PIVOTING = 4
+#: A system that is assembled and waits for a solver; no step ends so.
+UNSOLVED = 5
 #: What results call the endings before the last step.
 ENDINGS = {SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated"}
 

@@ -18,6 +18,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from newmark_cli.cached_code import cached_njit
+from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
 
 _compile = cached_njit(nogil=True, error_model="numpy")
@@ -219,18 +220,7 @@ def solve_in_order(
 @intrinsic
 def _call(typing, address, sources, rhs, constant, coefficients, work):
     """Call what stands at an address with five arrays of one type of number."""
-    signature = types.int64(address, sources, rhs, constant, coefficients, work)
-
-    def generate(context, builder, signature, arguments):
-        arrays = [
-            context.make_array(kind)(context, builder, given).data
-            for kind, given in zip(signature.args[1:], arguments[1:], strict=True)
-        ]
-        result = context.get_value_type(types.int64)
-        kind = type(builder.function.ftype)(result, [array.type for array in arrays])
-        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arrays)
-
-    return signature, generate
+    return types.int64(address, sources, rhs, constant, coefficients, work), generate_call
 
 
 @_compile

@@ -94,6 +94,20 @@ class Outputs(Protocol):
         """A length (m) that forces times are moments to compare with; u is (n,)."""
 
 
+class Elements(NamedTuple):
+    """A problem's function taken apart.
+
+    Attributes:
+        accumulate: ``(first, last, t, u, v, λ, ints, reals, force, Φ, X, Y, G)``, compiled:
+            does for the rows first to last of the tables what the function does for all,
+            adding to a force that it does not set to 0.
+        starts: Rows with which elements begin; those of one stay together.
+    """
+
+    accumulate: Any
+    starts: IndexArray
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """An index-3 problem whose values come from one function.
@@ -109,6 +123,7 @@ class Problem:
             overwrites the last four, see `ConstraintRows`; w is the acceleration.  It is
             compiled where ``function`` is.
         ints, reals: Two-dimensional tables handed to the functions.
+        elements: ``function`` taken apart, where it is a loop over elements.
         pattern: Places of the values.
         mass_values: Values of M.
         drawing_given: What `drawing` is, or a function without arguments that makes it.
@@ -171,6 +186,7 @@ class Problem:
     rates: Callable[..., None] | None = None
     outputs: Outputs | None = None
     released: tuple[str, ...] = ()
+    elements: Elements | None = None
 
     @property
     def n(self) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from newmark_cli import files
 from newmark_cli.errors import InputError, ResultsError
-from newmark_cli.report import automatic, records
+from newmark_cli.report import automatic, records, rendering
 from newmark_cli.report.figures import FIGURES, TABLED
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import Sheet
@@ -240,20 +240,22 @@ def plot(
     for figure in figures:
         sheets[automatic.free(stem(figure), sheets)] = figure.sheet(results)
 
-    from newmark_cli.report import draw, style
+    settings: Mapping[str, object] = {}
+    if style_file:
+        from newmark_cli.report import style
 
-    settings = style.read(style_file) if style_file else {}
-    contents = {}
-    for name, sheet in sheets.items():
-        try:
-            drawing = draw.drawn(sheet, size, settings)
-            for kind in formats:
-                path = results.folder / "figures" / f"{name}.{kind}"
-                contents[path] = style.rendered(drawing, kind, settings)
-        except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
-            if style_file is None:
-                raise
-            raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
+        settings = style.read(style_file)
+    try:
+        found = rendering.rendered(list(sheets.values()), formats, size, settings)
+    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        if style_file is None:
+            raise
+        raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
+    contents = {
+        results.folder / "figures" / f"{name}.{kind}": content
+        for name, files_of in zip(sheets, found, strict=True)
+        for kind, content in files_of.items()
+    }
     if contents:
         files.make_folder(results.folder / "figures", results.folder, parents=True)
     for path, content in contents.items():

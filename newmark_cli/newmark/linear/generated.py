@@ -7,29 +7,23 @@ numbers are arguments, so that one function serves every step size, scaling and 
 its pattern.  Its machine code is kept on disk under a digest of the pattern.
 """
 
-import threading
 from hashlib import sha256
-from typing import Any
 
-import llvmlite.binding as llvm
 import llvmlite.ir as ir
 import numpy as np
 
+from newmark_cli import machine_code
 from newmark_cli.arrays import IndexArray
-from newmark_cli.cached_code import kept_bytes
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, MatrixTables
 from newmark_cli.newmark.static_elimination import LARGEST_MULTIPLIER, SECTIONS
 
 #: Most multiplications and subtractions of an elimination that is written out.  Compiling
 #: takes 0.1 s for so many, and from there on longer than in proportion.
 OPERATIONS_AT_MOST = 500
-_NAME = "solve"
+#: The function.
+NAME = "solve"
 #: What a kept file depends on besides the pattern: raise it when the code changes.
 _VERSION = 1
-
-_lock = threading.Lock()
-#: Digest → address and what keeps the code there alive.
-_loaded: dict[str, tuple[int, Any]] = {}
 
 
 def address(tables: MatrixTables) -> int:
@@ -41,45 +35,19 @@ def address(tables: MatrixTables) -> int:
     Args:
         tables: Of the pattern; of the numbers only their type matters.
     """
-    key = _digest(tables)
-    with _lock:
-        if key not in _loaded:
-            machine = _machine()
-            code = kept_bytes(
-                address,
-                f"{_NAME}-{key}",
-                lambda: machine.emit_object(_verified(_module(tables), machine)),
-            )
-            engine = llvm.create_mcjit_compiler(_verified(ir.Module(), machine), machine)
-            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-            engine.finalize_object()
-            _loaded[key] = engine.get_function_address(_NAME), engine
-        return _loaded[key][0]
+    make = lambda: text(tables)  # noqa: E731
+    return machine_code.addresses(address, [NAME], digest(tables), make)[0]
 
 
-def _machine() -> Any:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=1,
-        reloc="pic",
-        codemodel="jitdefault",
-    )
+def text(tables: MatrixTables) -> str:
+    """The code for a pattern, in the language of LLVM; its function is `NAME`."""
+    return str(_module(tables))
 
 
-def _verified(module: ir.Module, machine: Any) -> Any:
-    module.triple = machine.triple
-    parsed = llvm.parse_assembly(str(module))
-    parsed.verify()
-    return parsed
-
-
-def _digest(tables: MatrixTables) -> str:
+def digest(tables: MatrixTables) -> str:
+    """What the code for a pattern depends on, in 32 characters."""
     digest = sha256(
-        f"{_VERSION} {LARGEST_MULTIPLIER} {llvm.llvm_version_info} {llvm.get_host_cpu_name()} "
-        f"{llvm.get_host_cpu_features().flatten()} {tables.work.dtype} ".encode()
+        f"{_VERSION} {LARGEST_MULTIPLIER} {machine_code.identity()} {tables.work.dtype} ".encode()
     )
     for array in (tables.structure, tables.room[-1:], tables.places, tables.origins):
         digest.update(f"{len(array)} ".encode() + array.tobytes())
@@ -99,7 +67,7 @@ def _module(tables: MatrixTables) -> ir.Module:
     number = ir.FloatType() if tables.work.dtype == np.float32 else ir.DoubleType()
     index = ir.IntType(64)
     kind = ir.FunctionType(index, [number.as_pointer()] * 5)
-    function = ir.Function(module, kind, _NAME)
+    function = ir.Function(module, kind, NAME)
     for argument in function.args:
         argument.add_attribute("noalias")
     sources, rhs, constant, coefficients, work = function.args

@@ -1,0 +1,287 @@
+"""Evaluation, assembly and elimination of one mechanism as straight-line code.
+
+A loop over elements asks of each what it is and where it belongs; the assembly asks which
+fields are kept and where the mass matrix has entries.  In a march nothing of that changes.
+Where it is constant, LLVM unrolls the loops, folds what they read, and leaves the
+arithmetic.  The code comes from the same compiled functions as the loops, operation by
+operation, and gives the same bits.  It is kept on disk under a digest of these functions
+and of what is constant in it; step size, scaling, parameters of the mechanism and the
+state stay arguments.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+from numba import from_dtype, types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from newmark_cli import machine_code
+from newmark_cli.arrays import IndexArray
+from newmark_cli.cached_code import bitcode, cached_njit
+from newmark_cli.machine_code import generate_call
+from newmark_cli.newmark import kernel
+from newmark_cli.newmark.linear import generated
+from newmark_cli.newmark.march_data import UNSOLVED, MatrixTables, ProblemTables
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Elements, Problem
+
+#: Most elements of a mechanism that code is made for: 10 ms of compilation each.
+ELEMENTS_AT_MOST = 64
+
+#: Arguments of `Elements.accumulate` behind the rows, of the verbs of the kernel, and of the
+#: code for evaluation and for a correction, in their orders.
+_EVALUATED = (
+    "t", "u", "v", "multipliers", "ints", "reals", "force", "phi", "x", "y", "g",
+)  # fmt: skip
+_INCREASED = "phi_old", "g_old", "g", "g_rows", "g_columns", "shift", "phi"
+_ASSEMBLED = (
+    "mass_rows", "mass_columns", "mass_values", "kept", "left", "dynamic_weights",
+    "row_weights", "dynamics", "rows", "moving", "force", "phi", "rhs",
+)  # fmt: skip
+_SOLVED = "sources", "rhs", "constant", "coefficients", "work"
+_EVALUATE = "u", "v", "multipliers", "reals", "force", "phi", "x", "y", "g"
+_CORRECT = (
+    "u", "v", "multipliers", "reals", "force", "phi", "sources", "mass_values", "left",
+    "dynamic_weights", "row_weights", "dynamics", "rows", "moving", "rhs", "phi_old", "g_old",
+    "shift", "constant", "coefficients", "work",
+)  # fmt: skip
+
+
+class Specialised(NamedTuple):
+    """What the kernel is given in place of a problem's function and its table of integers."""
+
+    function: Callable[..., None]
+    ints: IndexArray
+    code: NDArray[np.uint64]  #: (1,) address of the code of a correction, or 0
+
+
+def specialised(
+    problem: Problem, scheme: Scheme, tables: ProblemTables, static: MatrixTables | None
+) -> Specialised:
+    """Code of a problem and a form, where it is a mechanism with few elements.
+
+    Args:
+        problem: What marches.
+        scheme: How: of index 3.
+        tables: The problem's, in the precision of the march.
+        static: Of a static elimination for which code is made; None where another solves.
+    """
+    elements = problem.elements
+    if elements is None or not 0 < len(elements.starts) <= ELEMENTS_AT_MOST:
+        return unspecialised(problem)
+    parts = _Parts(elements, problem, scheme, tables, static)
+    evaluate, correct = machine_code.addresses(
+        specialised, ("evaluate", "correct"), parts.digest(), parts.module
+    )
+    return Specialised(call, np.array([[evaluate]], np.int64), np.array([correct], np.uint64))
+
+
+def unspecialised(problem: Problem) -> Specialised:
+    """A problem's own function."""
+    return Specialised(problem.function, problem.ints, np.zeros(1, np.uint64))
+
+
+class _Parts:
+    """What a module is made of.
+
+    Attributes:
+        constants: Arrays that are written into the code.
+        shapes: Of all arrays.
+    """
+
+    def __init__(
+        self,
+        elements: Elements,
+        problem: Problem,
+        scheme: Scheme,
+        tables: ProblemTables,
+        static: MatrixTables | None,
+    ) -> None:
+        self.elements, self.static, self.compensated = elements, static, scheme.compensated
+        self.dtype = np.dtype(scheme.dtype)
+        step, n, m = scheme.tables, problem.n, problem.m
+        self.constants: Mapping[str, IndexArray] = {
+            "ints": problem.ints,
+            "mass_rows": tables.mass_rows,
+            "mass_columns": tables.mass_columns,
+            "g_rows": tables.g_rows,
+            "g_columns": tables.g_columns,
+            "kept": step.kept,
+        }
+        x, y, g = len(tables.x_rows), len(tables.y_rows), len(tables.g_rows)
+        unknowns = len(step.kept) * n + m
+        self.shapes: dict[str, tuple[int, ...]] = {
+            **{name: array.shape for name, array in self.constants.items()},
+            "u": (n,), "v": (n,), "multipliers": (m,), "reals": tables.reals.shape,
+            "force": (n,), "phi": (m,), "x": (x,), "y": (y,), "g": (g,),
+            "sources": (x + y + g,), "mass_values": tables.mass_values.shape,
+            "left": step.left.shape, "dynamic_weights": step.dynamic_weights.shape,
+            "row_weights": step.row_weights.shape, "dynamics": (n,),
+            "rows": (len(step.row_weights), n), "moving": (3, n), "rhs": (unknowns,),
+            "phi_old": (m,), "g_old": (g,), "shift": (n,),
+        }  # fmt: skip
+
+    def digest(self) -> str:
+        """What the code depends on, in 32 characters."""
+        solving = generated.digest(self.static) if self.static else ""
+        found = sha256(
+            f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.compensated} "
+            f"{solving} {self.shapes} {self.elements.starts.tolist()} ".encode()
+        )
+        for function in (self.elements.accumulate, kernel.assemble_residual):
+            found.update(Path(function.py_func.__code__.co_filename).read_bytes())
+        found.update(Path(__file__).read_bytes())
+        for array in self.constants.values():
+            found.update(f"{array.dtype} ".encode() + array.tobytes())
+        return found.hexdigest()[:32]
+
+    def module(self) -> Any:
+        """The optimised module."""
+        accumulate, module = self._linked(self.elements.accumulate, ("", "", *_EVALUATED), None)
+        assemble, module = self._linked(kernel.assemble_residual, _ASSEMBLED, module)
+        names = [accumulate, assemble]
+        if self.compensated:
+            increase, module = self._linked(kernel.increase_phi, _INCREASED, module)
+            names.append(increase)
+        if self.static:
+            solving = llvm.parse_assembly(generated.text(self.static))
+            module.link_in(solving)
+            names.append(generated.NAME)
+        module.link_in(llvm.parse_assembly(self._text(names)))
+        # What is not called from here falls away.
+        for function in module.functions:
+            if not function.is_declaration and function.name not in ("evaluate", "correct"):
+                function.linkage = "internal"
+                if function.name in names:
+                    function.add_function_attribute("alwaysinline")
+        # Sums in vectors would be other sums.
+        tuning = llvm.create_pipeline_tuning_options(speed_level=3)
+        tuning.loop_vectorization = False
+        tuning.slp_vectorization = False
+        passes = llvm.create_pass_builder(machine_code.target(), tuning)
+        passes.getModulePassManager().run(module, passes)
+        return module
+
+    def _linked(self, function: Any, names: Sequence[str], module: Any) -> tuple[str, Any]:
+        """A compiled function as a part of a module; of what else comes along, nothing is used."""
+        kinds = (self._type(name) for name in names)
+        name, code = bitcode(function, tuple(kinds))
+        found = llvm.parse_bitcode(code)
+        for other in found.functions:
+            if not other.is_declaration:
+                # Linking would drop what nothing calls yet.
+                other.linkage = "external" if other.name == name else "internal"
+        if module is None:
+            return name, found
+        module.link_in(found)
+        return name, module
+
+    def _type(self, name: str) -> Any:
+        """Type of an argument, as numba knows it; of a row where it has no name."""
+        if not name:
+            return types.int64
+        constant = name in self.constants
+        scalar: Any = from_dtype(self.constants[name].dtype if constant else self.dtype)
+        if name == "t":
+            return scalar
+        return scalar[::1] if len(self.shapes[name]) == 1 else scalar[:, ::1]
+
+    def _text(self, names: Sequence[str]) -> str:
+        """Both functions, in the language of LLVM."""
+        number = {4: "float", 8: "double"}[self.dtype.itemsize]
+        accumulate, assemble = names[:2]
+        room = ["%result = alloca ptr", "%exception = alloca ptr"]
+        evaluated = [
+            f"call void @llvm.memset.p0.i64(ptr %force, i8 0, i64 "
+            f"{self.dtype.itemsize * self.shapes['force'][0]}, i1 false)",
+        ]
+        starts = self.elements.starts.tolist()
+        for first, last in zip(starts, [*starts[1:], len(self.constants["ints"])], strict=True):
+            rows = [f"i64 {first}", f"i64 {last}"]
+            evaluated.append(self._call(accumulate, _EVALUATED, number, rows))
+        corrected = [
+            f"%x = getelementptr {number}, ptr %sources, i64 0",
+            f"%y = getelementptr {number}, ptr %sources, i64 {self.shapes['x'][0]}",
+            f"%g = getelementptr {number}, ptr %y, i64 {self.shapes['y'][0]}",
+            *evaluated,
+        ]
+        if self.compensated:
+            corrected.append(self._call(names[2], _INCREASED, number))
+        corrected.append(self._call(assemble, _ASSEMBLED, number))
+        if self.static:
+            given = ", ".join(f"ptr %{name}" for name in _SOLVED)
+            corrected += [f"%ending = call i64 @{generated.NAME}({given})", "ret i64 %ending"]
+        else:
+            corrected.append(f"ret i64 {UNSOLVED}")
+        functions = ("accumulate", _EVALUATED, 2), ("assemble", _ASSEMBLED, 0)
+        declared = [
+            f"declare i32 @{name}({', '.join(self._kinds(given, rows))})"
+            for name, (_, given, rows) in zip(names, functions, strict=False)
+        ]
+        if self.compensated:
+            declared.append(f"declare i32 @{names[2]}({', '.join(self._kinds(_INCREASED, 0))})")
+        if self.static:
+            declared.append(f"declare i64 @{generated.NAME}({', '.join(['ptr'] * len(_SOLVED))})")
+
+        def function(kind: str, name: str, given: Sequence[str], body: Sequence[str]) -> list[str]:
+            pointers = ", ".join(f"ptr noalias %{argument}" for argument in given)
+            return [f"define {kind} @{name}({number} %t, {pointers}) {{", *room, *body, "}"]
+
+        lines = [
+            "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)",
+            *declared,
+            *(self._constant(name) for name in self.constants),
+            *function("void", "evaluate", _EVALUATE, [*evaluated, "ret void"]),
+            *function("i64", "correct", _CORRECT, corrected),
+        ]
+        return "\n".join([*lines, ""])
+
+    def _call(
+        self, function: str, given: Sequence[str], number: str, rows: Sequence[str] = ()
+    ) -> str:
+        arguments = [f"{number} %t" if name == "t" else self._array(name) for name in given]
+        both = ", ".join(["ptr %result", "ptr %exception", *rows, *arguments])
+        return f"call i32 @{function}({both})"
+
+    def _kinds(self, given: Sequence[str], rows: int) -> list[str]:
+        """Types of arguments: for what is returned and for an exception come first."""
+        number = {4: "float", 8: "double"}[self.dtype.itemsize]
+        found = ["ptr", "ptr", *["i64"] * rows]
+        for name in given:
+            array = [] if name == "t" else self._array(name).split(", ")
+            found += [part.split()[0] for part in array] or [number]
+        return found
+
+    def _array(self, name: str) -> str:
+        """An array as numba hands it on: two owners, size, of an item too, data, shape, strides."""
+        shape, constant = self.shapes[name], name in self.constants
+        item = (self.constants[name].dtype if constant else self.dtype).itemsize
+        strides = [item * int(np.prod(shape[k + 1 :])) for k in range(len(shape))]
+        numbers = [f"i64 {number}" for number in (*shape, *strides)]
+        data = f"ptr {'@' if constant else '%'}{name}"
+        size = int(np.prod(shape))
+        return ", ".join(["ptr null", "ptr null", f"i64 {size}", f"i64 {item}", data, *numbers])
+
+    def _constant(self, name: str) -> str:
+        entries = self.constants[name].ravel().tolist()
+        values = ", ".join(f"i64 {entry}" for entry in entries)
+        return f"@{name} = internal constant [{len(entries)} x i64] [{values}]"
+
+
+@intrinsic
+def _call(typing, address, t, u, v, multipliers, reals, force, phi, x, y, g):  # type: ignore[no-untyped-def]
+    """Call the code of an evaluation."""
+    given = (address, t, u, v, multipliers, reals, force, phi, x, y, g)
+    return types.void(*given), generate_call
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def call(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):  # type: ignore[no-untyped-def]
+    """Evaluate by the code whose address is in ``ints``; of `kernel.evaluate_type`."""
+    _call(ints[0, 0], t, u, v, multipliers, reals, force, phi, x_values, y_values, g_values)  # type: ignore[call-arg]
