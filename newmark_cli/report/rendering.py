@@ -63,7 +63,8 @@ def rendered(
             answers: Iterator[Files | None] = other.answers() if other else iter(())
             for k in share:
                 # Whatever went wrong there is found out here, and said as it always is.
-                found[k] = next(answers, None) or _files(sheets[k], kinds, size, settings)
+                drawn = next(answers, None)
+                found[k] = drawn or _files(sheets[k], kinds, size, settings)
     return [found[k] for k in range(len(sheets))]
 
 
