@@ -12,6 +12,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import IO, Any, NamedTuple
 
 from newmark_cli.processors import usable
@@ -55,7 +56,7 @@ def rendered(
     with contextlib.ExitStack() as stack:
         others = []
         for share in shares[1:]:
-            asked = [sheets[k] for k in share], kinds, size, dict(settings)
+            asked = [_portable(sheets[k]) for k in share], kinds, size, dict(settings)
             others.append((share, stack.enter_context(_process(asked))))
         for k in shares[0]:
             found[k] = _files(sheets[k], kinds, size, settings)
@@ -66,6 +67,11 @@ def rendered(
                 drawn = next(answers, None)
                 found[k] = drawn or _files(sheets[k], kinds, size, settings)
     return [found[k] for k in range(len(sheets))]
+
+
+def _portable(sheet: Sheet) -> Sheet:
+    """The same sheet; pickle takes no read-only mapping."""
+    return replace(sheet, settings=dict(sheet.settings))
 
 
 def _files(

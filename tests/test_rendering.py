@@ -1,0 +1,53 @@
+"""Figures drawn by several processes are those that one draws."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from newmark_cli.errors import InputError
+from newmark_cli.report import rendering
+from newmark_cli.report.panels import Panel, Sheet, Trace, look
+
+
+def sheet(exponent):
+    """A line in a log–log plot."""
+    h = np.array([1e-3, 1e-2, 1e-1])
+    return Sheet("", (Panel((Trace("λ", h, h**exponent, look(0)),), "h", "Δ"),))
+
+
+SHEETS = [sheet(exponent) for exponent in range(6)]
+
+
+def test_the_same_files_in_the_same_order(monkeypatch):
+    """Every other figure comes from another process, and this one draws none of those."""
+    one = rendering.rendered(SHEETS, ("png", "svg"), None, {}, processes=1)
+    here, files = [], rendering._files
+    monkeypatch.setattr(rendering, "_files", lambda *given: here.append(given) or files(*given))
+    two = rendering.rendered(SHEETS, ("png", "svg"), None, {}, processes=2)
+    assert one == two
+    assert [given[0] for given in here] == SHEETS[::2]
+    assert len({files["svg"] for files in one}) == 6
+    assert all(files["png"].startswith(b"\x89PNG") for files in one)
+
+
+def test_what_cannot_be_handed_on_is_drawn_here():
+    """A sheet with something that pickle does not take."""
+    odd = [*SHEETS[:5], dataclasses.replace(SHEETS[5], settings={"font.size": Odd(9)})]
+    found = rendering.rendered(odd, ("svg",), None, {}, processes=2)
+    assert found[:5] == rendering.rendered(SHEETS[:5], ("svg",), None, {}, processes=1)
+    assert found[5] != rendering.rendered(SHEETS[5:], ("svg",), None, {}, processes=1)[0]
+
+
+class Odd(float):
+    """A number that pickle refuses."""
+
+    def __reduce_ex__(self, protocol):
+        raise TypeError("not to be pickled")
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_one_error(processes):
+    """A size that leaves no room is refused alike, wherever it is found out."""
+    with pytest.raises(InputError, match="no room"):
+        rendering.rendered(SHEETS, ("png",), (0.1, 0.1), {}, processes)
