@@ -28,7 +28,6 @@ from newmark_cli import interrupts
 from newmark_cli.errors import ResultsError
 
 
-
 def _flags(*names: str) -> int:
     """Flags of `os.open`, without those that the platform lacks."""
     flags = 0
@@ -251,7 +250,8 @@ def write_new(path: Path, content: str | bytes) -> None:
         ResultsError: The file is there, or cannot be written.
     """
     with _told(path, "cannot be written"):
-        with open(_open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb") as file:
+        descriptor = _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        with open(descriptor, "wb") as file:
             file.write(_bytes(content))
 
 
