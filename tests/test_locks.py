@@ -1,7 +1,6 @@
 """Results folders that cannot be locked, or written in part."""
 
 import errno
-import multiprocessing
 import os
 import tempfile
 
@@ -49,12 +48,7 @@ def test_a_lock_that_is_held(tmp_path, monkeypatch, number):
 
 
 def _tried(folder, shard):
-    """What another process finds that tries to hold a folder."""
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_try, (folder, shard))
-
-
-def _try(folder, shard):
+    """What somebody else finds who tries to hold a folder: locks are of descriptors."""
     try:
         with lock.locked(folder, "run other", shard):
             return "held"
