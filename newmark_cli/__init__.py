@@ -7,7 +7,7 @@ when they are first used, because NumPy, SciPy and the compiler take their time.
 
 from __future__ import annotations
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # That of `typing`, which the console script would have to import before it answers signals.
 TYPE_CHECKING = False

@@ -7,7 +7,8 @@ runs it does anything else, and none runs two problems.
 A process is a fork of a server, which has imported the package and never runs code of
 the user's: it starts in milliseconds, and knows nothing of what ran before it.  The
 standard library's fork server could not be used in the workers of dask, would import the
-program's main module into every process, and listens on a socket with a name.
+program's main module into every process, and listens on a socket with a name.  Windows
+cannot fork: there problems in Python are refused.
 """
 
 import contextlib
@@ -31,6 +32,8 @@ from newmark_cli import interrupts
 from newmark_cli.errors import ExecutorError, InputError, described
 from newmark_cli.processors import usable
 
+#: What ends a process at once.
+_KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 #: What loads a problem.  The first process needs no more, and should not wait.
 _FIRST = "newmark_cli.problems.python_problem"
 #: What runs one, and would otherwise be imported by each process for itself.
@@ -125,7 +128,7 @@ class Process:
         try:
             return int(self._ended.recv())
         except (EOFError, OSError):  # the server has ended
-            return -signal.SIGKILL
+            return -_KILL
 
     @property
     def alive(self) -> bool:
@@ -137,7 +140,7 @@ class Process:
         if self.alive:
             self._given_up = True
             with contextlib.suppress(OSError):
-                os.kill(self._pid, signal.SIGKILL)
+                os.kill(self._pid, _KILL)
 
 
 def call(
@@ -259,6 +262,11 @@ _server: _Server | None = None
 
 
 def _forked() -> tuple[Connection, Connection, int]:
+    if not hasattr(os, "fork"):
+        raise ExecutorError(
+            "problems in Python run in processes that are forked, which this system cannot; "
+            "use Linux or macOS, or Linux within Windows (WSL)"
+        )
     with _guard:
         for server in (_server, None):
             if server is None or server.asked_by != os.getpid():
@@ -329,7 +337,7 @@ def _serve(descriptor: int) -> None:
                 _import_rest()
                 ready_for_cells = True
     for pid in running:
-        os.kill(pid, signal.SIGKILL)
+        os.kill(pid, _KILL)
 
 
 def _import_rest() -> None:

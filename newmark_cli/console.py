@@ -12,8 +12,9 @@ import os
 NAMES = {
     _signal.SIGINT: "interrupted",
     _signal.SIGTERM: "terminated",
-    _signal.SIGHUP: "hung up",
 }
+if hasattr(_signal, "SIGHUP"):  # not on Windows
+    NAMES[_signal.SIGHUP] = "hung up"
 
 
 def answer(number: int, frame: object) -> None:

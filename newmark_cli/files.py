@@ -12,7 +12,6 @@ that readers see all of the old contents or all of the new, whenever a writer is
 
 import contextlib
 import errno
-import fcntl
 import glob
 import json
 import os
@@ -27,6 +26,22 @@ from typing import Any
 
 from newmark_cli import interrupts
 from newmark_cli.errors import ResultsError
+
+
+def _flags(*names: str) -> int:
+    """Flags of `os.open`, without those that the platform lacks."""
+    flags = 0
+    for name in names:
+        flags |= getattr(os, name, 0)
+    return flags
+
+
+#: Flags of every file that is opened here: bytes, and for this process only.
+_ALWAYS = _flags("O_CLOEXEC", "O_NOINHERIT", "O_BINARY", "O_NOCTTY")
+#: A pipe that nobody writes to must not keep a reader waiting.
+_NO_WAIT = _flags("O_NONBLOCK")
+#: Windows lacks it, where who may make links is an administrator or a developer.
+_NO_LINK = _flags("O_NOFOLLOW")
 
 #: Largest file of results that is read (bytes).
 MOST = 1 << 30
@@ -51,16 +66,10 @@ def read(path: Path, most: int = MOST, links: bool = False) -> bytes:
         OSError: The file is missing, cannot be read, is too large or is none; ``strerror``
             says so in words.
     """
-    # A pipe that nobody writes to must not keep the reader waiting.
-    flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY
     try:
-        descriptor = os.open(path, flags | (0 if links else os.O_NOFOLLOW))
+        descriptor = _open(path, os.O_RDONLY | _NO_WAIT, links)
     except ValueError:  # a NUL, or half a surrogate pair
         raise OSError(errno.EINVAL, "it is not a file name", str(path)) from None
-    except OSError as error:
-        if not links and error.errno == errno.ELOOP and path.is_symlink():
-            raise OSError(errno.ELOOP, "it is a symbolic link", str(path)) from None
-        raise
     if stat.S_ISDIR(os.fstat(descriptor).st_mode):  # which `open` refuses without a name
         os.close(descriptor)
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -95,19 +104,51 @@ def descriptor_of_own(path: Path) -> int:
     Raises:
         OSError: It cannot be opened, or is a link, or not a regular file of its own.
     """
-    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
-    try:
-        descriptor = os.open(path, flags, 0o666)
-    except OSError as error:
-        if error.errno == errno.ELOOP and path.is_symlink():
-            raise OSError(errno.ELOOP, "it is a symbolic link", str(path)) from None
-        raise
+    descriptor = _open(path, os.O_RDWR | os.O_CREAT | _NO_WAIT)
     status = os.fstat(descriptor)
     if stat.S_ISREG(status.st_mode) and status.st_nlink < 2:
         return descriptor
     os.close(descriptor)
     what = "it has another name too" if stat.S_ISREG(status.st_mode) else "it is not a regular file"
     raise OSError(errno.EINVAL, what, str(path))
+
+
+def _open(path: Path, flags: int, links: bool = False) -> int:
+    """`os.open`, which follows a symbolic link only if it may."""
+    if not links and not _NO_LINK and path.is_symlink():
+        raise OSError(errno.ELOOP, "it is a symbolic link", str(path))
+    try:
+        return os.open(path, flags | _ALWAYS | (0 if links else _NO_LINK), 0o666)
+    except OSError as error:
+        if not links and error.errno == errno.ELOOP and path.is_symlink():
+            raise OSError(errno.ELOOP, "it is a symbolic link", str(path)) from None
+        raise
+
+
+def lock(descriptor: int, shared: bool = False) -> None:
+    """Lock an open file, or fail at once; the system unlocks it when the process ends.
+
+    Args:
+        descriptor: Of the file.
+        shared: Whether others may hold it together with this process.
+
+    Raises:
+        BlockingIOError: Another process holds it.
+        OSError: It cannot be locked, as on some network file systems; ``strerror`` says why.
+    """
+    import portalocker  # only what locks waits for its import
+
+    kind = portalocker.LockFlags.SHARED if shared else portalocker.LockFlags.EXCLUSIVE
+    try:
+        portalocker.lock(descriptor, kind | portalocker.LockFlags.NON_BLOCKING)
+    except portalocker.AlreadyLocked:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)) from None
+    except portalocker.LockException as error:
+        cause = error.__cause__
+        number, why = errno.ENOLCK, str(error)
+        if isinstance(cause, OSError):
+            number, why = cause.errno or number, cause.strerror or why
+        raise OSError(number, why) from None
 
 
 def parse_json(content: bytes) -> Any:
@@ -195,7 +236,7 @@ def write_output(path: Path, content: str | bytes) -> None:
         target = Path(os.path.realpath(path))
         with contextlib.suppress(FileNotFoundError):
             if not stat.S_ISREG(mode := target.stat().st_mode) and not stat.S_ISDIR(mode):
-                with open(os.open(path, os.O_WRONLY | os.O_NOCTTY), "wb") as file:
+                with open(_open(path, os.O_WRONLY, links=True), "wb") as file:
                     file.write(_bytes(content))
                 return
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -209,8 +250,8 @@ def write_new(path: Path, content: str | bytes) -> None:
         ResultsError: The file is there, or cannot be written.
     """
     with _told(path, "cannot be written"):
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
-        with open(os.open(path, flags, 0o666), "wb") as file:
+        descriptor = _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        with open(descriptor, "wb") as file:
             file.write(_bytes(content))
 
 
@@ -280,11 +321,11 @@ def _not_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> lis
 def _held(folder: Path) -> int | None:
     """Descriptor that tells others that a folder is in use; None where it is, or none can tell."""
     try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC | os.O_DIRECTORY | os.O_NOFOLLOW)
-    except OSError:
+        descriptor = _open(folder, os.O_RDONLY | _flags("O_DIRECTORY"))
+    except OSError:  # Windows opens no folders
         return None
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(descriptor)
     except OSError:
         os.close(descriptor)
         return None
@@ -309,6 +350,8 @@ def _swap(folder: Path, target: Path) -> None:
         os.rename(folder, target)
         return
     before = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    if os.name == "nt":  # where an empty folder is not replaced
+        before.rmdir()
     os.rename(target, before)
     try:
         os.rename(folder, target)
@@ -531,7 +574,8 @@ def _temporary(path: Path, content: str | bytes) -> Path:
             file.write(_bytes(content))
             file.flush()
             os.fsync(descriptor)
-            os.fchmod(descriptor, mode)
+            if hasattr(os, "fchmod"):  # Windows gets it with Python 3.13
+                os.fchmod(descriptor, mode)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise

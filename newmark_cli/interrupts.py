@@ -6,6 +6,7 @@ callbacks from C: an interrupt that was lost there is raised again.  Whoever sen
 signal while the command is closing does not want to wait, and it ends at once.
 
 A signal that was ignored when the process started, as under ``nohup``, stays ignored.
+Windows has no timer that raises again what was lost: there a second Ctrl-C is needed.
 """
 
 import contextlib
@@ -23,6 +24,8 @@ from newmark_cli import console
 #: What the signals are called; the exit code is 128 plus the signal's number.
 NAMES = {signal.Signals(number): name for number, name in console.NAMES.items()}
 
+#: Whether there are timers.
+_TIMED = hasattr(signal, "setitimer")
 #: Seconds between two looks whether an interrupt was lost.
 _AGAIN = 0.1
 #: Seconds within which a second signal counts as the first: `timeout` sends two.
@@ -82,7 +85,7 @@ def received() -> bool:
 def settle() -> None:
     """The command has come to its end: what arrives from now on changes nothing."""
     _state.settled = True
-    if _state.first is not None:
+    if _state.first is not None and _TIMED:
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
@@ -123,7 +126,7 @@ def postponed() -> Iterator[None]:
 def _arrived(number: int, frame: FrameType | None) -> None:
     if _state.first is None:
         _state.first, _state.since = number, time.monotonic()
-        if not _state.settled:
+        if _TIMED and not _state.settled:
             signal.signal(signal.SIGALRM, _look_again)
             signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
     elif time.monotonic() - _state.since > _ONE:

@@ -1,12 +1,13 @@
 """Results folders that cannot be locked, or written in part."""
 
 import errno
-import fcntl
 import os
 import tempfile
 
 import pytest
+from portalocker import portalocker
 
+from newmark_cli import files
 from newmark_cli.running import lock
 from newmark_cli.study.results import ResultsError
 
@@ -18,7 +19,7 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     def refuse(file, kind):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(portalocker, "LOCKER", refuse)
     held = False
     with (
         pytest.warns(UserWarning, match=rf"{tmp_path}: cannot be locked \(.*\); let no other run"),
@@ -38,12 +39,47 @@ def test_a_lock_that_is_held(tmp_path, monkeypatch, number):
     def refuse(file, kind):
         raise OSError(number, "locked")
 
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(portalocker, "LOCKER", refuse)
     with (
         pytest.raises(ResultsError, match="in use by 'run a', process 7 on there since now"),
         lock.locked(tmp_path, "run quick"),
     ):
         pass
+
+
+def _tried(folder, shard):
+    """What somebody else finds who tries to hold a folder: locks are of descriptors."""
+    try:
+        with lock.locked(folder, "run other", shard):
+            return "held"
+    except ResultsError as error:
+        return str(error)
+
+
+def test_who_may_hold_a_folder_together(tmp_path):
+    """A run excludes every other; a shard excludes runs and itself, not other shards."""
+    with lock.locked(tmp_path, "run whole"):
+        for shard in ("", "1/2"):
+            assert f"{tmp_path}: in use by 'run whole', process {os.getpid()}" in _tried(
+                tmp_path, shard
+            )
+    with lock.locked(tmp_path, "run part", "1/2"):
+        assert _tried(tmp_path, "2/2") == "held"
+        for shard in ("", "1/2"):
+            assert f"{tmp_path}: in use by 'run " in _tried(tmp_path, shard)
+    assert _tried(tmp_path, "") == "held"
+
+
+def test_what_a_lock_says(tmp_path):
+    """A file that another descriptor holds is told from one that cannot be locked."""
+    path = tmp_path / "file"
+    with path.open("w") as first, path.open() as second:
+        files.lock(first.fileno())
+        with pytest.raises(BlockingIOError):
+            files.lock(second.fileno(), shared=True)
+    with pytest.raises(OSError, match="Bad file descriptor") as found:
+        files.lock(1_000_000)
+    assert found.value.errno == errno.EBADF
 
 
 @pytest.mark.parametrize("part", ["cells", "history", "references"])

@@ -28,6 +28,7 @@ from conftest import (
 from hypothesis import given
 from hypothesis import strategies as st
 
+import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed, store
 from newmark_cli.study import config, results, trajectories
@@ -558,3 +559,25 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
         lambda one: trajectories.table("s", [cell], [one]).csv(),
     ):
         assert text(back.outcome) == text(outcome)
+
+
+def test_a_release_lets_nothing_be_computed_again(monkeypatch):
+    """The key of a kept cell follows code and libraries, not the number of the version."""
+    found = {}
+
+    def clear():
+        store.core.cache_clear()
+        store.versions.cache_clear()
+
+    before = store.core()
+    monkeypatch.setattr(newmark_cli, "__version__", "99.0")
+    clear()
+    found["release"], told = store.core(), store.versions()["newmark-study"]
+    monkeypatch.setattr(store, "version", lambda name: "99.0")
+    clear()
+    found["libraries"] = store.core()
+    monkeypatch.undo()
+    clear()
+    assert told == "99.0"
+    assert found["release"] == before == store.core()
+    assert found["libraries"] != before

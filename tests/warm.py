@@ -295,7 +295,7 @@ def prepare(modules):
     """Import, and do once what every command that does it would do for itself."""
     # What all commands set before they import anything: a fork wants no threads of BLAS.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    for module in (*(f"newmark_cli.{name}" for name in MODULES), *modules):
+    for module in ("portalocker", *(f"newmark_cli.{name}" for name in MODULES), *modules):
         importlib.import_module(module)
     from newmark_cli import march
     from newmark_cli.mechanisms.registry import problem

@@ -73,6 +73,9 @@ def prepare() -> None:
 def _stream(given: IO[str] | None, number: int, needed: bool) -> io.TextIOWrapper:
     if given is not None:
         given.flush()
+    if os.name == "nt" and isinstance(given, io.TextIOWrapper) and given.isatty():
+        given.reconfigure(errors="newmark-study")  # a console there takes text, not bytes
+        return given
     return io.TextIOWrapper(
         io.BufferedWriter(_Descriptor(number, needed)),
         encoding=getattr(given, "encoding", None) or "utf-8",

@@ -21,17 +21,20 @@ def _without_settings() -> Iterator[None]:
     """The first ``matplotlibrc`` that is found is matplotlib's own."""
     spec = importlib.util.find_spec("matplotlib")
     before = {name: os.environ.pop(name) for name in _VARIABLES if name in os.environ}
+    folder: int | str | None = None
     try:
-        with suppress(OSError):
-            folder = os.open(".", os.O_RDONLY)
+        with suppress(OSError):  # by its name where folders cannot be opened
+            folder = os.getcwd() if os.name == "nt" else os.open(".", os.O_RDONLY)
         if spec is not None and spec.origin is not None:
             with suppress(OSError):
                 os.chdir(Path(spec.origin).parent / "mpl-data")
         yield
     finally:
         os.environ.update(before)
-        with suppress(OSError, UnboundLocalError):
-            os.fchdir(folder)
+        if folder is not None:
+            with suppress(OSError):
+                os.chdir(folder)
+        if isinstance(folder, int):
             os.close(folder)
 
 

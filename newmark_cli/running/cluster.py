@@ -144,10 +144,11 @@ class _Core:
 
 def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
     """A cell on a worker, which must compute as the process that keeps the result."""
-    if (core(), registry.digest()) != (wanted.digest, wanted.shipped):
+    there = versions()
+    found = _Core(core(), there, registry.digest())
+    if found != wanted:
         import distributed
 
-        there = versions()
         same = "numerical core" if core() != wanted.digest else "set of shipped mechanisms"
         others = [
             f"{name} {there[name]}, here {wanted.versions[name]}"

@@ -254,6 +254,9 @@ def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:
 def interrupts_held() -> Iterator[None]:
     """Interrupts wait; threads and processes that start here leave Ctrl-C to this thread."""
     with interrupts.postponed():
+        if not hasattr(signal, "pthread_sigmask"):  # Windows: no such signals, and no tracker
+            yield
+            return
         # The tracker of semaphores must outlive a hangup; started on the way, it would
         # undo what follows.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})

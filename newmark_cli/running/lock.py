@@ -1,8 +1,6 @@
 """One run at a time per results folder."""
 
 import contextlib
-import errno
-import fcntl
 import json
 import os
 import platform
@@ -36,26 +34,26 @@ def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
     """
     with contextlib.ExitStack() as stack:
         if shard:
-            stack.enter_context(_held(folder, folder / ".lock", fcntl.LOCK_SH, what))
+            stack.enter_context(_held(folder, folder / ".lock", what, shared=True))
             own = folder / f".lock-{shard.replace('/', '-of-')}"
-            stack.enter_context(_held(folder, own, fcntl.LOCK_EX, what))
+            stack.enter_context(_held(folder, own, what))
         else:
-            stack.enter_context(_held(folder, folder / ".lock", fcntl.LOCK_EX, what))
+            stack.enter_context(_held(folder, folder / ".lock", what))
         yield
 
 
 @contextlib.contextmanager
-def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
+def _held(folder: Path, path: Path, what: str, shared: bool = False) -> Iterator[None]:
     try:
         descriptor = files.descriptor_of_own(path)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
     with open(descriptor, "r+", encoding="utf-8") as file:
         try:
-            fcntl.flock(file, kind | fcntl.LOCK_NB)
+            files.lock(descriptor, shared)
+        except BlockingIOError:
+            raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
         except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EACCES):
-                raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
             # Every file is replaced as a whole: two runs would only do the same work twice.
             warnings.warn(
                 f"{folder}: cannot be locked ({error.strerror}); let no other run use it meanwhile",
@@ -63,7 +61,8 @@ def _held(folder: Path, path: Path, kind: int, what: str) -> Iterator[None]:
             )
         started = datetime.now().astimezone().isoformat(timespec="seconds")
         holder = {"what": what, "process": os.getpid(), "host": platform.node(), "started": started}
-        # On a full disk the lock holds all the same, and whoever is refused learns less.
+        # On a full disk the lock holds all the same, and whoever is refused learns less; as on
+        # Windows, where nobody reads what another process has locked.
         with contextlib.suppress(OSError):
             file.seek(0)
             file.truncate()

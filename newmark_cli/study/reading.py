@@ -3,6 +3,7 @@
 import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -38,7 +39,11 @@ def study_files(folder: Path) -> list[Path]:
 
     Raises:
         ResultsError: When there is none, or a CSV has a name that no study has.
+        OSError: When the folder cannot be looked into, for its name or its mode.
     """
+    # From Python 3.13 on, a glob says nothing of what it cannot look into.
+    with suppress(FileNotFoundError, NotADirectoryError, ValueError):
+        folder.stat()
     files = sorted(file for file in folder.glob("*.csv") if file.name not in NOT_STUDIES)
     for file in files:
         if not axes.STUDY_NAME.fullmatch(file.stem):
