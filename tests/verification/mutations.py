@@ -103,11 +103,11 @@ def signs() -> Iterator[Mutation]:
         )),
         (CORE / "kernel.py", "def _assemble_residual", "def solve_in_place", engines, (
             ("+= coefficients[e] * sources", "-= coefficients[e] * sources"),
-            ("values.force[i] - history", "-values.force[i] - history"),
-            ("values.force[i] - history", "values.force[i] + history"),
-            ("rhs[problem.mass_rows[e]] -=", "rhs[problem.mass_rows[e]] +="),
+            ("force[i] - dynamics", "-force[i] - dynamics"),
+            ("force[i] - dynamics", "force[i] + dynamics"),
+            ("rhs[mass_rows[e]] -=", "rhs[mass_rows[e]] +="),
             ("-left[1 + r] * residual", "left[1 + r] * residual"),
-            ("-tables.left[1 + extra] * values.phi", "tables.left[1 + extra] * values.phi"),
+            ("-left[1 + extra] * phi", "left[1 + extra] * phi"),
         )),
         (CORE / "scipy_march.py", "def residual", "def march", engines, (
             ("+ self.dynamic_history", "- self.dynamic_history"),
@@ -225,6 +225,21 @@ def static() -> Iterator[Mutation]:
     yield from _changes(CORE / "linear/choice.py", "def choose", "class Stagnation", tests, (
         ("SPARSE if formulated or not problem.compiled else STATIC", "STATIC"),
         ("SPARSE if formulated or not problem.compiled else STATIC", "SPARSE"),
+    ))  # fmt: skip
+
+
+def straight() -> Iterator[Mutation]:
+    """Code made for one mechanism: what it calls, and what it depends on."""
+    tests = ("tests/test_specialised.py",)
+    yield from _changes(CORE / "specialised.py", "def digest", "def module", tests, (
+        ("self.static) if self.static else", "self.static) if False else"),
+        ("{self.compensated} ", ""), ("array.tobytes()", "b''"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "specialised.py", "def _text", "def _call", tests, (
+        ("llvm.memset.p0.i64(ptr %force, i8 0", "llvm.memset.p0.i64(ptr %force, i8 1"),
+        ("self._call(names[2], _INCREASED, number)", "''"),
+        ("ptr %sources, i64 {self.shapes['x'][0]}", "ptr %sources, i64 0"),
+        ("ptr %y, i64 {self.shapes['y'][0]}", "ptr %y, i64 1"),
     ))  # fmt: skip
 
 
@@ -626,6 +641,7 @@ def main() -> None:
         *signs(),
         *integrators(),
         *static(),
+        *straight(),
         *increments(),
         *rows(),
         *formulations(),

@@ -7,7 +7,9 @@ numbers are arguments, so that one function serves every step size, scaling and 
 its pattern.  Its machine code is kept on disk under a digest of the pattern.
 """
 
+from functools import partial
 from hashlib import sha256
+from pathlib import Path
 
 import llvmlite.ir as ir
 import numpy as np
@@ -22,8 +24,6 @@ from newmark_cli.newmark.static_elimination import LARGEST_MULTIPLIER, SECTIONS
 OPERATIONS_AT_MOST = 500
 #: The function.
 NAME = "solve"
-#: What a kept file depends on besides the pattern: raise it when the code changes.
-_VERSION = 1
 
 
 def address(tables: MatrixTables) -> int:
@@ -35,8 +35,7 @@ def address(tables: MatrixTables) -> int:
     Args:
         tables: Of the pattern; of the numbers only their type matters.
     """
-    make = lambda: text(tables)  # noqa: E731
-    return machine_code.addresses(address, [NAME], digest(tables), make)[0]
+    return machine_code.addresses(address, [NAME], digest(tables), partial(text, tables))[0]
 
 
 def text(tables: MatrixTables) -> str:
@@ -46,12 +45,11 @@ def text(tables: MatrixTables) -> str:
 
 def digest(tables: MatrixTables) -> str:
     """What the code for a pattern depends on, in 32 characters."""
-    digest = sha256(
-        f"{_VERSION} {LARGEST_MULTIPLIER} {machine_code.identity()} {tables.work.dtype} ".encode()
-    )
+    found = sha256(f"{LARGEST_MULTIPLIER} {machine_code.identity()} {tables.work.dtype} ".encode())
+    found.update(Path(__file__).read_bytes())
     for array in (tables.structure, tables.room[-1:], tables.places, tables.origins):
-        digest.update(f"{len(array)} ".encode() + array.tobytes())
-    return digest.hexdigest()[:32]
+        found.update(f"{len(array)} ".encode() + array.tobytes())
+    return found.hexdigest()[:32]
 
 
 def _sections(tables: MatrixTables) -> dict[str, IndexArray]:
