@@ -158,8 +158,6 @@ class _Parts:
         for function in module.functions:
             if not function.is_declaration and function.name not in ("evaluate", "correct"):
                 function.linkage = "internal"
-                if function.name in names:
-                    function.add_function_attribute("alwaysinline")
         # Sums in vectors would be other sums.
         tuning = llvm.create_pipeline_tuning_options(speed_level=3)
         tuning.loop_vectorization = False
@@ -216,7 +214,10 @@ class _Parts:
         corrected.append(self._call(assemble, _ASSEMBLED, number))
         if self.static:
             given = ", ".join(f"ptr %{name}" for name in _SOLVED)
-            corrected += [f"%ending = call i64 @{generated.NAME}({given})", "ret i64 %ending"]
+            corrected += [
+                f"%ending = call i64 @{generated.NAME}({given}) alwaysinline",
+                "ret i64 %ending",
+            ]
         else:
             corrected.append(f"ret i64 {UNSOLVED}")
         functions = ("accumulate", _EVALUATED, 2), ("assemble", _ASSEMBLED, 0)
@@ -247,7 +248,7 @@ class _Parts:
     ) -> str:
         arguments = [f"{number} %t" if name == "t" else self._array(name) for name in given]
         both = ", ".join(["ptr %result", "ptr %exception", *rows, *arguments])
-        return f"call i32 @{function}({both})"
+        return f"call i32 @{function}({both}) alwaysinline"
 
     def _kinds(self, given: Sequence[str], rows: int) -> list[str]:
         """Types of arguments: for what is returned and for an exception come first."""
