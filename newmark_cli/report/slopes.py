@@ -44,6 +44,7 @@ from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS, Record
 from newmark_cli.study.reading import (
     SERIES,
+    Motion,
     Table,
     accepted_statuses,
     motions,
@@ -194,8 +195,11 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
         role = str(row["role"])
         if key.measure:
-            slope = _slope(key, role, rows, len(sizes[cases[at[0]]]), accepted, path)
-            found.append(_moved(_resolved(slope), *moved.get(key.problem, ((), False))))
+            of_motion = moved.get(key.problem, Motion())
+            points = len(sizes[cases[at[0]]])
+            amplified = of_motion.amplification.get(key.quantity, 0.0)
+            slope = _slope(key, role, rows, points, accepted, path, amplified)
+            found.append(_moved(_resolved(slope), of_motion.singular, of_motion.still))
         elif not set(rows["status"]) <= set(accepted):
             found.append(_failed(key, role))
     return found
@@ -233,6 +237,7 @@ def _slope(
     points: int,
     accepted: Sequence[str],
     path: Path,
+    amplification: float,
 ) -> Slope:
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
@@ -249,7 +254,7 @@ def _slope(
         # A cell that was expected to end like this measured something else.
         expected, exact = np.nan, False
     tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
-    found = _judged(key, record, rows, values, expected, tolerance, points, exact)
+    found = _judged(key, record, rows, values, expected, tolerance, points, exact, amplification)
     return Slope(
         figures=figures,
         key=key,
@@ -312,6 +317,7 @@ def _judged(
     tolerance: float,
     points: int,
     exact: bool,
+    amplification: float,
 ) -> Judgement:
     """The verdict on the rows of one series, its points in their order."""
     h = np.array(rows["h"], float)
@@ -348,6 +354,8 @@ def _judged(
         exact=exact,
         bound=record.bounded(key),
         lacking=record.lacking(key),
+        typical=np.array(rows["median"], float)[order],
+        amplification=amplification,
     )
     found = judge(evidence)
     fitted = np.empty(len(h), bool)

@@ -487,11 +487,11 @@ def _bound_of_sensitivity(key: SeriesKey) -> str:
 
 def _rounding_of_sensitivity(key: SeriesKey) -> float:
     """Order of the rounding of a block that a problem may lack: in balanced units it has none."""
-    if not _bound_of_sensitivity(key):
-        return np.nan
     form, orders, scaling = _form_of(key), _orders_of(key), _scaling_of(key)
     place = form.solved.index(key.quantity), form.rows.index(key.row_block)
-    if np.isfinite(orders.special[place]):
+    # In index 3 motions that constraints leave free answer to D; where all are driven, none.
+    index_3 = form.formulation == CONSTRAINTS.label
+    if not index_3 and (not _bound_of_sensitivity(key) or np.isfinite(orders.special[place])):
         return np.nan
     balanced = by_displacement(form)
     return float(

@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -236,16 +236,31 @@ def accepted_statuses(path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(accepted))
 
 
-def motions(path: Path) -> dict[str, tuple[tuple[float, ...], bool]]:
-    """Problem → times of singular positions (s), and whether nothing moves, as recorded."""
+@dataclass(frozen=True)
+class Motion:
+    """What a study has recorded of a problem's motion; see `newmark_cli.study.motion.Facts`."""
+
+    singular: tuple[float, ...] = ()
+    still: bool = False
+    amplification: Mapping[str, float] = field(default_factory=dict)
+
+
+def motions(path: Path) -> dict[str, Motion]:
+    """Problem → its motion, as recorded."""
     recorded = _record(path).get("motions")
     found = {}
     for label, facts in recorded.items() if isinstance(recorded, dict) else ():
-        given = facts.get("singular") if isinstance(facts, dict) else None
+        told = facts if isinstance(facts, dict) else {}
+        given, amplified = told.get("singular"), told.get("amplification")
         times = given if isinstance(given, list) else []
-        found[str(label)] = (
+        found[str(label)] = Motion(
             tuple(float(t) for t in times if isinstance(t, float)),
-            isinstance(facts, dict) and facts.get("still") is True,
+            told.get("still") is True,
+            {
+                str(name): value
+                for name, value in (amplified if isinstance(amplified, dict) else {}).items()
+                if isinstance(value, float) and 0 < value < math.inf
+            },
         )
     return found
 
