@@ -11,6 +11,7 @@ import scipy.sparse.linalg
 from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import KeyPath
+from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
 from newmark_cli.mechanisms.start import (
     DENSE_UP_TO,
     MISSED,
@@ -62,7 +63,9 @@ def consistent(builder: "Builder") -> Problem:
         mass_rank=_mass_rank(problem),
         loose=_loose(builder),
     )
-    problem = replace(problem, drawing_given=known)
+    assert isinstance(problem.outputs, SpatialOutputs)
+    outputs = replace(problem.outputs, shared=found.shared)
+    problem = replace(problem, drawing_given=known, outputs=outputs)
     _require_inertia(builder, problem)
     return replace(problem, v0=_fitting_velocities(builder, problem, v0, gradient))
 

@@ -273,6 +273,11 @@ class Trajectory:
         """Names of angular velocities, angles and reactions; none of most problems."""
         return self.problem.outputs.names if self.problem.outputs else ()
 
+    @property
+    def not_unique(self) -> tuple[str, ...]:
+        """Outputs that depend on which redundant constraints were dropped; see docs/spatial.md."""
+        return self.problem.outputs.not_unique if self.problem.outputs else ()
+
     @cached_property
     def outputs(self) -> Array:
         """(k, outputs) what `output_names` name.

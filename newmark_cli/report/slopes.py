@@ -49,6 +49,7 @@ from newmark_cli.study.reading import (
     accepted_statuses,
     motions,
     read_rows,
+    released,
     study_files,
 )
 from newmark_cli.study.results import NUMBERS
@@ -89,6 +90,8 @@ class Slope:
         verdict: One of the words of `newmark_cli.report.verdicts`.
         reason: What else there is to say, in a sentence; may be empty.
         accepted: Whether the study is about series that end like this; see `accept`.
+        unique: Whether it is a property of the mechanism, not of which redundant constraints
+            were dropped.
     """
 
     figures: tuple[str, ...]
@@ -105,6 +108,7 @@ class Slope:
     verdict: str
     reason: str = ""
     accepted: bool = False
+    unique: bool = True
 
     @property
     def fails(self) -> bool:
@@ -186,7 +190,7 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
         places.setdefault(values, []).append(place)
     accepted = ("ok", *accepted_statuses(path))
-    moved = motions(path)
+    moved, dropped = motions(path), released(path)
     found = []
     for values, at in places.items():
         *named, start = values
@@ -199,7 +203,8 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
             points = len(sizes[cases[at[0]]])
             amplified = of_motion.amplification.get(key.quantity, 0.0)
             slope = _slope(key, role, rows, points, accepted, path, amplified)
-            found.append(_moved(_resolved(slope), of_motion.singular, of_motion.still))
+            slope = _moved(_resolved(slope), of_motion.singular, of_motion.still)
+            found.append(_shared(slope, dropped.get(key.problem)))
         elif not set(rows["status"]) <= set(accepted):
             found.append(_failed(key, role))
     return found
@@ -306,6 +311,19 @@ def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
     reason = f"the motion passes a singular position near t = {where}, where no order holds"
     verdict = NOT_ASYMPTOTIC if slope.verdict == MISS else slope.verdict
     return replace(slope, verdict=verdict, reason="; ".join(filter(None, (slope.reason, reason))))
+
+
+#: Quantities of these measures depend on which redundant rows were dropped, where any were.
+_OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
+
+
+def _shared(slope: Slope, dropped: Sequence[str] | None) -> Slope:
+    """The series, and that it is about reactions that are not unique, where it is."""
+    if dropped is None or slope.measure not in _OF_VALUES or slope.quantity not in _SHARED:
+        return slope
+    reason = f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
+    reason = "; ".join(filter(None, (slope.reason, reason)))
+    return replace(slope, reason=reason, unique=False)
 
 
 def _judged(

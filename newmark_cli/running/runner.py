@@ -479,6 +479,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         told["kept_as"] = file_name(cell)
     if moved := _motions(cells):
         record["motions"] = moved
+    if shared := _not_unique(cells):
+        record["not_unique"] = shared
     with interrupts.postponed():
         results.replace(folder, study.study, texts, record)
         prune.finished(folder, study)
@@ -503,6 +505,19 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         for label, facts in found.items()
         if facts != motion.Facts()
     }
+
+
+def _not_unique(cells: Sequence[Cell]) -> dict[str, dict[str, list[str]]]:
+    """Problem → outputs that are no property of the mechanism, and the rows it was freed of."""
+    found = {}
+    for spec in dict.fromkeys(cell.problem for cell in cells):
+        problem = spec.load()
+        if problem.outputs is not None and problem.outputs.not_unique:
+            found[spec.label] = {
+                "outputs": list(problem.outputs.not_unique),
+                "released": list(problem.released),
+            }
+    return found
 
 
 def _facts(spec: ProblemSpec, t_end: float, h: float, amplified: bool) -> motion.Facts:

@@ -245,6 +245,16 @@ class Motion:
     amplification: Mapping[str, float] = field(default_factory=dict)
 
 
+def released(path: Path) -> dict[str, tuple[str, ...]]:
+    """Problem with reactions that are not unique → the redundant rows that were dropped of it."""
+    recorded = _record(path).get("not_unique")
+    found = {}
+    for label, told in recorded.items() if isinstance(recorded, dict) else ():
+        rows = told.get("released") if isinstance(told, dict) else None
+        found[str(label)] = tuple(map(str, rows)) if isinstance(rows, list) else ()
+    return found
+
+
 def motions(path: Path) -> dict[str, Motion]:
     """Problem → its motion, as recorded."""
     recorded = _record(path).get("motions")
