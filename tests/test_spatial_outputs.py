@@ -99,3 +99,42 @@ def test_reactions_that_are_not_unique(ran):
     assert sheet.panels[0].x_label == dropped.removeprefix("not unique: ")
     assert newmark.march(swing, h=0.02, steps=1).not_unique == swing.outputs.not_unique
     assert newmark.problem("heavy-top").outputs.not_unique == ()
+
+
+#: Two shafts on a Hooke joint, the first one driven: as many constraints as coordinates.
+HOOKE = """\
+dimensions: 3
+bodies:
+  input: {position: [0, 0, 0], mass: 2, inertia: [0.01, 0.02, 0.02]}
+  output: {position: [0.4, 0, 0], axes: {x: [0.9, 0.3, 0.1], y: [-0.3, 0.9, 0]}, mass: 1.5,
+           centre: [0.2, 0, 0], inertia: [0.005, 0.03, 0.03]}
+joints:
+  A: {type: revolute, from: ground, to: input, at: [0, 0, 0], axis: [1, 0, 0]}
+  U: {type: universal, from: input, to: output, at: [0.4, 0, 0],
+      axes: [[0, 0, 1], [-0.3, 0.9, 0]]}
+  L: {type: point-on-line, from: ground, to: output, at: [1.3, 0.3, 0.1], axis: [0.9, 0.3, 0.1]}
+motions: {drive: {joint: A, angle: {rate: 5}}}
+rates: {A: 5}
+"""
+
+
+def test_driven_mechanism_without_freedom(cli):
+    """No force moves it: the sensitivity of u to D is rounding of 0, and no miss."""
+    cli.write("hooke.yaml", HOOKE)
+    cli.write(
+        "mine.yaml",
+        "study: mine\nproblem: hooke.yaml\nform: [u-v-lambda, u-lambda]\n"
+        "preconditioning: [none, left]\nmeasure: sensitivity\nh: [1e-3, 1e-4, 1e-5, 1e-6]\n"
+        "steps: 0\n",
+    )
+    cli("run", "mine.yaml")
+    cli("check", "mine")
+    slopes = pd.read_csv(cli.folder / "results/slopes.csv")
+    lacking = slopes.reason.fillna("").str.contains("rounding of 0")
+    # Rounding may have the order of what it stands for by chance.
+    assert "D" in set(slopes[lacking].row_block) <= {"D", "K"}
+    assert set(slopes[lacking].quantity) <= {"u", "v"}
+    # λ answers to each row, with the order that is predicted.
+    of_lambda = slopes[slopes.quantity == "lambda"]
+    assert (of_lambda.verdict == "pass").all()
+    np.testing.assert_allclose(of_lambda.slope, of_lambda.expected, atol=0.05)
