@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from marching import march, start
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.linked import Made
 from newmark_cli.mechanisms.registry import problem
@@ -14,7 +14,7 @@ from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
@@ -24,7 +24,12 @@ def member(family, size):
     return Sized(family, tuple((name, size) for name in FAMILIES[family].parameters))
 
 
-MEMBERS = [member(family, size) for family in FAMILIES for size in (1, 2, 9)]
+#: Nets grow by both of their sizes.
+MEMBERS = [
+    member(family, size)
+    for family in FAMILIES
+    for size in (1, 2, 4 if family == "spatial-grid" else 9)
+]
 
 
 def weight(subject):
@@ -43,24 +48,41 @@ def test_starts_on_the_constraints(spec):
     assert np.linalg.eigvalsh(subject.M)[0] > 0
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 10, 57, 1000])
-@pytest.mark.parametrize("family", [name for name, family in FAMILIES.items() if family.linked])
+@pytest.mark.parametrize(
+    ("family", "size"),
+    [
+        (family, size)
+        for family in FAMILIES
+        for size in (1, 2, 3, 10, 57, 1000)
+        if size < {"spatial-chain": 1000, "spatial-grid": 10}.get(family, 2000)
+    ],
+)
 def test_arrays_are_those_of_the_parts(family, size):
-    """Each number, place, name and flag is what `planar.build` makes of the family's data."""
+    """Each number, place, name and flag is what is built of the family's data part by part."""
     spec = member(family, size)
-    data = planar.Mechanism.model_validate(FAMILIES[family].mechanism(**dict(spec.sizes)))
-    found, expected = spec.load(), planar.build(spec.label, data)
+    found = spec.load()
+    expected = loading.made(spec.label, FAMILIES[family].mechanism(**dict(spec.sizes)))
     assert found.m >= size
-    made = {"pattern", "drawing_given", "points_given", "constraints_given"}
+    made = {"pattern", "drawing_given", "points_given", "constraints_given", "outputs"}
     for field in dataclasses.fields(found):
         if field.name not in made:
             assert_same(getattr(found, field.name), getattr(expected, field.name), field.name)
     for key in found.pattern._fields:
         assert_same(getattr(found.pattern, key), getattr(expected.pattern, key), key)
     for key in (
-        "content", "drawing", "points", "coordinate_names", "constraint_names",
+        "content", "points", "coordinate_names", "constraint_names",
     ):  # fmt: skip
         assert getattr(found, key) == getattr(expected, key), key
+    if found.outputs is None:
+        assert found.drawing == expected.drawing
+    else:
+        assert found.drawing.mechanism == expected.drawing.mechanism
+        for key in ("bodies", "shared", "freedom", "mass_rank", "loose"):
+            assert getattr(found.drawing, key) == getattr(expected.drawing, key), key
+        state = (0.0, found.u0, found.v0, np.arange(found.m) / 7)
+        ours, theirs = (each.outputs.values(each, *state) for each in (found, expected))
+        assert_same(ours, theirs, "outputs")
+        assert found.outputs.names == expected.outputs.names
     assert list(found.constraints_given) == list(expected.constraints_given)
     last = found.n - 1
     assert found.point_of(last) == expected.point_of(last) == expected.points[-1]
@@ -172,6 +194,53 @@ def test_four_bars_move_as_one_rod(windows):
     kinetic = subject.v0 @ subject.M @ subject.v0 / 2
     assert kinetic == pytest.approx((rods / 3 + couplers) / 2, rel=1e-12)
     assert weight(subject).sum() == pytest.approx(-9.81 * (rods / 2 + couplers), rel=1e-12)
+
+
+def test_a_net_of_one_column_is_a_chain():
+    """The same tables, but for the direction in which the first bar turns."""
+    net = Sized("spatial-grid", (("rows", 5), ("columns", 1))).load()
+    chain = member("spatial-chain", 6).load()
+    np.testing.assert_array_equal(net.ints[:5], chain.ints[:5])
+    np.testing.assert_array_equal(net.M, chain.M[:60, :60])
+    np.testing.assert_allclose(np.diff(net.u0[2::12]), np.diff(chain.u0[2:60:12]), atol=1e-15)
+    sizes = Sized("spatial-grid", (("rows", 700), ("columns", 40))).traits()
+    bars, joints = 700 * 40 + 700 * 39, 700 * 40 + 2 * 700 * 39
+    assert (sizes.n, sizes.m) == (12 * bars, 6 * bars + 3 * joints)
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_forces_in_a_net(rows):
+    """What the ground gives and the weight together move the mass centre of all bars."""
+    net = Sized("spatial-grid", (("rows", rows), ("columns", 5))).load()
+    a, multipliers = Index1(net).accelerations(0.0, net.u0, net.v0)
+    values = net.outputs.values(net, 0.0, net.u0, net.v0, multipliers)
+    found = dict(zip(net.outputs.names, values, strict=True))
+    hung = np.array([[found[f"hang1.{j}.force.{c}"] for c in "xyz"] for j in range(1, 6)])
+    bars = net.n // 12
+    centres = a.reshape(-1, 12)[:, :3]
+    np.testing.assert_allclose(
+        centres.sum(axis=0) - hung.sum(axis=0), [0, 0, -bars], atol=1e-10 * bars
+    )
+    # The outer columns carry half as many ties.
+    assert hung[0] @ hung[0] < hung[1] @ hung[1]
+    assert np.abs(hung[0]).max() > 0.1
+
+
+def test_static_elimination_takes_nets():
+    """No row is exchanged, the march is that of dense factors, and cost grows with the rows."""
+    scheme = Scheme(Newmark(), FORMS["u-lambda"], named_scaling("optimal", FORMS["u-lambda"]), 1e-3)
+    operations = []
+    for rows in (4, 8, 16):
+        net = Sized("spatial-grid", (("rows", rows), ("columns", 3))).load()
+        operations.append(March(net, scheme, "static-lu").system.elimination.operations)
+    assert operations[2] - operations[1] < 2.3 * (operations[1] - operations[0])
+    net = member("spatial-grid", 2).load()
+    ends = []
+    for solver in ("static-lu", "dense-lu"):
+        under_way = March(net, scheme, solver)
+        assert under_way.advance(20).pivoted == 0
+        ends.append(under_way.here.fields[0])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-11)
 
 
 def test_specs_are_values():

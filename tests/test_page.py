@@ -203,3 +203,21 @@ def test_refusals(cli, monkeypatch, folder):
     monkeypatch.setenv("PYTHONPATH", str(cli.folder / "absent"))
     assert "newmark-study[report]" in cli.refused("report", "--results", folder)
     assert not (folder / "report.html").exists()
+
+
+def test_mechanisms_in_space_are_drawn(cli):
+    """Results of shipped ones come with a drawing, which says which rows were dropped."""
+    cli.write(
+        "mine.yaml",
+        "study: mine\nproblem: [bricard, pendulum]\nform: u-lambda\npreconditioning: optimal\n"
+        "measure: condition\nh: [1e-2, 1e-3, 1e-4]\nsteps: 0\n",
+    )
+    cli("run", "mine.yaml")
+    cli("report")
+    text = (cli.folder / "results/report.html").read_text()
+    assert text.count("<figcaption>bricard: ") == 1
+    assert "initial position; redundant, dropped: P5.q</figcaption>" in text
+    assert "<figcaption>pendulum: " not in text
+    # Ids are unique on the page, of several pictures too.
+    ids = re.findall(r' id="([^"]+)"', text)
+    assert len(ids) == len(set(ids))

@@ -5,6 +5,7 @@ import pytest
 
 import newmark_cli as newmark
 from newmark_cli.documents import DocumentError
+from newmark_cli.newmark.constraints import projector
 from newmark_cli.problems.index_1 import weightless
 from newmark_cli.problems.problem import ProblemError
 
@@ -89,3 +90,42 @@ def test_a_massless_point_that_moves_is_refused():
     }
     with pytest.raises(DocumentError, match="C carries no mass of its own"):
         newmark.problem(given)
+
+
+#: A disc, one director of which has no mass, on a rod that has its whole tensor.
+DISC_ON_ROD = {
+    "dimensions": 3,
+    "bodies": {
+        "rod": {"position": (0, 0, 0), "mass": 2, "centre": (0.5, 0, 0), "box": (1, 0.1, 0.2)},
+        "disc": {"position": (1, 0, 0), "mass": 3, "inertia": (0.2, 0.4, 0.2)},
+    },
+    "joints": {
+        "A": {"type": "spherical", "from": "ground", "to": "rod", "at": (0, 0, 0)},
+        "B": {"type": "revolute", "from": "rod", "to": "disc", "at": (1, 0, 0), "axis": (0, 1, 0)},
+    },
+    "gravity": (0, 0, -9.81),
+}
+
+
+def test_directions_of_stabilisation_are_those_of_the_regular_bodies():
+    """P = M⁻¹G wherever M can be inverted, though a director of another body has no mass."""
+    subject = newmark.problem(DISC_ON_ROD)
+    values = subject.values(0.0, subject.u0, subject.v0, np.zeros(subject.m)).g
+    terms = projector(subject)
+    found = np.zeros((subject.n, subject.m))
+    np.add.at(found, (terms.rows, terms.columns), terms.values * values[terms.sources])
+    gradient = np.zeros((subject.n, subject.m))
+    pattern = subject.pattern
+    np.add.at(gradient, (pattern.g_rows, pattern.g_columns), values)
+    massless = np.flatnonzero(~subject.M.any(axis=0))
+    assert massless.tolist() == [18, 19, 20]  # its second director, along the axis
+    heavy = np.setdiff1d(np.arange(subject.n), massless)
+    part = subject.M[np.ix_(heavy, heavy)]
+    np.testing.assert_allclose(found[heavy], np.linalg.solve(part, gradient[heavy]), atol=1e-12)
+    # Those that have none move as if they had as much as the heaviest.
+    np.testing.assert_allclose(found[massless], gradient[massless] / subject.M.max(), atol=1e-15)
+    assert np.linalg.eigvalsh(gradient.T @ found)[0] > 0
+    options = {"h": 2e-3, "t_end": 0.2, "every": 0, "integrator": DAMPED}
+    plain = newmark.march(subject, **options)
+    ggl = newmark.march(subject, formulation="ggl", **options)
+    np.testing.assert_allclose(ggl.u[-1], plain.u[-1], atol=1e-4)

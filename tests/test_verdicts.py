@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from newmark_cli import problem
 from newmark_cli.report.verdicts import (
     INCOMPLETE,
     LEAST,
@@ -18,6 +19,7 @@ from newmark_cli.report.verdicts import (
     judge,
     local_orders,
 )
+from newmark_cli.study.motion import amplification
 
 NAN = float("nan")
 
@@ -248,3 +250,56 @@ def test_drift_of_the_multipliers_in_the_matrix():
 def test_nothing_predicted_is_shown():
     """Iterations, histories."""
     assert words(evidence([1, 2, 3], kind="determined", expected=NAN))[0] == SHOWN
+
+
+def test_multipliers_whose_mechanism_amplifies_rounding():
+    """A short run has few steps, and yet λ may be as coarse as the mechanism makes it."""
+    values, h = [1.2e-6, 1.3e-7, 4.1e-7, 2.9e-6], [2e-3, 6.7e-4, 1e-4, 5e-5]
+    errors = [4.8e-6, *values]
+    given = {"values": errors, "h": [4e-3, *h], "quantity": "lambda"}
+    # h²-law through the first three; 2.9e-6 is 600 roundoffs of 0.054 s² over h².
+    assert words(evidence(**given, amplification=0.0))[0] == PASS
+    short = Evidence(**{**vars(evidence(**given)), "steps": 0.1 / np.array([4e-3, *h])})
+    assert words(short)[0] == NOT_CONVERGING
+    level = 600 * 2.0**-52 * 0.06 / np.array(h) ** 2
+    assert level[-1] > 2.9e-6 > 0.8 * level[-1] * 0.05 / 0.06
+    assert words(Evidence(**{**vars(short), "amplification": 0.06}))[0] == PASS
+    assert words(Evidence(**{**vars(short), "amplification": 0.04}))[0] == NOT_CONVERGING
+    # Velocities are not multipliers, and compensated evaluation has another floor.
+    for other in ({"quantity": "v"}, {"compensated": True}):
+        given = Evidence(**{**vars(short), "amplification": 0.06, **other})
+        assert words(given)[0] == NOT_CONVERGING
+
+
+def test_amplification_of_a_pendulum():
+    """Rounding of a bar of length 1 is pulled back by m/h², next to λ = m g cos φ."""
+    pendulum, u, v = problem("pendulum"), np.array([0.6, -0.8]), np.zeros(2)
+    found = amplification(pendulum, [(0.0, u, v), (0.0, np.array([1.0, 0.0]), v)])
+    assert found == {"lambda": pytest.approx(1 / 0.8, rel=1e-2)}
+    # At rest in the horizontal there is no λ to compare with.
+    assert amplification(pendulum, [(0.0, np.array([1.0, 0.0]), v)]) == {}
+
+
+def test_a_block_that_a_problem_lacks_is_judged_by_its_order_first():
+    """What is above rounding of 0 must have the order; what is not is nothing."""
+    h = 10.0 ** -np.arange(3, 7)
+    rounding = 1e-15 * h**2 * np.array([1, 3, 0.4, 2])
+    of_block = {"h": h, "kind": "determined", "expected": 2, "tolerance": 0.05, "lacking": 2.0}
+    verdict, reason = words(evidence(rounding, **of_block))
+    assert (verdict, reason) == (PASS, "rounding of 0: the problem lacks this block")
+    lost = 1e-9 * h**2 * np.array([1, 1, 3, 60])
+    assert words(evidence(lost, **of_block))[0] == MISS
+    assert words(evidence(1e-15 * h**2, **of_block)) == (PASS, "")
+
+
+def test_a_bound_that_a_few_steps_come_close_to():
+    """Each step is within the bound; the rms of all is steeper while ever more come close."""
+    h = np.array([1e-3, 3e-4, 1e-4, 3e-5])
+    of_bound = {"h": h, "kind": "rounding", "expected": -2, "tolerance": 0.15, "bound": "rounds"}
+    rms, median = 1e-22 * h**-3, 1e-17 / h
+    verdict, reason = words(evidence(rms, **of_bound, typical=median))
+    assert verdict == NOT_ASYMPTOTIC
+    assert reason == "a few steps rule; the median has order −1.00"
+    assert words(evidence(rms, **of_bound, typical=rms / 3))[0] == MISS
+    assert words(evidence(rms, **of_bound))[0] == MISS
+    assert words(evidence(rms, **{**of_bound, "bound": ""}, typical=median))[0] == MISS

@@ -30,7 +30,7 @@ from newmark_cli.newmark.integrator import is_trapezoidal
 from newmark_cli.newmark.kept import KEPT, first_outside, nearest_steps
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.march_data import COMPLETED
+from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import (
     COMPENSATED,
     EVALUATIONS,
@@ -90,9 +90,11 @@ class Steps(Iterator[Step]):
             )
         before = march.done
         with _partial(recorder):
-            for stretch in march.stretches(halt):
+            for stretch in march.stretches(halt, recorder.stops(halt)):
                 recorder.took(stretch)
-        self._over = march.ending != COMPLETED or not recorder.finite
+                if recorder.reason:
+                    break
+        self._over = recorder.over
         recorder.keep_here()
         if self._over and march.done == before:
             raise StopIteration
@@ -552,15 +554,16 @@ def _marched(
     march = begun.march
     if stepped and every == 0:
         raise ArgumentError("every must be at least 1 with steps=True, given 0")
+    needed = Needed(march.problem, last, march.done)
     if last is None:
-        recorder = Recorder(march, keep)
+        recorder = Recorder(march, keep, needed=needed)
         recorder.keep_here()
         return Steps(recorder, count(march.done + every, every), _room(march, keep))
     looks = range(march.done + every, last, every) if every else range(0)
     kept = len(looks) + 2
-    needed = -(-8 * kept * (3 * march.problem.n + march.problem.m + 2) // MOST_BYTES)
-    _require_room(march, kept, keep, f"keep every k-th: every={max(every, 1) * (needed + 1)}")
-    recorder = Recorder(march, keep, kept)
+    parts = -(-8 * kept * (3 * march.problem.n + march.problem.m + 2) // MOST_BYTES)
+    _require_room(march, kept, keep, f"keep every k-th: every={max(every, 1) * (parts + 1)}")
+    recorder = Recorder(march, keep, kept, needed)
     if every:
         recorder.keep_here()
     if stepped or callback is not None:
@@ -572,9 +575,9 @@ def _marched(
 
 def _recorded(recorder: Recorder, last: int, looks: Sequence[int], end: bool = True) -> Trajectory:
     with _partial(recorder):
-        for stretch in recorder.march.recorded(last, looks):
+        for stretch in recorder.march.stretches(last, recorder.stops(last), looks):
             recorder.took(stretch)
-            if not recorder.finite:
+            if recorder.over:
                 break
     if end:
         recorder.keep_here()
@@ -612,7 +615,8 @@ def _marched_at(
         raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
     nearest = nearest_steps(times, t0, h, march.done, last)
     _require_room(march, len(nearest), keep, "give fewer times")
-    recorder = Recorder(march, keep, len(nearest))
+    needed = Needed(march.problem, last, march.done)
+    recorder = Recorder(march, keep, len(nearest), needed)
     looks = nearest.tolist()
     if looks and looks[0] == march.done:
         recorder.keep_here()

@@ -19,10 +19,13 @@ from pydantic import Field, Strict
 
 from newmark_cli.documents import WHOLE, StrictModel
 from newmark_cli.mechanisms.linked import Linked, Made, Masses
+from newmark_cli.mechanisms.spatial_linked import Bars
 from newmark_cli.problems.problem import Problem
 
 #: A million links take gigabytes; more is a slip of the finger.
 Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000), WHOLE]
+#: Either side of a net: a million bars, too.
+Side = Annotated[int, Strict(), Field(ge=1, le=1000), WHOLE]
 #: Of what is drawn at random.
 _SEED = 20061012
 
@@ -45,6 +48,13 @@ class SpatialChainSize(StrictModel):
     bodies: Size = Field(description="number of bodies")
 
 
+class SpatialGridSize(StrictModel):
+    """Size of a net of bars in space."""
+
+    rows: Side = Field(description="number of bars that hang below each other")
+    columns: Side = Field(description="number of bars that hang side by side")
+
+
 @dataclass(frozen=True)
 class Family:
     """Mechanisms that differ in their size.
@@ -59,7 +69,7 @@ class Family:
     title: str
     size: type[StrictModel]
     mechanism: Callable[..., dict[str, Any]]
-    linked: Callable[..., Linked] | None = None
+    linked: Callable[..., Linked | Bars] | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -75,10 +85,12 @@ class Family:
         return self.linked(**sizes).problem(name, partial(self.drawing, sizes))
 
     def drawing(self, sizes: Mapping[str, int]) -> Any:
-        """The `models.Mechanism` of these sizes, part by part."""
+        """The `models.Mechanism`, or `SpatialMechanism`, of these sizes, part by part."""
         from newmark_cli.mechanisms.models import Mechanism
+        from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 
-        return Mechanism.model_validate(self.mechanism(**sizes))
+        data = self.mechanism(**sizes)
+        return (SpatialMechanism if "dimensions" in data else Mechanism).model_validate(data)
 
 
 def chain(links: int) -> dict[str, Any]:
@@ -254,6 +266,16 @@ def _rod_name(place: int) -> tuple[str, str]:
     return "bodies", f"coupler{place // 2 + 1}" if place % 2 else f"rod{place // 2}"
 
 
+#: Directions in which bars in space turn to and fro about the upright (rad).
+_HEADINGS = (0.5, -0.5)
+
+
+def _descending(heading: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Direction of a bar that descends by 3 in 5, and one across."""
+    along = (0.8 * math.cos(heading), 0.8 * math.sin(heading), -0.6)
+    return along, (-math.sin(heading), math.cos(heading), 0.0)
+
+
 def spatial_chain(bodies: int) -> dict[str, Any]:
     """A chain of bars on spherical joints that falls in space, released at rest.
 
@@ -261,29 +283,76 @@ def spatial_chain(bodies: int) -> dict[str, Any]:
     `chain` and turn to and fro about the upright, each by 1 rad from the last, so that no two
     neighbours move in one plane.
     """
-    data: dict[str, Any] = {}
-    joints: dict[str, Any] = {}
+    return _spatial_chain_bars(bodies).data()
+
+
+def _spatial_chain_bars(bodies: int) -> Bars:
+    along = [_descending(heading) for heading in _HEADINGS]
+    places, at = [], []
     x = y = z = 0.0
-    last = "ground"
-    for i in range(1, bodies + 1):
-        heading = 0.5 if i % 2 else -0.5
-        along = (0.8 * math.cos(heading), 0.8 * math.sin(heading), -0.6)
-        name = f"bar{i}"
-        data[name] = {
-            "position": (x + along[0] / 2, y + along[1] / 2, z + along[2] / 2),
-            "axes": {"x": along, "y": (-math.sin(heading), math.cos(heading), 0.0)},
-            "mass": 1.0,
-            "box": (1.0, 0.2, 0.1),
-        }
-        joints[f"joint{i}"] = {"type": "spherical", "from": last, "to": name, "at": (x, y, z)}
-        x, y, z, last = x + along[0], y + along[1], z + along[2], name
-    return {
-        "title": f"Falling chain of {bodies} bars in space",
-        "dimensions": 3,
-        "bodies": data,
-        "joints": joints,
-        "gravity": (0.0, 0.0, -1.0),
-    }
+    for i in range(bodies):
+        dx, dy, dz = along[i % 2][0]
+        at.append((x, y, z))
+        places.append((x + dx / 2, y + dy / 2, z + dz / 2))
+        x, y, z = x + dx, y + dy, z + dz
+    return Bars(
+        f"Falling chain of {bodies} bars in space",
+        [f"bar{i + 1}" for i in range(bodies)],
+        places,
+        along,
+        [i % 2 for i in range(bodies)],
+        [f"joint{i + 1}" for i in range(bodies)],
+        range(-1, bodies - 1),
+        range(bodies),
+        at,
+    )
+
+
+def spatial_grid(rows: int, columns: int) -> dict[str, Any]:
+    """A net of bars on spherical joints that falls in space, released at rest.
+
+    ``columns`` chains like `spatial_chain` hang side by side, 1 m apart, and a bar joins the
+    ends of neighbours in each of the ``rows``.  Where four bars meet, three are jointed to the
+    one above.  All its loops are closed by constraints that do not depend on each other.
+    """
+    return _spatial_grid_bars(rows, columns).data()
+
+
+def _spatial_grid_bars(rows: int, columns: int) -> Bars:
+    along = [_descending(heading) for heading in _HEADINGS]
+    along.append(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))
+    names: list[str] = []
+    joints: list[str] = []
+    places, kinds, starts, ends, at = [], [], [], [], []
+
+    def join(name: str, start: int, end: int, place: tuple[float, float, float]) -> None:
+        joints.append(name)
+        starts.append(start)
+        ends.append(end)
+        at.append(place)
+
+    x = y = z = 0.0
+    above = [-1] * columns
+    for i in range(1, rows + 1):
+        dx, dy, dz = along[i % 2][0]
+        hanging = []
+        for j in range(columns):
+            join(f"hang{i}.{j + 1}", above[j], len(names), (x, y + j, z))
+            hanging.append(len(names))
+            names.append(f"bar{i}.{j + 1}")
+            places.append((x + dx / 2, y + dy / 2 + j, z + dz / 2))
+            kinds.append(i % 2)
+        x, y, z = x + dx, y + dy, z + dz
+        for j in range(columns - 1):
+            for side in (0, 1):
+                name = f"{'left' if side == 0 else 'right'}{i}.{j + 1}"
+                join(name, hanging[j + side], len(names), (x, y + j + side, z))
+            names.append(f"tie{i}.{j + 1}")
+            places.append((x, y + j + 0.5, z))
+            kinds.append(2)
+        above = hanging
+    title = f"Falling net of {rows} by {columns} bars in space"
+    return Bars(title, names, places, along, kinds, joints, starts, ends, at)
 
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(
@@ -307,7 +376,16 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             _four_bars_linked,
         ),
         "spatial-chain": Family(
-            "bars on spherical joints, falling in space", SpatialChainSize, spatial_chain
+            "bars on spherical joints, falling in space",
+            SpatialChainSize,
+            spatial_chain,
+            _spatial_chain_bars,
+        ),
+        "spatial-grid": Family(
+            "a net of bars on spherical joints, falling in space",
+            SpatialGridSize,
+            spatial_grid,
+            _spatial_grid_bars,
         ),
     }
 )

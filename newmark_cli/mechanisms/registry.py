@@ -54,15 +54,25 @@ class Picture:
         points: Its moving points.
         u0: (n,) initial coordinates.
         axes: Names of the coordinates of each of ``points``.
+        released: Names of redundant constraints that were dropped.
     """
 
     drawing: "Mechanism"
     points: tuple[str, ...]
     u0: Array
     axes: str = "xy"
+    released: tuple[str, ...] = ()
 
 
 @cache
+def is_spatial(name: str) -> bool:
+    """Whether there is a shipped mechanism in space of this name; nothing is built."""
+    from newmark_cli import documents
+
+    found = documents.read(_FOLDER / f"{name}.yaml").data if name in PROBLEMS else {}
+    return found.get("dimensions") == 3
+
+
 def picture(name: str) -> Picture:
     """Of the shipped problem of this name; built, and so compiled, only where it must be."""
     from newmark_cli import documents
@@ -72,7 +82,7 @@ def picture(name: str) -> Picture:
     # Of an assembled one the file has a guess only.
     if document.data.get("dimensions") == 3 or document.data.get("assemble"):
         built = problem(name)
-        return Picture(built.drawing, built.points, built.u0, built.axes)
+        return Picture(built.drawing, built.points, built.u0, built.axes, built.released)
     mechanism = documents.validate(document, Mechanism)
     moving = {key: point.at for key, point in mechanism.points.items() if point.at is not None}
     return Picture(mechanism, tuple(moving), np.array(list(moving.values())).reshape(-1))

@@ -39,7 +39,7 @@ _MISFIT = 1e-12
 #: How far from parallel axes that are given by body may be at the start.
 _ASKEW = 1e-9
 
-_INTERNAL = ("d1·d1", "d2·d2", "d3·d3", "d1·d2", "d1·d3", "d2·d3")
+INTERNAL = ("d1·d1", "d2·d2", "d3·d3", "d1·d2", "d1·d3", "d2·d3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +193,7 @@ class Builder:
                 self.joints,
                 self._points,
             ),
-            points_given=tuple(f"{body}.{vector}" for body in self._numbers for vector in _VECTORS),
+            points_given=tuple(f"{body}.{vector}" for body in self._numbers for vector in VECTORS),
             axes="xyz",
             quadratic=not mechanism.motions,
             single=True,
@@ -267,7 +267,7 @@ class Builder:
         self._mass = self._masses()
         for name, body in self._numbers.items():
             first = len(self.rows)
-            self._name(("bodies", name), name, _INTERNAL)
+            self._name(("bodies", name), name, INTERNAL)
             rows = tuple(range(first, first + 6))
             self._elements.append(_Element(elements.BODY, (), rows, place=PER_BODY * body + 3))
         for name, joint in mechanism.joints.items():
@@ -714,16 +714,16 @@ class Builder:
         """(n,) velocities: d_i' = ω × d_i."""
         return np.concatenate(
             [
-                np.concatenate([body.velocity, (frame.T @ _turning_rate(body).T).ravel()])
+                np.concatenate([body.velocity, (frame.T @ turning_rate(body).T).ravel()])
                 for body, frame in zip(self.mechanism.bodies.values(), self._frames, strict=True)
             ]
         )
 
 
-_VECTORS = ("origin", "d1", "d2", "d3")
+VECTORS = ("origin", "d1", "d2", "d3")
 
 
-def _turning_rate(body: Body) -> Array:
+def turning_rate(body: Body) -> Array:
     """(3, 3) matrix of ω ×."""
     x, y, z = body.angular_velocity
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -782,13 +782,13 @@ def _reals(
 
 
 #: Places of the values of a body, relative to its first director: of X, and of G.
-_BODY_X = [(3 * i + c, 3 * i + c) for i in range(3) for c in range(3)] + [
+BODY_X = [(3 * i + c, 3 * i + c) for i in range(3) for c in range(3)] + [
     entry
     for i, j in elements.PAIRS
     for one, two in ((i, j), (j, i))
     for entry in [(3 * one + c, 3 * two + c) for c in range(3)]
 ]
-_BODY_G = [(3 * i + c, i) for i in range(3) for c in range(3)] + [
+BODY_G = [(3 * i + c, i) for i in range(3) for c in range(3)] + [
     (3 * one + c, 3 + k)
     for k, (i, j) in enumerate(elements.PAIRS)
     for one in (i, j)
@@ -842,8 +842,8 @@ def _add_entries(
     second = [place for place, _, _ in element.second]
     both = first + second
     if kind == elements.BODY:
-        x += [(at + i, at + j) for i, j in _BODY_X]
-        g += [(at + i, own[k]) for i, k in _BODY_G]
+        x += [(at + i, at + j) for i, j in BODY_X]
+        g += [(at + i, own[k]) for i, k in BODY_G]
     elif kind == elements.POINT:
         g += [(i + c, row) for c, row in enumerate(own) if row >= 0 for i in first]
     elif kind in (elements.DOT, elements.ANGLE):

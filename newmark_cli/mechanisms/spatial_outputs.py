@@ -85,11 +85,23 @@ class SpatialOutputs:
         bodies: Names of the bodies.
         joints: Joints by name.
         rows: (m,) joint of each constraint, and its row; empty strings for others.
+        shared: Joints with a share in what is redundant: their reactions are not unique.
     """
 
     bodies: tuple[str, ...]
     joints: Mapping[str, Connection]
     rows: tuple[tuple[str, str], ...]
+    shared: frozenset[str] = frozenset()
+
+    @cached_property
+    def not_unique(self) -> tuple[str, ...]:
+        """Names of the outputs that depend on which redundant constraints were dropped."""
+        parts = (name.rsplit(".", 2) for name in self.names)
+        return tuple(
+            ".".join(part)
+            for part in parts
+            if len(part) == 3 and part[0] in self.shared and part[1] in ("force", "moment")
+        )
 
     @cached_property
     def names(self) -> tuple[str, ...]:

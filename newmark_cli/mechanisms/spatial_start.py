@@ -1,5 +1,6 @@
 """Consistent starts of spatial mechanisms, and constraints that are redundant."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import scipy.sparse.linalg
 from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import KeyPath
+from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
 from newmark_cli.mechanisms.start import (
     DENSE_UP_TO,
     MISSED,
@@ -22,7 +24,7 @@ from newmark_cli.mechanisms.start import (
     column_norms,
     gradient_of,
 )
-from newmark_cli.problems import index_1
+from newmark_cli.problems import index_1, redundancy
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
 
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 _NO_INERTIA = 1e-13
 #: Part of the largest share in what is redundant that a row must have to be dropped.
 _SHARE = 0.5
+#: What a sparse solution may miss, relative to what was asked for.
+_SOLVED = 1e-6
 #: How far from the start it is looked whether the start is singular.
 _ASIDE = 0.05
 #: Least size of a direction's part, relative to the largest, that words mention.
@@ -62,7 +66,9 @@ def consistent(builder: "Builder") -> Problem:
         mass_rank=_mass_rank(problem),
         loose=_loose(builder),
     )
-    problem = replace(problem, drawing_given=known)
+    assert isinstance(problem.outputs, SpatialOutputs)
+    outputs = replace(problem.outputs, shared=found.shared)
+    problem = replace(problem, drawing_given=known, outputs=outputs)
     _require_inertia(builder, problem)
     return replace(problem, v0=_fitting_velocities(builder, problem, v0, gradient))
 
@@ -96,13 +102,12 @@ def _independent(builder: "Builder", problem: Problem) -> _Found:
         message = f"row {builder.rows[k][-1]} does not constrain the initial position"
         mistakes.note(document.error(builder.paths[k], message))
     mistakes.refuse()
-    if problem.n > DENSE_UP_TO:
-        return _independent_sparse(builder, problem, gradient, asked)
-    scaled = np.asarray((gradient / sizes[None, :]).toarray(), float)
+    scaled = scipy.sparse.csc_array(gradient / sizes[None, :])
     tolerance = RANK_TOLERANCE_FOUND if builder.mechanism.assemble else RANK_TOLERANCE
     null = _null_space(scaled, tolerance)
     rank = scaled.shape[1] - null.shape[1]
-    _require_freedom(builder, scaled, tolerance)
+    if rank == problem.n:
+        _require_freedom(builder, scaled, tolerance)
     if null.shape[1] == 0:
         if asked:
             released = ", ".join(".".join(builder.rows[k]) for k in asked)
@@ -129,8 +134,8 @@ def _independent(builder: "Builder", problem: Problem) -> _Found:
             last, f"redundant: these constraints depend on each other: {names}; {would}"
         )
     dropped = chosen if given == "drop" else asked
-    kept = [k for k in range(scaled.shape[1]) if k not in dropped]
-    left = _null_space(scaled[:, kept], tolerance)
+    kept = np.setdiff1d(np.arange(scaled.shape[1]), dropped).tolist()
+    left = _null_space(scipy.sparse.csc_array(scaled[:, kept]), tolerance)
     if left.shape[1]:
         still = [kept[int(k)] for k in np.flatnonzero(np.linalg.norm(left, axis=1) > 1e-6)]
         raise document.error(
@@ -175,34 +180,11 @@ def _asked(builder: "Builder") -> list[int]:
     return sorted(set(found))
 
 
-def _independent_sparse(
-    builder: "Builder", problem: Problem, gradient: scipy.sparse.csc_array, asked: Sequence[int]
-) -> _Found:
-    """The same of a large mechanism: only rows that the file names are dropped."""
-    kept = np.setdiff1d(np.arange(problem.m), asked)
-    part = scipy.sparse.csc_array(gradient[:, kept])
-    part = scipy.sparse.csc_array(part / column_norms(part)[None, :])
-    try:
-        factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(part.T @ part))
-        pivots = np.abs(factors.U.diagonal())
-        # Pivots of GᵀG are squares of what a rank would be judged by.
-        regular = bool(np.all(pivots >= RANK_TOLERANCE**1.5 * pivots.max()))
-    except RuntimeError:
-        regular = False
-    if not regular:
-        raise builder.document.error(
-            ("redundant",),
-            f"constraints depend on each other; of more than {DENSE_UP_TO} coordinates only "
-            "rows that are released by name are dropped",
-        )
-    if len(kept) >= problem.n and not builder.mechanism.motions:
-        raise builder.document.error(("joints",), "nothing can move: no freedom is left")
-    return _Found(tuple(asked), frozenset(), problem.n - len(kept))
-
-
-def _null_space(matrix: Array, tolerance: float) -> Array:
-    """(m, k) orthonormal vectors with matrix @ vectors = 0."""
-    _, values, vectors = np.linalg.svd(matrix, full_matrices=True)
+def _null_space(matrix: scipy.sparse.csc_array, tolerance: float) -> Array:
+    """(m, k) orthonormal vectors with matrix @ vectors = 0; its columns have length 1."""
+    if matrix.shape[0] > DENSE_UP_TO:
+        return redundancy.null_space(matrix, tolerance)
+    _, values, vectors = np.linalg.svd(np.asarray(matrix.toarray(), float), full_matrices=True)
     rank = int(np.count_nonzero(values > tolerance * values[0])) if len(values) else 0
     return np.asarray(vectors[rank:].T)
 
@@ -212,38 +194,45 @@ def _dropped(builder: "Builder", null: Array) -> list[int] | None:
 
     None where rows of joints do not suffice.
     """
-    candidates = [k for k, (owner, _) in enumerate(builder.owners) if owner]
-    found = []
+    candidates = np.array([k for k, (owner, _) in enumerate(builder.owners) if owner], np.int64)
+    found: list[int] = []
     while null.shape[1]:
-        shares = np.linalg.norm(null[candidates], axis=1) if candidates else np.zeros(1)
+        shares = np.linalg.norm(null[candidates], axis=1) if len(candidates) else np.zeros(1)
         largest = float(shares.max())
         if largest < 1e-6:
             return None
-        place = max(i for i, share in enumerate(shares) if share >= _SHARE * largest)
-        row = candidates.pop(place)
+        place = int(np.flatnonzero(shares >= _SHARE * largest)[-1])
+        row = int(candidates[place])
+        candidates = np.delete(candidates, place)
         found.append(row)
-        # What is left of the null space vanishes in this row.
-        turned, _ = np.linalg.qr(null[row][:, None], mode="complete")
-        null = null @ turned[:, 1:]
+        # Householder's reflection after which all but the first vector vanish in this row.
+        axis = null[row].copy()
+        axis[0] += math.copysign(float(np.linalg.norm(axis)), axis[0])
+        axis /= np.linalg.norm(axis)
+        null = null[:, 1:] - np.outer(2 * (null @ axis), axis[1:])
     return sorted(found)
 
 
-def _singular_here(problem: Problem, scaled: Array, tolerance: float, rank: int) -> bool:
+def _singular_here(
+    problem: Problem, scaled: scipy.sparse.csc_array, tolerance: float, rank: int
+) -> bool:
     """Whether the rank of G is higher next to the start."""
-    free = _null_space(scaled.T, tolerance)
     random = np.random.default_rng(0)
+    free = _null_space(scaled.T.tocsc(), tolerance) if problem.n <= DENSE_UP_TO else None
     for _ in range(3):
-        if not free.shape[1]:
+        if free is None:
+            direction = redundancy.along_null(scaled, random.normal(size=problem.n))
+        elif free.shape[1]:
+            direction = free @ random.normal(size=free.shape[1])
+        else:
             return False
-        direction = free @ random.normal(size=free.shape[1])
         moved = problem.u0 + _ASIDE * direction / np.abs(direction).max()
         u, missed = _closest(problem, moved)
         if missed > MISSED:
             continue
         gradient = gradient_of(problem, u)
-        there = np.asarray((gradient / column_norms(gradient)[None, :]).toarray(), float)
-        values = np.linalg.svd(there, compute_uv=False)
-        if int(np.count_nonzero(values > RANK_TOLERANCE_FOUND * values[0])) > rank:
+        there = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
+        if problem.m - _null_space(there, RANK_TOLERANCE_FOUND).shape[1] > rank:
             return True
     return False
 
@@ -277,12 +266,15 @@ def _closest(problem: Problem, u: Array) -> tuple[Array, float]:
 
 
 def _least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
-    """Smallest d with Gᵀ d as wanted."""
+    """Smallest d with Gᵀ d as wanted, as far as constraints that depend on each other let it."""
     try:
         solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(gradient.T @ gradient)).solve
+        change = np.asarray(gradient @ solve(wanted))
     except RuntimeError:
-        return np.full(gradient.shape[0], np.nan)
-    return np.asarray(gradient @ solve(wanted))
+        change = np.full(gradient.shape[0], np.nan)
+    if np.linalg.norm(gradient.T @ change - wanted) <= _SOLVED * np.linalg.norm(wanted):
+        return change
+    return redundancy.least_change(gradient, wanted)
 
 
 def _assembled(builder: "Builder", problem: Problem) -> Array:
@@ -317,11 +309,11 @@ def _named(builder: "Builder", rows: Sequence[int]) -> str:
     return ", ".join(texts[:MOST_NAMED]) + (", …" if len(texts) > MOST_NAMED else "")
 
 
-def _require_freedom(builder: "Builder", scaled: Array, tolerance: float) -> None:
-    """Joints leave something free."""
+def _require_freedom(builder: "Builder", scaled: scipy.sparse.csc_array, tolerance: float) -> None:
+    """Where nothing is left free, motions have taken some of it."""
     passive = [k for k, path in enumerate(builder.paths) if path[0] != "motions"]
-    values = np.linalg.svd(scaled[:, passive], compute_uv=False)
-    if int(np.count_nonzero(values > tolerance * values[0])) == scaled.shape[0]:
+    null = _null_space(scipy.sparse.csc_array(scaled[:, passive]), tolerance)
+    if len(passive) - null.shape[1] == scaled.shape[0]:
         raise builder.document.error(("joints",), "nothing can move: no freedom is left")
 
 

@@ -11,10 +11,12 @@ Each kind of problem is a frozen, hashable value with
 Another kind is another such class beside these and a member of `ProblemSpec`.
 """
 
+import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -106,14 +108,18 @@ class Sized:
 
     def traits(self) -> Traits:
         """From small members: each unit of a size adds as much as the one before."""
-        twos = dict.fromkeys(dict(self.sizes), 2)
-        small = Sized(self.family, tuple(twos.items())).load()
-        n, m = small.n, small.m
-        for name, size in self.sizes:
-            larger = Sized(self.family, tuple((twos | {name: 3}).items())).load()
-            n += (size - 2) * (larger.n - small.n)
-            m += (size - 2) * (larger.m - small.m)
-        return Traits(self.label, n, m, small)
+        names, n, m = [name for name, _ in self.sizes], 0, 0
+        for at in product((2, 3), repeat=len(names)):
+            member = Sized(self.family, tuple(zip(names, at, strict=True))).load()
+            # Linear in each size by itself: between the members of 2 and of 3.
+            parts = (
+                size - 2 if here == 3 else 3 - size
+                for here, (_, size) in zip(at, self.sizes, strict=True)
+            )
+            share = math.prod(parts)
+            n, m = n + share * member.n, m + share * member.m
+        twos = tuple((name, 2) for name in names)
+        return Traits(self.label, n, m, Sized(self.family, twos).load())
 
 
 @cache

@@ -75,10 +75,12 @@ class Projector(NamedTuple):
 
 
 def projector(problem: Problem) -> Projector:
-    """P = M⁻¹G where M is regular, G where it is not.
+    """P = M⁻¹G, block by block of coordinates that M couples; as G where a block is singular.
 
     Where M couples more than `_LARGEST_BLOCK` coordinates, M⁻¹ is that of its diagonal:
-    any P of full rank in GᵀP will do, and this one keeps the pattern of G.
+    any P of full rank in GᵀP will do, and this one keeps the pattern of G.  In place of the
+    inverse of a singular block stands the identity over its mean diagonal, so that all
+    blocks are of one kind, and GᵀP is positive.
     """
     n, pattern = problem.n, problem.pattern
     mass = scipy.sparse.csr_array(
@@ -94,12 +96,16 @@ def projector(problem: Problem) -> Projector:
         return plain._replace(values=1 / diagonal[pattern.g_rows])
     members = np.argsort(labels, kind="stable")
     blocks = np.split(members, np.cumsum(np.bincount(labels, minlength=count))[:-1])
+    parts = [mass[block][:, block].toarray() for block in blocks]
+    regular = [np.linalg.cond(part) <= 1 / np.finfo(float).eps ** 0.75 for part in parts]
+    if not any(regular):
+        return plain
+    # A block without any mass weighs as much as the others do on the average.
+    usual = float(np.abs(problem.mass_values).max())
     of_coordinate: dict[int, tuple[Any, Any]] = {}
-    for block in blocks:
-        part = mass[block][:, block].toarray()
-        if np.linalg.cond(part) > 1 / np.finfo(float).eps ** 0.75:
-            return plain
-        inverse = np.linalg.inv(part)
+    for block, part, invertible in zip(blocks, parts, regular, strict=True):
+        mean = float(np.trace(part)) / len(block) or usual
+        inverse = np.linalg.inv(part) if invertible else np.eye(len(block)) / mean
         of_coordinate.update((int(i), (block, inverse[:, j])) for j, i in enumerate(block))
     rows, columns, sources, values = [], [], [], []
     for e, (i, k) in enumerate(zip(pattern.g_rows.tolist(), pattern.g_columns, strict=True)):

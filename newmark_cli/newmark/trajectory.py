@@ -13,6 +13,7 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
 from newmark_cli.newmark.march import March, Stretch
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
+from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 #: integrator's auxiliary one.
 _ROWS = {"u": 0, "v": 1, "a": 3}
 
+#: Status of a march that ends because a row that was dropped is needed.
+REDUNDANT = "redundant"
+
 _MESSAGES = {
     "ok": "the march reached its end",
     "not_converged": "the march reached its end, but Newton's iteration did not converge "
@@ -33,6 +37,7 @@ _MESSAGES = {
     "diverged": "Newton's iteration left the range of floating point in the next step",
     "stagnated": "the Krylov solver did not reach its tolerance in the next step",
     "interrupted": "the march was interrupted by an exception",
+    REDUNDANT: "a row that was dropped as redundant is needed",
 }
 
 
@@ -159,7 +164,8 @@ class Trajectory:
         converged: (k,) whether Newton's iteration converged in it.
         status: ``"ok"``; ``"not_converged"``, in some steps, see `not_converged`;
             ``"stopped"`` by the caller; ``"interrupted"`` by an exception; or why there
-            is no next step: ``"singular"``, ``"diverged"``, ``"stagnated"``.
+            is no next step: ``"singular"``, ``"diverged"``, ``"stagnated"``; or
+            ``"redundant"``, where a row that was dropped as redundant is needed.
         steps: Steps taken by this march.
         not_converged: How many of them ended before Newton's iteration converged.
         newton_iterations: Corrections computed by all of them.
@@ -167,6 +173,7 @@ class Trajectory:
         state: The last step, to look at and to go on from: ``march(..., state=…)``.
         problem: What was marched, with the start that it was marched from.
         arrays: ``"u"``, ``"v"``, ``"a"``, ``"lambda"`` → array, of those that were kept.
+        reason: What there is to say of the status besides; may be empty.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -193,6 +200,7 @@ class Trajectory:
     state: Step
     problem: Problem = field(repr=False)
     arrays: Mapping[str, Array] = field(repr=False)
+    reason: str = field(default="", repr=False)
 
     def __repr__(self) -> str:
         return (
@@ -209,7 +217,7 @@ class Trajectory:
     def message(self) -> str:
         """The status in a sentence."""
         where = f" (t = {self.state.t:g}, {self.steps} steps taken)"
-        return _MESSAGES[self.status] + where
+        return _MESSAGES[self.status] + where + (f": {self.reason}" if self.reason else "")
 
     def _array(self, name: str) -> Array:
         if name not in self.arrays:
@@ -272,6 +280,11 @@ class Trajectory:
     def output_names(self) -> tuple[str, ...]:
         """Names of angular velocities, angles and reactions; none of most problems."""
         return self.problem.outputs.names if self.problem.outputs else ()
+
+    @property
+    def not_unique(self) -> tuple[str, ...]:
+        """Outputs that depend on which redundant constraints were dropped; see docs/spatial.md."""
+        return self.problem.outputs.not_unique if self.problem.outputs else ()
 
     @cached_property
     def outputs(self) -> Array:
@@ -416,19 +429,28 @@ class Recorder:
     Attributes:
         march: The march.
         finite: Whether all that was seen is.
+        reason: Why the march is to end where it stands; empty as long as it may go on.
     """
 
-    def __init__(self, march: March, keep: Sequence[str] = KEPT, most: int | None = None) -> None:
+    def __init__(
+        self,
+        march: March,
+        keep: Sequence[str] = KEPT,
+        most: int | None = None,
+        needed: Needed | None = None,
+    ) -> None:
         """Keep nothing yet.
 
         Args:
             march: Where it stands is the start of the record.
             keep: Which of `KEPT` it keeps.
             most: About how many steps it will keep, if that is known.
+            needed: What ends the march where rows that were dropped are needed.
         """
         n, m = march.problem.n, march.problem.m
         self.march = march
-        self.finite = True
+        self.finite, self.reason = True, ""
+        self._needed = needed
         self._begin = march.done
         self._not_converged, self._corrections = 0, 0
         # An interrupt may come while rows are written: those that count are counted last.
@@ -441,6 +463,15 @@ class Recorder:
             if name in keep
         }
         self._good = step_of(march)
+
+    def stops(self, halt: int) -> frozenset[int]:
+        """Steps on the way to another at which it wants to see the march."""
+        return self._needed.until(self.march.done, halt) if self._needed else frozenset()
+
+    @property
+    def over(self) -> bool:
+        """Whether the march has come to its end before it was told to."""
+        return self.march.ending != COMPLETED or not self.finite or bool(self.reason)
 
     @property
     def here(self) -> Step:
@@ -477,6 +508,9 @@ class Recorder:
         corrections = self._corrections + int(np.abs(stretch.iterations).sum())
         self.finite, self._good = finite, here
         self._not_converged, self._corrections = not_converged, corrections
+        if self._needed and finite and self.march.ending == COMPLETED:
+            self._needed.sees(self.march)
+            self.reason = self._needed.reason
 
     def _append(self, steps: IndexArray, counts: IndexArray, rows: Mapping[str, Array]) -> None:
         if not len(steps):
@@ -497,6 +531,8 @@ class Recorder:
         ending = self.march.ending if self.finite else DIVERGED
         if ending != COMPLETED:
             status = ENDINGS[ending]
+        elif self.reason:
+            status = REDUNDANT
         numbers, counts = (rows.first(self._kept) for rows in (self._numbers, self._counts))
         return Trajectory(
             t=self.march.problem.t0 + numbers * self.march.scheme.h,
@@ -511,4 +547,5 @@ class Recorder:
             state=self._good,
             problem=self.march.problem,
             arrays={name: rows.first(self._kept) for name, rows in self._arrays.items()},
+            reason=self.reason if status == REDUNDANT else "",
         )

@@ -87,6 +87,10 @@ class Outputs(Protocol):
     def names(self) -> tuple[str, ...]:
         """(k,) names; all different."""
 
+    @property
+    def not_unique(self) -> tuple[str, ...]:
+        """Names of reactions that depend on which redundant constraints were dropped."""
+
     def values(self, problem: "Problem", t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
 

@@ -93,7 +93,9 @@ def is_spatial(problem: Drawable) -> bool:
 def _axis_labels(problem: Drawable) -> tuple[str, str]:
     """Labels of the axes; a spatial mechanism shows the directions of its own."""
     if is_spatial(problem):
-        return "", ""
+        released = getattr(problem, "released", ())
+        # The key of the drawing has no room for what is not drawn.
+        return (plain(f"redundant, dropped: {', '.join(released)}") if released else ""), ""
     _, unit = _length_unit(places(problem, problem.u0))
     return f"$x$ ({unit})", f"$y$ ({unit})"
 

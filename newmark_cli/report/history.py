@@ -9,9 +9,11 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
+from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.report.curves import Curve
 from newmark_cli.study import axes
 from newmark_cli.study.cell import DRIFTS
+from newmark_cli.study.measures import LAMBDA
 from newmark_cli.study.reading import number, read_csv
 from newmark_cli.study.results import (
     HISTORY_COLUMNS,
@@ -54,7 +56,9 @@ def read_histories(
     """
     path = history_path(folder, study)
     frame, names = _frame(path, study)
-    if not names or names != [f"lambda_{k + 1}" for k in range(len(names))]:
+    by_name = [name for name in names if name == ENERGY or name.startswith(f"{OUTPUT}[")]
+    names = names[: len(names) - len(by_name)]
+    if not names or names != [f"{LAMBDA}{k + 1}" for k in range(len(names))]:
         raise ResultsError(f"{path}, line 1: the columns after t must be lambda_1, lambda_2, …")
     return [
         History(table[:, 0], table[:, 1:]) if table.size else None

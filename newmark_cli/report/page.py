@@ -9,6 +9,7 @@ from typing import Any
 import newmark_cli
 from newmark_cli import files
 from newmark_cli.errors import InputError, ResultsError
+from newmark_cli.mechanisms import registry
 from newmark_cli.report import (
     check,
     contradictions,
@@ -19,6 +20,7 @@ from newmark_cli.report import (
     records,
     slopes,
 )
+from newmark_cli.report.draw_mechanism import mechanism_sheet
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import Drawing, rendered
@@ -137,8 +139,20 @@ def html(folder: Path) -> str:
 
 
 def pictures(results: Results) -> list[Picture]:
-    """Figures that the results are enough for."""
-    return [_picture(figure, results) for figure in plot.chosen((), results).figures]
+    """Figures that the results are enough for, and shipped mechanisms in space they are of."""
+    drawn = [_picture(figure, results) for figure in plot.chosen((), results).figures]
+    problems = dict.fromkeys(slope.problem for slope in results.slopes)
+    return drawn + [_mechanism(name) for name in problems if registry.is_spatial(name)]
+
+
+def _mechanism(name: str) -> Picture:
+    subject, title = registry.picture(name), registry.about(name).title
+    sheet = mechanism_sheet(title, subject, subject.u0)
+    svg = inline_svg(draw.drawn(sheet), f"mechanism-{name}-", sheet.words)
+    caption = f"{name}: {title}, initial position"
+    if subject.released:
+        caption += f"; redundant, dropped: {', '.join(subject.released)}"
+    return Picture(f"mechanism-{name}", title, caption, sheet.words, svg, sheet.wide)
 
 
 def _picture(figure: Figure, results: Results) -> Picture:

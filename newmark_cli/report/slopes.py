@@ -44,10 +44,12 @@ from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS, Record
 from newmark_cli.study.reading import (
     SERIES,
+    Motion,
     Table,
     accepted_statuses,
     motions,
     read_rows,
+    released,
     study_files,
 )
 from newmark_cli.study.results import NUMBERS
@@ -88,6 +90,8 @@ class Slope:
         verdict: One of the words of `newmark_cli.report.verdicts`.
         reason: What else there is to say, in a sentence; may be empty.
         accepted: Whether the study is about series that end like this; see `accept`.
+        unique: Whether it is a property of the mechanism, not of which redundant constraints
+            were dropped.
     """
 
     figures: tuple[str, ...]
@@ -104,6 +108,7 @@ class Slope:
     verdict: str
     reason: str = ""
     accepted: bool = False
+    unique: bool = True
 
     @property
     def fails(self) -> bool:
@@ -185,7 +190,7 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
         places.setdefault(values, []).append(place)
     accepted = ("ok", *accepted_statuses(path))
-    moved = motions(path)
+    moved, dropped = motions(path), released(path)
     found = []
     for values, at in places.items():
         *named, start = values
@@ -194,8 +199,12 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
         role = str(row["role"])
         if key.measure:
-            slope = _slope(key, role, rows, len(sizes[cases[at[0]]]), accepted, path)
-            found.append(_moved(_resolved(slope), *moved.get(key.problem, ((), False))))
+            of_motion = moved.get(key.problem, Motion())
+            points = len(sizes[cases[at[0]]])
+            amplified = of_motion.amplification.get(key.quantity, 0.0)
+            slope = _slope(key, role, rows, points, accepted, path, amplified)
+            slope = _moved(_resolved(slope), of_motion.singular, of_motion.still)
+            found.append(_shared(slope, dropped.get(key.problem)))
         elif not set(rows["status"]) <= set(accepted):
             found.append(_failed(key, role))
     return found
@@ -233,6 +242,7 @@ def _slope(
     points: int,
     accepted: Sequence[str],
     path: Path,
+    amplification: float,
 ) -> Slope:
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
@@ -249,7 +259,7 @@ def _slope(
         # A cell that was expected to end like this measured something else.
         expected, exact = np.nan, False
     tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
-    found = _judged(key, record, rows, values, expected, tolerance, points, exact)
+    found = _judged(key, record, rows, values, expected, tolerance, points, exact, amplification)
     return Slope(
         figures=figures,
         key=key,
@@ -303,6 +313,19 @@ def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
     return replace(slope, verdict=verdict, reason="; ".join(filter(None, (slope.reason, reason))))
 
 
+#: Quantities of these measures depend on which redundant rows were dropped, where any were.
+_OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
+
+
+def _shared(slope: Slope, dropped: Sequence[str] | None) -> Slope:
+    """The series, and that it is about reactions that are not unique, where it is."""
+    if dropped is None or slope.measure not in _OF_VALUES or slope.quantity not in _SHARED:
+        return slope
+    reason = f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
+    reason = "; ".join(filter(None, (slope.reason, reason)))
+    return replace(slope, reason=reason, unique=False)
+
+
 def _judged(
     key: SeriesKey,
     record: Record,
@@ -312,6 +335,7 @@ def _judged(
     tolerance: float,
     points: int,
     exact: bool,
+    amplification: float,
 ) -> Judgement:
     """The verdict on the rows of one series, its points in their order."""
     h = np.array(rows["h"], float)
@@ -348,6 +372,8 @@ def _judged(
         exact=exact,
         bound=record.bounded(key),
         lacking=record.lacking(key),
+        typical=np.array(rows["median"], float)[order],
+        amplification=amplification,
     )
     found = judge(evidence)
     fitted = np.empty(len(h), bool)

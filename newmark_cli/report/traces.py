@@ -67,7 +67,7 @@ def trace(
     order = np.argsort(slope.h) if ascending else np.arange(len(slope.h))
     stagnated = np.array([status == "stagnated" for status in slope.statuses], bool)
     return Trace(
-        label,
+        label if slope.unique else f"{label} (not unique)",
         slope.h[order],
         slope.values[order],
         look,

@@ -28,6 +28,7 @@ from newmark_cli.study import motion, provenance, results, trajectories
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
+from newmark_cli.study.measures import ERROR
 
 
 @dataclass(frozen=True)
@@ -478,6 +479,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         told["kept_as"] = file_name(cell)
     if moved := _motions(cells):
         record["motions"] = moved
+    if shared := _not_unique(cells):
+        record["not_unique"] = shared
     with interrupts.postponed():
         results.replace(folder, study.study, texts, record)
         prune.finished(folder, study)
@@ -491,24 +494,42 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         if cell.steps > 0:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
             longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
-    found = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
+    # Verdicts on errors ask how large their rounding may be.
+    erring = {cell.problem for cell in cells if ERROR.name in cell.measure}
+    found = {
+        spec.label: _facts(spec, t_end, h, spec in erring) for spec, (t_end, h) in longest.items()
+    }
     return {
         label: {"singular": list(facts.singular), "still": facts.still}
+        | ({"amplification": dict(facts.amplification)} if facts.amplification else {})
         for label, facts in found.items()
         if facts != motion.Facts()
     }
 
 
-def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
+def _not_unique(cells: Sequence[Cell]) -> dict[str, dict[str, list[str]]]:
+    """Problem → outputs that are no property of the mechanism, and the rows it was freed of."""
+    found = {}
+    for spec in dict.fromkeys(cell.problem for cell in cells):
+        problem = spec.load()
+        if problem.outputs is not None and problem.outputs.not_unique:
+            found[spec.label] = {
+                "outputs": list(problem.outputs.not_unique),
+                "released": list(problem.released),
+            }
+    return found
+
+
+def _facts(spec: ProblemSpec, t_end: float, h: float, amplified: bool) -> motion.Facts:
     try:
-        return with_problem(spec, _quiet_facts, t_end, h)
+        return with_problem(spec, _quiet_facts, t_end, h, amplified)
     except apart.ApartError:  # the cells have told what goes wrong
         return motion.Facts()
 
 
-def _quiet_facts(problem: Problem, t_end: float, h: float) -> motion.Facts:
+def _quiet_facts(problem: Problem, t_end: float, h: float, amplified: bool) -> motion.Facts:
     with np.errstate(all="ignore"):
-        return motion.facts(problem, t_end, h)
+        return motion.facts(problem, t_end, h, amplified)
 
 
 def weight(planned: Sequence[Planned]) -> int:

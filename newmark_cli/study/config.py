@@ -27,7 +27,7 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
+from newmark_cli.mechanisms.spec import ProblemSpec, Traits, is_code, with_problem
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import CORRECTED, TOTAL, is_formulated
 from newmark_cli.newmark.integrator import is_trapezoidal
@@ -299,7 +299,7 @@ class _Rules(StrictModel):
 
     @property
     def recorded(self) -> int:
-        """Number of multipliers in the time series; 0 where none is measured."""
+        """Numbers in the time series: multipliers, and outputs; 0 where none is measured."""
         if HISTORY.name not in self.measure or (self.t_end is None and self.steps is None):
             return 0
         lengths = (
@@ -307,9 +307,11 @@ class _Rules(StrictModel):
             for h in self.h
         )
         pairs = sum(min(steps, 2 * min(steps, self.samples)) for steps in lengths)
-        multipliers = sum(spec.traits().m for spec in self.problem)
+        numbers = sum(
+            traits.m + _outputs(traits) for traits in (spec.traits() for spec in self.problem)
+        )
         others = self.count // (len(self.h) * len(self.problem))
-        return int(pairs * multipliers * others)
+        return int(pairs * numbers * others)
 
     @property
     def drifted(self) -> int:
@@ -325,10 +327,7 @@ class _Rules(StrictModel):
         width = 0
         for spec in self.problem:
             traits = spec.traits()
-            outputs = traits.sample.outputs
-            # Of a large member of a family as many for each coordinate as of a small one.
-            share = len(outputs.names) / traits.sample.n if outputs else 0
-            sizes = {"lambda": traits.m, ENERGY: 1, OUTPUT: round(share * traits.n)}
+            sizes = {"lambda": traits.m, ENERGY: 1, OUTPUT: _outputs(traits)}
             width += 2 + sum(sizes.get(name, traits.n) for name in kept.keep)
         return steps * width * (self.count // (len(self.h) * len(self.problem)))
 
@@ -513,6 +512,14 @@ def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> Non
                 f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
             )
         known.append({name: _looked_up(values) for name, values in ours.items()})
+
+
+def _outputs(traits: Traits) -> int:
+    """How many outputs a problem has; of a large member of a family, about."""
+    outputs = traits.sample.outputs
+    # As many for each coordinate as a small one.
+    share = len(outputs.names) / traits.sample.n if outputs else 0
+    return round(share * traits.n)
 
 
 def _refuse_long_series(document: Document, cases: Mapping[int, Case]) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.arrays import Array, IndexArray, Mask
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from newmark_cli.newmark.march import March, Stretch
     from newmark_cli.newmark.march_data import State
     from newmark_cli.newmark.trajectory import Trajectory
-    from newmark_cli.problems.problem import Problem
+    from newmark_cli.problems.problem import Outputs, Problem
     from newmark_cli.problems.reference import Reference
 
 #: Symbols of quantities in texts, and in labels of axes as mathtext has them.
@@ -90,7 +90,7 @@ class Observer:
 
     @property
     def history(self) -> list[tuple[int, Array]]:
-        """Multipliers (m,) at recorded steps, for the file of time series."""
+        """Values at recorded steps, for the file of time series: see `over_time`."""
         return []
 
     @property
@@ -487,11 +487,11 @@ def _bound_of_sensitivity(key: SeriesKey) -> str:
 
 def _rounding_of_sensitivity(key: SeriesKey) -> float:
     """Order of the rounding of a block that a problem may lack: in balanced units it has none."""
-    if not _bound_of_sensitivity(key):
-        return np.nan
     form, orders, scaling = _form_of(key), _orders_of(key), _scaling_of(key)
     place = form.solved.index(key.quantity), form.rows.index(key.row_block)
-    if np.isfinite(orders.special[place]):
+    # In index 3 motions that constraints leave free answer to D; where all are driven, none.
+    index_3 = form.formulation == CONSTRAINTS.label
+    if not index_3 and (not _bound_of_sensitivity(key) or np.isfinite(orders.special[place])):
         return np.nan
     balanced = by_displacement(form)
     return float(
@@ -550,6 +550,12 @@ OF_OUTPUTS: Mapping[str, str] = MappingProxyType(
 )
 
 
+def _groups(outputs: "Outputs") -> dict[str, Mask]:
+    """Kind of output → (k,) which of the outputs are of that kind."""
+    names = [name.rpartition(".")[0].rpartition(".")[2] for name in outputs.names]
+    return {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
+
+
 def errors(
     reference: "Reference | None", state: "State", problem: "Problem | None" = None, t: float = 0.0
 ) -> list[Measurement]:
@@ -566,8 +572,7 @@ def errors(
 
     found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
     if problem is not None and problem.outputs is not None:
-        names = [name.rpartition(".")[0].rpartition(".")[2] for name in problem.outputs.names]
-        groups = {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
+        groups = _groups(problem.outputs)
         found |= {kind: [] for kind in groups}
         if reference is not None:
             u, v = np.asarray(state.fields[:2], float)
@@ -850,39 +855,75 @@ TOLERANCE = Measure(
 # -- history ----------------------------------------------------------------------------------
 
 
+def over_time(problem: "Problem") -> tuple[str, ...]:
+    """Columns of a problem's time series: multipliers, outputs, and the energy if conserved.
+
+    A problem without outputs has its multipliers only.
+    """
+    columns = tuple(f"{LAMBDA}{k + 1}" for k in range(problem.m))
+    if problem.outputs is None:
+        return columns
+    named = tuple(f"{OUTPUT}[{name}]" for name in problem.outputs.names)
+    return (*columns, *named, *((ENERGY,) if problem.potential is not None else ()))
+
+
+#: Names of the columns of multipliers in time series, but for their number.
+LAMBDA = "lambda_"
+
+
 class _History(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         sampled = _sampled(cell)
         # An error that alternates from step to step shows only in pairs of steps.
         self.stops = sampled | {step - 1 for step in sampled if step > 1}
         self._recorded: list[tuple[int, Array]] = []
+        self._problem = march.problem
 
     @property
     def history(self) -> list[tuple[int, Array]]:
         return self._recorded
 
     def sees(self, march: "March") -> None:
-        self._recorded.append((march.done, march.multipliers))
+        problem, multipliers = march.problem, march.multipliers
+        parts = [multipliers]
+        if problem.outputs is not None:
+            u, v = np.asarray(march.state.fields[:2], float)
+            parts.append(problem.outputs.values(problem, march.t, u, v, multipliers))
+            energies = problem.energies(march.t, u, v)
+            parts += [] if energies is None else [np.array([sum(energies)])]
+        self._recorded.append((march.done, np.concatenate(parts)))
 
     def measured(self) -> list[Measurement]:
-        largest = np.array([np.abs(values).max() for _, values in self._recorded])
-        return [Measurement("lambda", "history", "primary", statistics(largest))]
+        names = over_time(self._problem)
+        m, outputs = self._problem.m, self._problem.outputs
+        groups: dict[str, Any] = {"lambda": slice(0, m)}
+        if outputs is not None:
+            end = m + len(outputs.names)
+            groups |= {kind: m + np.flatnonzero(of) for kind, of in _groups(outputs).items()}
+            groups |= {ENERGY: slice(end, end + 1)} if len(names) > end else {}
+        values = np.abs([of_step for _, of_step in self._recorded]).reshape(-1, len(names))
+        return [
+            Measurement(quantity, "history", "primary", statistics(values[:, of].max(axis=1)))
+            for quantity, of in groups.items()
+        ]
 
 
 HISTORY = Measure(
     "history",
-    "λ over time into `results/history/<study>.csv`, in pairs of successive steps",
+    "λ over time, in space also reactions, angular velocities and the energy by name, into "
+    "`results/history/<study>.csv`, in pairs of successive steps",
     (
         Record(
             "history",
             lambda key: f"{symbol(key.quantity)} over time",
             lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
             "max",
-            quantities=("lambda",),
+            quantities=("lambda", *OF_OUTPUTS, ENERGY),
         ),
     ),
     _History,
-    rows=_primary(("history", "lambda")),
+    rows=_primary(*(("history", quantity) for quantity in ("lambda", *OF_OUTPUTS, ENERGY))),
+    may_lack=(*OF_OUTPUTS, ENERGY),
 )
 
 

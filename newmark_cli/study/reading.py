@@ -4,7 +4,7 @@ import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -241,16 +241,41 @@ def accepted_statuses(path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(accepted))
 
 
-def motions(path: Path) -> dict[str, tuple[tuple[float, ...], bool]]:
-    """Problem → times of singular positions (s), and whether nothing moves, as recorded."""
+@dataclass(frozen=True)
+class Motion:
+    """What a study has recorded of a problem's motion; see `newmark_cli.study.motion.Facts`."""
+
+    singular: tuple[float, ...] = ()
+    still: bool = False
+    amplification: Mapping[str, float] = field(default_factory=dict)
+
+
+def released(path: Path) -> dict[str, tuple[str, ...]]:
+    """Problem with reactions that are not unique → the redundant rows that were dropped of it."""
+    recorded = _record(path).get("not_unique")
+    found = {}
+    for label, told in recorded.items() if isinstance(recorded, dict) else ():
+        rows = told.get("released") if isinstance(told, dict) else None
+        found[str(label)] = tuple(map(str, rows)) if isinstance(rows, list) else ()
+    return found
+
+
+def motions(path: Path) -> dict[str, Motion]:
+    """Problem → its motion, as recorded."""
     recorded = _record(path).get("motions")
     found = {}
     for label, facts in recorded.items() if isinstance(recorded, dict) else ():
-        given = facts.get("singular") if isinstance(facts, dict) else None
+        told = facts if isinstance(facts, dict) else {}
+        given, amplified = told.get("singular"), told.get("amplification")
         times = given if isinstance(given, list) else []
-        found[str(label)] = (
+        found[str(label)] = Motion(
             tuple(float(t) for t in times if isinstance(t, float)),
-            isinstance(facts, dict) and facts.get("still") is True,
+            told.get("still") is True,
+            {
+                str(name): value
+                for name, value in (amplified if isinstance(amplified, dict) else {}).items()
+                if isinstance(value, float) and 0 < value < math.inf
+            },
         )
     return found
 

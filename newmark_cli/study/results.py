@@ -17,6 +17,7 @@ from newmark_cli.newmark.statistics import Statistics
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import DRIFTS, Outcome
+from newmark_cli.study.measures import LAMBDA, over_time
 
 #: Columns of what a cell found, besides its axes, and the version that brought each.
 _STATISTICS = tuple((0, each.name) for each in fields(Statistics))
@@ -87,14 +88,20 @@ SERIES_FOLDERS = ("history", "drift", "trajectory")
 
 
 def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
-    """CSV of the recorded multipliers: a row for each cell and recorded step; or empty."""
+    """CSV of multipliers and outputs: a row for each cell and recorded step; or empty."""
     recording = [
         (cell, outcome.history)
         for cell, outcome in zip(cells, outcomes, strict=True)
         if outcome.history
     ]
-    most = max((len(values) for _, recorded in recording for _, values in recorded), default=0)
-    return _over_time(study, recording, [f"lambda_{k + 1}" for k in range(most)])
+    problems = {cell.problem for cell, _ in recording}
+    of_problem = {spec: over_time(spec.load()) for spec in problems}
+    # Multipliers of the problem that has most of them, then what there is by name.
+    each = dict.fromkeys(name for cell, _ in recording for name in of_problem[cell.problem])
+    multipliers = [name for name in each if name.startswith(LAMBDA)]
+    multipliers.sort(key=lambda name: int(name.removeprefix(LAMBDA)))
+    names = [*multipliers, *(name for name in each if not name.startswith(LAMBDA))]
+    return _over_time(study, recording, names, [of_problem[cell.problem] for cell, _ in recording])
 
 
 def drift_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
@@ -104,15 +111,23 @@ def drift_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -
         for cell, outcome in zip(cells, outcomes, strict=True)
         if outcome.drift
     ]
-    return _over_time(study, recording, DRIFTS)
+    return _over_time(study, recording, DRIFTS, [DRIFTS] * len(recording))
 
 
 def _over_time(
     study: str,
     recording: Sequence[tuple[Cell, Sequence[tuple[int, Array]]]],
     names: Sequence[str],
+    of_cells: Sequence[Sequence[str]],
 ) -> str:
-    """CSV of values of these names: a row for each cell and recorded step; or empty."""
+    """CSV of values of these names: a row for each cell and recorded step; or empty.
+
+    Args:
+        study: Name of the study.
+        recording: Cells, and what they recorded.
+        names: Columns.
+        of_cells: The names of the values of each cell.
+    """
     if not recording:
         return ""
     labels = [axes.labels(cell) for cell, _ in recording]
@@ -122,8 +137,8 @@ def _over_time(
         {"study": study}
         | label
         | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
-        | dict(zip(names, values.tolist(), strict=False))
-        for label, (cell, recorded) in zip(labels, recording, strict=True)
+        | dict(zip(own, values.tolist(), strict=False))
+        for label, own, (cell, recorded) in zip(labels, of_cells, recording, strict=True)
         for step, values in recorded
     )
     return csv_text(columns, table)

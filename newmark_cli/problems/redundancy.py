@@ -1,0 +1,101 @@
+"""Constraints that depend on each other in large problems: null spaces of a sparse G.
+
+GᵀG + δ is factorised, δ far below the square of any singular value of G that is not rounding
+and far above its rounding.  Its inverse enlarges null vectors by 1/δ and all others by less.
+"""
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from newmark_cli.arrays import Array
+
+_DAMPING = 1e-12
+#: Null vectors that are looked for at first, and numbers in those of all.
+_FIRST, _MOST = 8, 200_000_000
+#: Applications of the inverse: each leaves δ/σ² of what belongs to a singular value σ.
+_TIMES = 3
+_SEED = 20061012
+#: Largest ‖G x‖ of a null vector: what is left of other vectors, if columns have length 1.
+_NULL = 1e-7
+#: Steps of inverse iteration for the least singular value, the first time and after that.
+_AT_FIRST, _AFTER = 12, 3
+
+
+def _factors(gradient: scipy.sparse.csc_array, damping: float) -> scipy.sparse.linalg.SuperLU:
+    square = gradient.T @ gradient + damping * scipy.sparse.eye_array(gradient.shape[1])
+    options = {"SymmetricMode": True}
+    return scipy.sparse.linalg.splu(
+        scipy.sparse.csc_matrix(square), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+        options=options,
+    )  # fmt: skip
+
+
+def null_space(gradient: scipy.sparse.csc_array, tolerance: float) -> Array:
+    """(m, k) orthonormal vectors x with G x = 0.
+
+    Args:
+        gradient: (n, m) G, its columns of length 1.
+        tolerance: Largest singular value that is rounding, relative to the largest; at least
+            1e-7 is taken for it.
+
+    Raises:
+        MemoryError: When there are so many that they do not fit.
+    """
+    m = gradient.shape[1]
+    factors, random = _factors(gradient, _DAMPING), np.random.default_rng(_SEED)
+    count = min(_FIRST, m)
+    while True:
+        if count * m > _MOST:
+            raise MemoryError(f"more than {count // 2} constraints depend on each other")
+        found = random.normal(size=(m, count))
+        for _ in range(_TIMES):
+            found = np.linalg.qr(factors.solve(found))[0]
+        _, values, turned = np.linalg.svd(gradient @ found, full_matrices=False)
+        null = values <= max(tolerance * np.sqrt(m), _NULL)
+        if not null.all() or count == m:
+            return np.asarray((found @ turned.T)[:, null])
+        count = min(4 * count, m)
+
+
+def along_null(gradient: scipy.sparse.csc_array, vector: Array) -> Array:
+    """(n,) the part of a vector (n,) that Gᵀ takes to 0."""
+    return np.asarray(vector - least_change(gradient, gradient.T @ vector))
+
+
+def least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
+    """(n,) the smallest d with Gᵀd next to what is wanted (m,)."""
+    sizes = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
+    scaled = scipy.sparse.csc_array(gradient / np.where(sizes > 0, sizes, 1.0)[None, :])
+    wanted = wanted / np.where(sizes > 0, sizes, 1.0)
+    solve, change = _factors(scaled, _DAMPING).solve, np.zeros(gradient.shape[0])
+    for _ in range(2):
+        change = change + np.asarray(scaled @ solve(wanted - scaled.T @ change), float)
+    return change
+
+
+class Least:
+    """The least singular value of one G after the other, by inverse iteration."""
+
+    def __init__(self) -> None:
+        self._vector: Array | None = None
+
+    def of(self, gradient: scipy.sparse.csc_array) -> float:
+        """Of (n, m) G with columns of length 1; within some percent, from above."""
+        m = gradient.shape[1]
+        times = _AFTER
+        if self._vector is None:
+            self._vector, times = np.random.default_rng(_SEED).normal(size=m), _AT_FIRST
+        vector, grown = self._vector / np.linalg.norm(self._vector), np.inf
+        try:
+            factors = _factors(gradient, 0.0)
+        except RuntimeError:
+            return 0.0
+        for _ in range(times):
+            vector = factors.solve(vector)
+            grown = float(np.linalg.norm(vector))
+            if not 0 < grown < np.inf:
+                return 0.0
+            vector = vector / grown
+        self._vector = vector
+        return float(np.linalg.norm(gradient @ vector))
