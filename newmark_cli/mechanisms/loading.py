@@ -9,7 +9,7 @@ from newmark_cli.documents import Document
 from newmark_cli.problems.problem import Problem
 
 #: Keys that only spatial mechanisms have.
-_SPATIAL = ("joints", "rates", "redundant", "torsion_springs", "torsion_dampers")
+_SPATIAL = ("joints", "rates", "redundant")
 
 
 def load(path: Path, name: str, spelled: str | None = None) -> Problem:
