@@ -1,5 +1,8 @@
 """Element loop of the planar mechanism, compiled once for every mechanism.
 
+`evaluate` is the loop over the kinds that most mechanisms are made of; `evaluate_all` also
+goes over those from FORCE on.
+
 An element acts on one vector in the plane, the difference of two sites,
 
     Δ = Δ0 + Σ_k (a_k + b_k R) P_k,        k = 1..K, K ≤ 4,
@@ -34,6 +37,7 @@ TORQUE    torque through the angle of Δ
 LOAD      force, two components, on one point
 FORCE     n_x, n_y, law;  the force n law(t) on a site
 MOTOR     –, –, law;  the torque law(t) through the angle of Δ
+TURN      –, –, law;  as ANGLE
 COUPLE    –;  Φ = n(θ)·Δ, n = (−sin θ, cos θ): the angle θ of Δ as a coordinate
 PAIR      D0 (2 columns), law;  Φ = D × Δ + Σ_j w_j θ_j − law(t), see below
 TWIST     angle of rest, stiffness, damping of q = Σ_j w_j θ_j
@@ -46,9 +50,9 @@ So has `TWIST` its angles and w_j in place of points and a_k, b_k, …; the coor
 `COUPLE` stands in the Y column.
 
 A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).  What it says beyond
-that stands in rows of kind `TERM` behind all elements.  The Y column of an element, which
-has no Y, is the first of them, or 0; their own columns are `WHAT`, `SIZE`, `REPEATS` and
-`ANOTHER`:
+that stands in rows of kind `TERM` behind all elements, for all kinds of the table from FORCE
+on.  The Y column of an element, which has no Y, is the first of them, or 0; their own columns
+are `WHAT`, `SIZE`, `REPEATS` and `ANOTHER`:
 
 ========  ===================================================================
 ``WHAT``  the ``reals`` of the row
@@ -67,12 +71,12 @@ import numpy as np
 from newmark_cli.cached_code import cached_njit
 
 (
-    LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD, FORCE, MOTOR, COUPLE, PAIR, TWIST, MORE,
-    TERM,
-) = range(15)  # fmt: skip
+    LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD, FORCE, MOTOR, TURN, COUPLE, PAIR, TWIST,
+    MORE, TERM,
+) = range(16)  # fmt: skip
 
 #: Kinds that are a constraint, one row each.
-CONSTRAINTS = (LINK, BAR, LINE, ANGLE, COUPLE, PAIR)
+CONSTRAINTS = (LINK, BAR, LINE, ANGLE, TURN, COUPLE, PAIR)
 
 #: Columns of the integer and the real table.
 KIND, COUNT, DOF, ROW, X_START, Y_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8, 9, 10
@@ -129,18 +133,23 @@ def _term(t, ints, reals, row, derivative):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _law(t, ints, reals, e, derivative):
+def _law(t, reals, e, derivative):
     """A law of time (`LAW` columns of element e), or its first or second derivative."""
     half = reals.dtype.type(0.5)
     rate, second = reals[e, LAW + 1], reals[e, LAW + 2]
     amplitude, frequency = reals[e, LAW + 3], reals[e, LAW + 4]
     phase = frequency * t + reals[e, LAW + 5]
     if derivative == 0:
-        value = reals[e, LAW] + (rate + half * second * t) * t + amplitude * np.sin(phase)
-    elif derivative == 1:
-        value = rate + second * t + amplitude * frequency * np.cos(phase)
-    else:
-        value = second - amplitude * frequency * frequency * np.sin(phase)
+        return reals[e, LAW] + (rate + half * second * t) * t + amplitude * np.sin(phase)
+    if derivative == 1:
+        return rate + second * t + amplitude * frequency * np.cos(phase)
+    return second - amplitude * frequency * frequency * np.sin(phase)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _whole_law(t, ints, reals, e, derivative):
+    """The same with its terms."""
+    value = _law(t, reals, e, derivative)
     row = ints[e, Y_START]
     while row > 0:
         value += _term(t, ints, reals, row, derivative)
@@ -161,91 +170,130 @@ def _vector(u, ints, reals, e, weights):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _add_further(t, u, v, multipliers, ints, reals, e, force, phi, x_values, y_values, g_values):
-    """What `evaluate` sets, of an element that few mechanisms have."""
-    kind, count = ints[e, KIND], ints[e, COUNT]
-    row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
-    if kind == FORCE:
-        law = _law(t, ints, reals, e, 0)
-        fx, fy = reals[e, PARAMETER] * law, reals[e, PARAMETER + 1] * law
-        for k in range(count):
-            i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-            force[i] += a * fx + b * fy
-            force[i + 1] += a * fy - b * fx
-    elif kind == COUPLE:
-        dx, dy = _vector(u, ints, reals, e, e)
-        dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
-        j, multiplier = ints[e, Y_START], multipliers[row]
-        cosine, sine = np.cos(u[j]), np.sin(u[j])
-        along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-        phi[row] = across
-        for k in range(count):
-            i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-            gx, gy = b * cosine - a * sine, a * cosine + b * sine
-            g_values[g] = gx
-            g_values[g + 1] = gy
-            force[i] += multiplier * gx
-            force[i + 1] += multiplier * gy
-            # λ C_kᵀ (cos θ, sin θ), in row and column of θ.
-            x_values[x] = x_values[x + 1] = multiplier * gy
-            x_values[x + 2] = x_values[x + 3] = -multiplier * gx
-            x += 4
-            g += 2
-        g_values[g] = -along
-        force[j] -= multiplier * along
-        x_values[x] = multiplier * across
-    elif kind == PAIR:
-        multiplier = multipliers[row]
-        ex, ey = _vector(u, ints, reals, e, e)
-        ex, ey = ex + reals[e, OFFSET], ey + reals[e, OFFSET + 1]
-        dx, dy = _vector(u, ints, reals, e, e + 1)
-        dx, dy = dx + reals[e, PARAMETER], dy + reals[e, PARAMETER + 1]
-        phi[row] = dx * ey - dy * ex - _law(t, ints, reals, e, 0)
-        for k in range(count):
-            i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-            c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
-            gx = b * dx - a * dy + (c * ey - d * ex)
-            gy = a * dx + b * dy - (c * ex + d * ey)
-            g_values[g] = gx
-            g_values[g + 1] = gy
-            force[i] += multiplier * gx
-            force[i + 1] += multiplier * gy
-            g += 2
-            for j in range(count):
-                r, s = reals[e, 2 * j], reals[e, 2 * j + 1]
-                p, q = reals[e + 1, 2 * j], reals[e + 1, 2 * j + 1]
-                even = -multiplier * (b * p - a * q + c * s - d * r)
-                odd = -multiplier * (a * p + b * q - c * r - d * s)
-                x_values[x] = even
-                x_values[x + 1] = -odd
-                x_values[x + 2] = odd
-                x_values[x + 3] = even
+def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """What `evaluate` leaves out, for `evaluate_all`: elements that few mechanisms have."""
+    for e in range(ints.shape[0]):
+        if ints[e, KIND] < FORCE:
+            continue
+        if ints[e, KIND] == TERM:
+            break
+        kind, count = ints[e, KIND], ints[e, COUNT]
+        row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
+        if kind == FORCE:
+            law = _whole_law(t, ints, reals, e, 0)
+            fx, fy = reals[e, PARAMETER] * law, reals[e, PARAMETER + 1] * law
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                force[i] += a * fx + b * fy
+                force[i + 1] += a * fy - b * fx
+        elif kind == COUPLE:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            j, multiplier = ints[e, Y_START], multipliers[row]
+            cosine, sine = np.cos(u[j]), np.sin(u[j])
+            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+            phi[row] = across
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                gx, gy = b * cosine - a * sine, a * cosine + b * sine
+                g_values[g] = gx
+                g_values[g + 1] = gy
+                force[i] += multiplier * gx
+                force[i + 1] += multiplier * gy
+                # λ C_kᵀ (cos θ, sin θ), in row and column of θ.
+                x_values[x] = x_values[x + 1] = multiplier * gy
+                x_values[x + 2] = x_values[x + 3] = -multiplier * gx
                 x += 4
-        for k in range(ints[e + 1, COUNT]):
-            j, weight = ints[e + 1, DOF + k], reals[e + 1, PARAMETER + k]
-            phi[row] += weight * u[j]
-            g_values[g + k] = weight
-            force[j] += multiplier * weight
-    elif kind == TWIST:
-        wound, turning = u.dtype.type(-reals[e, PARAMETER]), u.dtype.type(0)
-        for k in range(count):
-            wound += reals[e, k] * u[ints[e, DOF + k]]
-            turning += reals[e, k] * v[ints[e, DOF + k]]
-        stiffness, damping = reals[e, PARAMETER + 1], reals[e, PARAMETER + 2]
-        torque = -stiffness * wound - damping * turning
-        y = ints[e, Y_START]
-        for k in range(count):
-            force[ints[e, DOF + k]] += reals[e, k] * torque
-            for j in range(count):
-                x_values[x] = stiffness * reals[e, k] * reals[e, j]
-                y_values[y] = damping * reals[e, k] * reals[e, j]
-                x += 1
-                y += 1
+                g += 2
+            g_values[g] = -along
+            force[j] -= multiplier * along
+            x_values[x] = multiplier * across
+        elif kind == PAIR:
+            multiplier = multipliers[row]
+            ex, ey = _vector(u, ints, reals, e, e)
+            ex, ey = ex + reals[e, OFFSET], ey + reals[e, OFFSET + 1]
+            dx, dy = _vector(u, ints, reals, e, e + 1)
+            dx, dy = dx + reals[e, PARAMETER], dy + reals[e, PARAMETER + 1]
+            phi[row] = dx * ey - dy * ex - _whole_law(t, ints, reals, e, 0)
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
+                gx = b * dx - a * dy + (c * ey - d * ex)
+                gy = a * dx + b * dy - (c * ex + d * ey)
+                g_values[g] = gx
+                g_values[g + 1] = gy
+                force[i] += multiplier * gx
+                force[i + 1] += multiplier * gy
+                g += 2
+                for j in range(count):
+                    r, s = reals[e, 2 * j], reals[e, 2 * j + 1]
+                    p, q = reals[e + 1, 2 * j], reals[e + 1, 2 * j + 1]
+                    even = -multiplier * (b * p - a * q + c * s - d * r)
+                    odd = -multiplier * (a * p + b * q - c * r - d * s)
+                    x_values[x] = even
+                    x_values[x + 1] = -odd
+                    x_values[x + 2] = odd
+                    x_values[x + 3] = even
+                    x += 4
+            for k in range(ints[e + 1, COUNT]):
+                j, weight = ints[e + 1, DOF + k], reals[e + 1, PARAMETER + k]
+                phi[row] += weight * u[j]
+                g_values[g + k] = weight
+                force[j] += multiplier * weight
+        elif kind == TWIST:
+            wound, turning = u.dtype.type(-reals[e, PARAMETER]), u.dtype.type(0)
+            for k in range(count):
+                wound += reals[e, k] * u[ints[e, DOF + k]]
+                turning += reals[e, k] * v[ints[e, DOF + k]]
+            stiffness, damping = reals[e, PARAMETER + 1], reals[e, PARAMETER + 2]
+            torque = -stiffness * wound - damping * turning
+            y = ints[e, Y_START]
+            for k in range(count):
+                force[ints[e, DOF + k]] += reals[e, k] * torque
+                for j in range(count):
+                    x_values[x] = stiffness * reals[e, k] * reals[e, j]
+                    y_values[y] = damping * reals[e, k] * reals[e, j]
+                    x += 1
+                    y += 1
+        elif kind == TURN:
+            law = _whole_law(t, ints, reals, e, 0)
+            nx, ny = -np.sin(law), np.cos(law)
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            phi[row] = nx * dx + ny * dy
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                g_values[g] = a * nx + b * ny
+                g_values[g + 1] = a * ny - b * nx
+                force[i] += multipliers[row] * g_values[g]
+                force[i + 1] += multipliers[row] * g_values[g + 1]
+                g += 2
+        elif kind == MOTOR:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            square = dx * dx + dy * dy
+            torque = _whole_law(t, ints, reals, e, 0) / square
+            # The tangent of (−τ Δ_y, τ Δ_x)/|Δ|² has zero trace and is symmetric.
+            even = torque * (dx * dy + dx * dy) / square
+            odd = torque * (dy * dy - dx * dx) / square
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                force[i] += torque * (b * dx - a * dy)
+                force[i + 1] += torque * (a * dx + b * dy)
+                sxx, sxy = a * even + b * odd, a * odd - b * even
+                syx, syy = a * odd - b * even, -a * even - b * odd
+                for j in range(count):
+                    a_j, b_j = reals[e, 2 * j], reals[e, 2 * j + 1]
+                    x_values[x] = -(sxx * a_j + sxy * b_j)
+                    x_values[x + 1] = -(sxy * a_j - sxx * b_j)
+                    x_values[x + 2] = -(syx * a_j + syy * b_j)
+                    x_values[x + 3] = -(syy * a_j - syx * b_j)
+                    x += 4
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before FORCE.
 
     Args:
         t: Time (s).
@@ -268,12 +316,9 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             force[i] += reals[e, PARAMETER]
             force[i + 1] += reals[e, PARAMETER + 1]
             continue
-        if kind >= FORCE and kind != MOTOR:
+        if kind >= FORCE:
             if kind == TERM:
                 break
-            _add_further(
-                t, u, v, multipliers, ints, reals, e, force, phi, x_values, y_values, g_values
-            )
             continue
 
         dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
@@ -306,7 +351,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         if kind in (LINE, ANGLE):
             # Linear in u: a force along the normal, no tangent.
             row, g = ints[e, ROW], ints[e, G_START]
-            law = _law(t, ints, reals, e, 0)
+            law = _law(t, reals, e, 0)
             if kind == LINE:
                 nx, ny = reals[e, PARAMETER], reals[e, PARAMETER + 1]
                 phi[row] = nx * dx + ny * dy - law
@@ -371,11 +416,8 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                     y_values[y + 2] = damping * py * qx
                     y_values[y + 3] = damping * py * qy
                     y += 4
-        else:  # TORQUE or MOTOR: the virtual work of τ through the angle of Δ
-            torque = reals[e, PARAMETER]
-            if kind == MOTOR:
-                torque = _law(t, ints, reals, e, 0)
-            torque = torque / square
+        else:  # TORQUE: the virtual work of τ through the angle of Δ
+            torque = reals[e, PARAMETER] / square
             fx, fy = -torque * dy, torque * dx
             txx = two * torque * dx * dy / square
             txy = torque * (dy * dy - dx * dx) / square
@@ -400,69 +442,16 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def constraint_derivatives(
+def _differentiate_further(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
-    """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ u'', and the tangents of both to u.
-
-    An element's columns of G are C_kᵀ Δ, or C_kᵀ n with a normal n(t).  Along a motion
-    with u' = v that is C_kᵀ Δ' and C_kᵀ n'; Gᵀ w and Φ'' change with u by C_kᵀ W, with
-    W = Σ C_k w_k, and by C_kᵀ n''.
-
-    Args:
-        t: Time (s).
-        u, v, w: (n,) coordinates (m), velocities (m/s) and accelerations (m/s²).
-        ints, reals: Element tables, see the module.
-        rate: (m,) overwritten; Φ' = Gᵀ v + rate.
-        curvature: (m,) overwritten; Φ'' = Gᵀ u'' + curvature.
-        rate_values: Overwritten with the entries of ∂(Gᵀ v + rate)/∂u, transposed, at
-            the places of those of G.
-        acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
-    """
+    """What `constraint_derivatives` leaves out: elements that few mechanisms have."""
     zero, two = u.dtype.type(0), u.dtype.type(2)
     for e in range(ints.shape[0]):
         kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
-        if kind == LINE:
-            rate[row] = -_law(t, ints, reals, e, 1)
-            curvature[row] = -_law(t, ints, reals, e, 2)
-            for k in range(2 * count):
-                rate_values[g + k] = zero
-                acceleration_values[g + k] = zero
-        elif kind in (LINK, BAR, ANGLE):
-            dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
-            wx, wy = zero, zero
-            ax, ay = zero, zero
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                dx += a * u[i] - b * u[i + 1]
-                dy += b * u[i] + a * u[i + 1]
-                wx += a * v[i] - b * v[i + 1]
-                wy += b * v[i] + a * v[i + 1]
-                ax += a * w[i] - b * w[i + 1]
-                ay += b * w[i] + a * w[i + 1]
-            if kind == ANGLE:
-                angle, turn = _law(t, ints, reals, e, 0), _law(t, ints, reals, e, 1)
-                faster = _law(t, ints, reals, e, 2)
-                cosine, sine = np.cos(angle), np.sin(angle)
-                along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-                rate[row] = -turn * along
-                curvature[row] = (
-                    -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
-                )
-                # n' and n'' of n = (−sin, cos).
-                wx, wy = -turn * cosine, -turn * sine
-                ax, ay = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
-            else:
-                rate[row] = zero
-                curvature[row] = wx * wx + wy * wy
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                rate_values[g] = a * wx + b * wy
-                rate_values[g + 1] = a * wy - b * wx
-                acceleration_values[g] = a * ax + b * ay
-                acceleration_values[g + 1] = a * ay - b * ax
-                g += 2
-        elif kind == COUPLE:
+        if kind == TERM:
+            break
+        if kind == COUPLE:
             dx, dy = _vector(u, ints, reals, e, e)
             dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
             wx, wy = _vector(v, ints, reals, e, e)
@@ -494,8 +483,8 @@ def constraint_derivatives(
             px, py = _vector(v, ints, reals, e, e + 1)
             ax, ay = _vector(w, ints, reals, e, e)
             bx, by = _vector(w, ints, reals, e, e + 1)
-            rate[row] = -_law(t, ints, reals, e, 1)
-            curvature[row] = two * (px * ry - py * rx) - _law(t, ints, reals, e, 2)
+            rate[row] = -_whole_law(t, ints, reals, e, 1)
+            curvature[row] = two * (px * ry - py * rx) - _whole_law(t, ints, reals, e, 2)
             for k in range(count):
                 a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
                 c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
@@ -507,8 +496,118 @@ def constraint_derivatives(
             for k in range(ints[e + 1, COUNT]):
                 rate_values[g + k] = zero
                 acceleration_values[g + k] = zero
+        elif kind == TURN:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            wx, wy = _vector(v, ints, reals, e, e)
+            angle, turn = _whole_law(t, ints, reals, e, 0), _whole_law(t, ints, reals, e, 1)
+            faster = _whole_law(t, ints, reals, e, 2)
+            cosine, sine = np.cos(angle), np.sin(angle)
+            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+            rate[row] = -turn * along
+            curvature[row] = (
+                -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
+            )
+            nx, ny = -turn * cosine, -turn * sine
+            mx, my = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                rate_values[g] = a * nx + b * ny
+                rate_values[g + 1] = a * ny - b * nx
+                acceleration_values[g] = a * mx + b * my
+                acceleration_values[g + 1] = a * my - b * mx
+                g += 2
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def constraint_derivatives(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ u'', and the tangents of both to u.
+
+    An element's columns of G are C_kᵀ Δ, or C_kᵀ n with a normal n(t).  Along a motion
+    with u' = v that is C_kᵀ Δ' and C_kᵀ n'; Gᵀ w and Φ'' change with u by C_kᵀ W, with
+    W = Σ C_k w_k, and by C_kᵀ n''.
+
+    Args:
+        t: Time (s).
+        u, v, w: (n,) coordinates (m), velocities (m/s) and accelerations (m/s²).
+        ints, reals: Element tables, see the module.
+        rate: (m,) overwritten; Φ' = Gᵀ v + rate.
+        curvature: (m,) overwritten; Φ'' = Gᵀ u'' + curvature.
+        rate_values: Overwritten with the entries of ∂(Gᵀ v + rate)/∂u, transposed, at
+            the places of those of G.
+        acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
+    """
+    zero, two = u.dtype.type(0), u.dtype.type(2)
+    for e in range(ints.shape[0]):
+        kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
+        if kind == LINE:
+            rate[row] = -_law(t, reals, e, 1)
+            curvature[row] = -_law(t, reals, e, 2)
+            for k in range(2 * count):
+                rate_values[g + k] = zero
+                acceleration_values[g + k] = zero
+        elif kind in (LINK, BAR, ANGLE):
+            dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
+            wx, wy = zero, zero
+            ax, ay = zero, zero
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                dx += a * u[i] - b * u[i + 1]
+                dy += b * u[i] + a * u[i + 1]
+                wx += a * v[i] - b * v[i + 1]
+                wy += b * v[i] + a * v[i + 1]
+                ax += a * w[i] - b * w[i + 1]
+                ay += b * w[i] + a * w[i + 1]
+            if kind == ANGLE:
+                angle, turn = _law(t, reals, e, 0), _law(t, reals, e, 1)
+                faster = _law(t, reals, e, 2)
+                cosine, sine = np.cos(angle), np.sin(angle)
+                along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+                rate[row] = -turn * along
+                curvature[row] = (
+                    -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
+                )
+                # n' and n'' of n = (−sin, cos).
+                wx, wy = -turn * cosine, -turn * sine
+                ax, ay = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
+            else:
+                rate[row] = zero
+                curvature[row] = wx * wx + wy * wy
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                rate_values[g] = a * wx + b * wy
+                rate_values[g + 1] = a * wy - b * wx
+                acceleration_values[g] = a * ax + b * ay
+                acceleration_values[g + 1] = a * ay - b * ax
+                g += 2
         elif kind == TERM:
             break
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """The same as `evaluate`, of all kinds of elements.
+
+    Not for mechanisms that `evaluate` serves: handing arrays on counts references to them,
+    which takes longer than a small mechanism.
+    """
+    evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
+    _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def all_constraint_derivatives(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """The same as `constraint_derivatives`, of all kinds of elements."""
+    constraint_derivatives(
+        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+    )
+    _differentiate_further(
+        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+    )
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -536,7 +635,7 @@ def potential(t, u, v, ints, reals):
             energy += reals[e, PARAMETER] * stretch * stretch / 2
         elif kind == FORCE:
             x, y = _vector(u, ints, reals, e, e)
-            law = _law(t, ints, reals, e, 0)
+            law = _whole_law(t, ints, reals, e, 0)
             energy -= (reals[e, PARAMETER] * x + reals[e, PARAMETER + 1] * y) * law
         elif kind == TWIST:
             wound = -reals[e, PARAMETER]

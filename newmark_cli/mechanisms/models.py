@@ -190,11 +190,7 @@ class Table(StrictModel):
 
 
 class Law(StrictModel):
-    """A law of time.
-
-    value + rate t + acceleration t²/2 + amplitude sin(frequency t + phase), and powers,
-    sines and a table.
-    """
+    """A sum: value + rate t + acceleration t²/2 + amplitude sin(frequency t + phase) + others."""
 
     value: Bounded | None = Field(
         None,
@@ -234,8 +230,8 @@ class Law(StrictModel):
             )
         )
 
-    def parameters(self, initially: float) -> tuple[float, ...]:
-        """c, r, s, A, ω, φ of the element loop, starting from ``initially``.
+    def parameters(self, initially: float | None = None) -> tuple[float, ...]:
+        """c, r, s, A, ω, φ of the element loop, starting from ``initially`` if it is given.
 
         What the element loop keeps elsewhere, powers, sines and the table, is in c only as
         far as the start determines c.
@@ -244,7 +240,8 @@ class Law(StrictModel):
         if value is None:
             start = self.amplitude * math.sin(self.phase)
             start += sum(sine.amplitude * math.sin(sine.phase) for sine in self.sines)
-            value = 0.0 if self.powers or self.table else initially - start
+            asked = initially is not None and not (self.powers or self.table)
+            value = (initially or 0.0) - start if asked else 0.0
         return (value, self.rate, self.acceleration, self.amplitude, self.frequency, self.phase)
 
 

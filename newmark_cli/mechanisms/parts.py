@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from newmark_cli.documents import KeyPath
     from newmark_cli.mechanisms.planar import Builder
 
+#: The constant vector (1, 0), as if it were a fixed point.
+UNIT = "\0"
+
 #: Largest misfit of a start, relative to the length it is a misfit of: data are rounded.
 MISFIT = 1e-12
 
@@ -166,9 +169,12 @@ def _motion(builder: "Builder", motion: Motion, path: "KeyPath") -> None:
                 now = place.real if key == "x" else place.imag
                 with builder.checked():
                     parameters = builder.fitting(law, now, (*path, key))
-                    builder.element(
-                        "LINE", site, (*normal, *parameters), constraint=(*path, key), law=law
-                    )
+                    if laws.terms(law):  # D × Δ is n · Δ with −i n in place of D
+                        along = {UNIT: -1j * complex(*normal)}
+                        builder.pair(along, site, (), (*path, key), parameters, law)
+                    else:
+                        row = (*normal, *parameters)
+                        builder.element("LINE", site, row, constraint=(*path, key))
     elif motion.slider is not None:
         assert motion.distance is not None
         sliders = builder.mechanism.sliders
@@ -202,8 +208,9 @@ def _motion(builder: "Builder", motion: Motion, path: "KeyPath") -> None:
         vector = builder.vector(difference)
         now = math.atan2(vector.imag, vector.real)
         parameters = builder.fitting(motion.angle, now, driven, 2 * math.pi)
+        kind = "TURN" if laws.terms(motion.angle) else "ANGLE"
         builder.element(
-            "ANGLE", difference, (0.0, 0.0, *parameters), constraint=driven, law=motion.angle
+            kind, difference, (0.0, 0.0, *parameters), constraint=driven, law=motion.angle
         )
 
 
@@ -219,7 +226,7 @@ def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
             difference = builder.difference(body.from_, body.to, path)
             if isinstance(torque.torque, Law):
                 law = torque.torque if sign > 0 else laws.negated(torque.torque)
-                builder.element("MOTOR", difference, (0.0, 0.0, *law.parameters(0.0)), law=law)
+                builder.element("MOTOR", difference, (0.0, 0.0, *law.parameters()), law=law)
             else:
                 builder.element("TORQUE", difference, (sign * torque.torque,))
 
@@ -236,9 +243,11 @@ def _conserving_torque(torque: Torque) -> bool:
 
 def _force(builder: "Builder", force: Force, path: "KeyPath") -> None:
     site = builder.moving_site(force.at, (*path, "at"))
-    for law, normal in zip(force.amounts, ((1.0, 0.0), (0.0, 1.0)), strict=True):
-        if law.moves or law.parameters(0.0)[0] or law.amplitude or law.sines or law.powers:
-            builder.element("FORCE", site, (*normal, *law.parameters(0.0)), law=law)
+    for law, given, normal in zip(
+        force.amounts, force.force, ((1.0, 0.0), (0.0, 1.0)), strict=True
+    ):
+        if given != 0:
+            builder.element("FORCE", site, (*normal, *law.parameters()), law=law)
 
 
 def _force_sketch(scene: Scene, force: Force) -> tuple[Mark, ...]:

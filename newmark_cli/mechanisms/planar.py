@@ -22,12 +22,9 @@ from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import elements, laws, start
 from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
-from newmark_cli.mechanisms.parts import MISFIT, PARTS, conserves, is_ground
+from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
 from newmark_cli.problems.problem import Pattern, Problem
 from newmark_cli.spelling import nearest
-
-#: The constant vector (1, 0), as if it were a fixed point.
-UNIT = "\0"
 
 #: Coordinates of angles with their weights in a sum.
 Angles = tuple[tuple[int, float], ...]
@@ -215,6 +212,7 @@ class Builder:
             np.array(entries, np.int64).reshape(-1, 2).T.copy()
             for entries in (sorted(self.mass), self.x_entries, self.y_entries, self.g_entries)
         )
+        further = any(row[elements.KIND] >= elements.FORCE for row in self.ints)
         points = [mechanism.points[name] for name in self.moving]
         at = [c for point in points for c in point.at or ()]
         velocity = [c for point in points for c in point.velocity]
@@ -224,8 +222,10 @@ class Builder:
             v0=np.array(velocity + [rate for _, rate in self.start_angles]),
             t0=0.0,
             constraints=len(self.constraint_paths),
-            function=elements.evaluate,
-            derivatives=elements.constraint_derivatives,
+            function=elements.evaluate_all if further else elements.evaluate,
+            derivatives=(
+                elements.all_constraint_derivatives if further else elements.constraint_derivatives
+            ),
             ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
             pattern=Pattern(*mass, *x, *y, *g),
@@ -470,7 +470,7 @@ class Builder:
         self._append_law(law)
         blocks = ((0, 0), (1, 1)) if kind == "LINK" else ((0, 0), (0, 1), (1, 0), (1, 1))
         entries = [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
-        if kind not in ("LINE", "ANGLE", "FORCE", "COUPLE"):
+        if kind not in ("LINE", "ANGLE", "FORCE", "COUPLE", "TURN"):
             self.x_entries += entries
         if kind == "DAMPER":
             self.y_entries += entries

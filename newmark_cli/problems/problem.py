@@ -342,6 +342,11 @@ class Problem:
         return rate, curvature
 
 
+def is_beyond(until: float, t: float) -> bool:
+    """Whether a time (s) is after the last of a table, but for rounding."""
+    return t > until * (1 + 1e-9)
+
+
 def _numbered(count: int) -> tuple[str, ...]:
     return tuple(map(str, range(1, count + 1)))
 
