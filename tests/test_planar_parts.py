@@ -224,7 +224,7 @@ def test_wheel_on_a_wheel():
         force = [0, -mass * g * (R + r) * np.cos(y[1])]
         return [*y[2:], *np.linalg.solve(inertia, force)]
 
-    theta, psi, turn, rate = solved(motion, [0, 1.4, 0.5, 0])
+    theta, psi, turn, _rate = solved(motion, [0, 1.4, 0.5, 0])
     c, s = np.cos(1.4), np.sin(1.4)
     x, y = float((R + r) * c), float((R + r) * s)
     text = f"""\
@@ -329,7 +329,7 @@ def test_double_pendulum_with_torsion():
         torque = -k * (y[1] - y[0] - rest) - c * (y[3] - y[2])
         return [*y[2:], -torque / inertia[0], torque / inertia[1]]
 
-    first, second, rate, other = solved(motion, [0, 2.0, 0, 100.0], 0.15)
+    first, second, _rate, other = solved(motion, [0, 2.0, 0, 100.0], 0.15)
     assert second - first > 2 * np.pi
     text = """\
 points:
@@ -537,7 +537,7 @@ def test_spring_between_points_of_bodies():
         force = -k * (1 - rest / abs(stretch)) * stretch
         return [y[1], (place.conjugate() * force).imag / inertia]
 
-    theta, rate = solved(motion, [1.0, 0.0])
+    theta, _rate = solved(motion, [1.0, 0.0])
     text = """\
 points:
   O: {fixed: [0, 0]}

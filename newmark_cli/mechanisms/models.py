@@ -137,8 +137,8 @@ class Slider(StrictModel):
         return self
 
 
-#: Most coefficients of a polynomial: one row of the element tables.
-_MOST_POWERS = 18
+#: Most coefficients of a polynomial: a row of the element tables holds no more.
+_MOST_POWERS = 12
 #: Most points of a table: a measurement, not a data base.
 _MOST_ENTRIES = 100_000
 
@@ -257,6 +257,11 @@ def _number_or_law(value: Any) -> str:
 Amount = Annotated[
     Annotated[Bounded, Tag(_PLAIN)] | Annotated[Law, Tag(_MAPPED)], Discriminator(_number_or_law)
 ]
+
+
+def size_of(amount: "float | Law") -> float:
+    """A number that an arrow may stand for: 1 for what changes with time."""
+    return 1.0 if isinstance(amount, Law) else amount
 
 
 def as_law(amount: "float | Law") -> Law:

@@ -29,6 +29,7 @@ from newmark_cli.mechanisms.models import (
     Torque,
     TorsionDamper,
     TorsionSpring,
+    size_of,
 )
 from newmark_cli.mechanisms.sketch import (
     Arrow,
@@ -233,8 +234,7 @@ def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
 
 def _torque_sketch(scene: Scene, torque: Torque) -> tuple[Mark, ...]:
     centre = scene.centre(torque.on)
-    sign = 1.0 if isinstance(torque.torque, Law) else torque.torque
-    return () if centre is None else (Turn(centre, 0.11 * scene.size, sign),)
+    return () if centre is None else (Turn(centre, 0.11 * scene.size, size_of(torque.torque)),)
 
 
 def _conserving_torque(torque: Torque) -> bool:
@@ -251,8 +251,7 @@ def _force(builder: "Builder", force: Force, path: "KeyPath") -> None:
 
 
 def _force_sketch(scene: Scene, force: Force) -> tuple[Mark, ...]:
-    components = [amount if isinstance(amount, float) else 1.0 for amount in force.force]
-    towards = complex(*components)
+    towards = complex(*map(size_of, force.force))
     if towards == 0:
         return ()
     return (Arrow(scene.points[force.at], towards / abs(towards), 0.14 * scene.size),)
