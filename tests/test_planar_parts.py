@@ -139,6 +139,18 @@ def test_tangents_and_rows_of_every_part(cart):
     )
 
 
+def test_starts_as_given(cart):
+    """All constraints hold where the file puts the points, so that assembling moves nothing."""
+    np.testing.assert_allclose(cart.constraint_values(0.0, cart.u0), 0, atol=1e-15)
+    given = [0, 0.2, 0, 0.4, 1, 0.2, 1, 0.7, 1, 0.45, 0.6, 0.2, 0.6, 0.3, 0, -0.2, 0.1, -0.2]
+    np.testing.assert_allclose(cart.u0[:18], given, atol=1e-15)
+    plain = built(CART.replace("assemble: true", "assemble: false"))
+    np.testing.assert_allclose(plain.u0[18:], cart.u0[18:], atol=1e-15)
+    angles = dict(zip(cart.coordinate_names[18:], cart.u0[18:], strict=True))
+    assert angles["arm.angle"] == angles["wheel.angle"] == pytest.approx(np.pi / 2)
+    assert angles["rolling.orbit.angle"] == pytest.approx(-np.pi / 2)
+
+
 def orders(text, exact, h=(4e-3, 2e-3), t_end=0.6, **options):
     """log₂ of the ratios of errors at two steps of what ``exact`` names, and the errors.
 

@@ -535,9 +535,11 @@ class Builder:
 
     def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
         row = len(self.constraint_paths) if constraint else 0
+        # From FORCE on, the column of who has no Y is for something else.
+        y = 0 if kind >= elements.FORCE and kind != elements.TWIST else len(self.y_entries)
         self.ints.append(
             [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
-             len(self.x_entries), len(self.y_entries), len(self.g_entries)]
+             len(self.x_entries), y, len(self.g_entries)]
         )  # fmt: skip
         if constraint:
             self.constraint_paths.append(constraint)
