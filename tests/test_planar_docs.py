@@ -18,7 +18,7 @@ def printed(command):
 
 
 def test_the_example_prints_what_the_page_says(cli):
-    """`validate` counts 14 coordinates; `check` finds every slope, −2 of λ and errors of order 2."""
+    """`validate` counts 14 coordinates; `check` finds every slope as predicted."""
     shutil.copytree(ROOT / "docs/examples", cli.folder / "docs/examples")
     command = "newmark-study validate docs/examples/shaper.yaml"
     assert cli(*command.split()[1:]).stdout == printed(command)

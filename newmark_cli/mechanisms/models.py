@@ -4,6 +4,7 @@ Nothing is built here, and what compiles is not imported; see `newmark_cli.mecha
 """
 
 import math
+import re
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -245,6 +246,9 @@ class Law(StrictModel):
         return (value, self.rate, self.acceleration, self.amplitude, self.frequency, self.phase)
 
 
+#: A file in Python and a function in it.
+_PYTHON = re.compile(r"^[^:]+\.py:[A-Za-z_][A-Za-z_0-9]*$")
+
 #: Which branch of a union a value is meant for, so that errors are those of one branch.
 _MAPPED, _PLAIN = "(mapping)", "(value)"
 
@@ -468,6 +472,28 @@ class Rolling(StrictModel):
 
 #: Parts that are constraints: a mechanism needs one of them.
 _CONSTRAINING = ("bodies", "bars", "sliders", "motions", "angle_joints", "gears", "rolling")
+
+
+class PythonForce(StrictModel):
+    """Forces on points that a Python function returns; runs only with --allow-code."""
+
+    python: Annotated[str, also(pattern=_PYTHON.pattern)] = Field(
+        description="file.py:function of positions (k, 2), velocities (k, 2) and the time t, which "
+        "returns the forces (N), (k, 2); the file is looked for beside this one"
+    )
+    on: Annotated[list[str], also(minItems=1)] = Field(description="the k points, at least one")
+
+    @model_validator(mode="after")
+    def _names_a_function(self) -> "PythonForce":
+        if not _PYTHON.fullmatch(self.python):
+            raise misfit("python", f'must be "file.py:function", given {self.python!r:.60}')
+        if not self.on:
+            raise misfit("on", "must name at least one point")
+        if len(set(self.on)) < len(self.on):
+            raise misfit("on", "must name each point once")
+        return self
+
+
 _ALL_FIXED: JsonSchema = {"additionalProperties": {"not": given("at")}}
 
 
@@ -510,6 +536,7 @@ class Mechanism(StrictModel):
     angle_joints: dict[str, AngleJoint] = Field({}, description="constant angles between bodies")
     gears: dict[str, Gear] = Field({}, description="bodies that turn in a constant ratio")
     rolling: dict[str, Rolling] = Field({}, description="wheels that roll on lines or circles")
+    python_forces: dict[str, PythonForce] = Field({}, description="forces that code computes")
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(

@@ -23,6 +23,7 @@ from newmark_cli.mechanisms.models import (
     Law,
     Mechanism,
     Motion,
+    PythonForce,
     Rolling,
     Slider,
     Spring,
@@ -387,6 +388,10 @@ def _rolling_sketch(scene: Scene, rolling: Rolling) -> tuple[Mark, ...]:
     return tuple(marks)
 
 
+def _python_force(builder: "Builder", force: PythonForce, path: "KeyPath") -> None:
+    builder.push(force.python, force.on, path)
+
+
 def _rows_of_motion(motion: Mapping[str, Any]) -> int:
     return sum(key in motion for key in ("x", "y", "angle", "distance"))
 
@@ -450,6 +455,10 @@ PARTS: Mapping[str, Part] = MappingProxyType(
                 "rolling", "contact and rolling without slip: d × Δ = ±r and d·Δ ± r (θ − ψ) "
                 "constant on a line; |Δ| = R ± r and (R ± r) ψ − R θ_b ∓ r θ constant on a circle",
                 _rolling, _rows_of_rolling, sketch=_rolling_sketch,
+            ),
+            Part(
+                "python_forces", "forces F(P, P', t) on points, from a function in Python",
+                _python_force, conserves=lambda force: False,
             ),
         )
     }

@@ -11,7 +11,7 @@ on angles is linear in them.  Other bodies keep to points.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -23,8 +23,11 @@ from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import elements, laws, start
 from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
 from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
-from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.problems.problem import Pattern, Problem, Push
 from newmark_cli.spelling import nearest
+
+#: What adds forces in Python to a problem.
+Code = Callable[[Problem, Sequence["Push"]], Problem]
 
 #: Coordinates of angles with their weights in a sum.
 Angles = tuple[tuple[int, float], ...]
@@ -46,8 +49,13 @@ class Site:
         }
 
 
-def built(name: str, document: Document) -> Problem:
+def built(name: str, document: Document, code: Code | None = None) -> Problem:
     """Problem from a mechanism file that was read.
+
+    Args:
+        name: Name of the problem.
+        document: The file.
+        code: Adds forces in Python; refused if omitted.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
@@ -62,7 +70,7 @@ def built(name: str, document: Document) -> Problem:
             _check_rest(name, document, error)
         mistakes.refuse()
         raise
-    return build(name, mechanism, document)
+    return build(name, mechanism, document, code)
 
 
 def _check_rest(name: str, document: Document, error: DocumentError) -> None:
@@ -95,20 +103,35 @@ _PARTS = ("points", "bodies", "body_points", *PARTS)
 _OTHERS = Mechanism.model_fields.keys() - set(_PARTS)
 
 
-def build(name: str, mechanism: Mechanism, document: Document | None = None) -> Problem:
+def build(
+    name: str,
+    mechanism: Mechanism,
+    document: Document | None = None,
+    code: Code | None = None,
+) -> Problem:
     """Problem from a mechanism.
 
     Args:
         name: Name of the problem.
         mechanism: The mechanism.
         document: Where it came from, for errors.
+        code: Adds forces in Python; refused if omitted.
 
     Raises:
         DocumentError: See `load`.
     """
     document = document or Document(name, {}, {})
     builder = Builder(name, document, mechanism)
-    return start.consistent(builder.problem(), mechanism, document, builder.constraint_paths)
+    problem = builder.problem()
+    if builder.pushes and code is None:
+        path = next(iter(builder.pushes))
+        file = builder.pushes[path].given.rpartition(":")[0]
+        message = f"{file} is code, which runs only with --allow-code"
+        raise document.error((*path, "python"), message)
+    problem = start.consistent(problem, mechanism, document, builder.constraint_paths)
+    if builder.pushes and code is not None:
+        problem = code(problem, tuple(builder.pushes.values()))
+    return problem
 
 
 class _Follows(Exception):
@@ -169,6 +192,8 @@ class Builder:
         self.terms: list[tuple[list[int], list[float]]] = []
         self.laws: dict[int, int] = {}
         self.until = math.inf
+        #: Forces in Python.
+        self.pushes: dict[KeyPath, Push] = {}
 
     @contextmanager
     def checked(self, *broken: str) -> Iterator[None]:
@@ -532,6 +557,33 @@ class Builder:
         entries = [(i, j) for i in places for j in places]
         self.x_entries += entries
         self.y_entries += entries
+
+    def push(self, given: str, points: Sequence[str], path: KeyPath) -> None:
+        """Keep a force in Python on points, for what adds it to the problem."""
+        sites = []
+        for place, point in enumerate(points):
+            with self.checked():
+                sites.append(self.site(point, (*path, "on", place)))
+        if len(sites) < len(points):
+            raise _Follows
+        names = list(dict.fromkeys(n for site in sites for n in site.weights))
+        moving = [name for name in names if name in self.moving]
+        if not moving:
+            raise self.document.error((*path, "on"), "must name a point that moves")
+        weights = np.zeros((2 * len(sites), 2 * len(moving)))
+        offsets = np.zeros(2 * len(sites))
+        for k, site in enumerate(sites):
+            for name, weight in site.weights.items():
+                a, b = complex(weight).real, complex(weight).imag
+                block = np.array([[a, -b], [b, a]])
+                if name in self.fixed:
+                    at = self.fixed[name]
+                    offsets[2 * k : 2 * k + 2] += block @ [at.real, at.imag]
+                else:
+                    j = 2 * moving.index(name)
+                    weights[2 * k : 2 * k + 2, j : j + 2] = block
+        coordinates = [self.moving[name] + c for name in moving for c in (0, 1)]
+        self.pushes[path] = Push(given, coordinates, weights, offsets)
 
     def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
         row = len(self.constraint_paths) if constraint else 0

@@ -342,6 +342,23 @@ class Problem:
         return rate, curvature
 
 
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A force in Python on points of a mechanism, see `python_forces`.
+
+    Attributes:
+        given: File and function, as the mechanism spells them.
+        coordinates: (c,) coordinates that the points depend on.
+        weights: (2k, c) how.
+        offsets: (2k,) what does not move of them (m).
+    """
+
+    given: str
+    coordinates: Sequence[int]
+    weights: Array
+    offsets: Array
+
+
 def is_beyond(until: float, t: float) -> bool:
     """Whether a time (s) is after the last of a table, but for rounding."""
     return t > until * (1 + 1e-9)

@@ -27,7 +27,13 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, is_code, with_problem
+from newmark_cli.mechanisms.spec import (
+    ForcedMechanism,
+    MechanismFile,
+    ProblemSpec,
+    is_code,
+    with_problem,
+)
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import CORRECTED, TOTAL, is_formulated
 from newmark_cli.newmark.integrator import is_trapezoidal
@@ -222,7 +228,7 @@ class _Rules(StrictModel):
 
     def _beyond(self) -> Iterator[PydanticCustomError]:
         """Marches that go on after the last time of a table in a mechanism file."""
-        files = (spec for spec in self.problem if isinstance(spec, MechanismFile))
+        files = (s for s in self.problem if isinstance(s, MechanismFile | ForcedMechanism))
         for spec, (h, steps) in product(files, self._lengths()):
             until = spec.traits().sample.until
             if is_beyond(until, steps * h):
@@ -671,7 +677,10 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
     ):
         from newmark_cli.mechanisms import loading
 
-        problem = loading.built(name, document)
+        if allow_code and loading.has_code(document.data):
+            problem = ForcedMechanism(path.absolute(), "", (), name).load()
+        else:
+            problem = loading.built(name, document)
         if loading.is_spatial(document.data):
             from newmark_cli.mechanisms import spatial_summary
 
