@@ -685,6 +685,9 @@ def test_nothing_beyond_a_table(cli):
     assert "line 6: t_end: must be at most 1 s, where a table of cam.yaml ends, given 1.5 s" in (
         done.stderr
     )
+    assert "--at: must be at most 1 s, where a table of cam.yaml ends, given 2 s" in cli.refused(
+        "draw", "cam.yaml", "--at", "2"
+    )
     with pytest.raises(ArgumentError, match="t_end: must be at most 1 s, where a table of"):
         newmark.march(built(TABLE), h=1e-2, t_end=1.5)
     assert newmark.march(built(TABLE), h=1e-2, t_end=1.0, every=0).u[-1][0] == pytest.approx(0)
