@@ -273,6 +273,11 @@ def as_law(amount: "float | Law") -> Law:
     return amount if isinstance(amount, Law) else Law(value=amount)
 
 
+def _any_given(*keys: str) -> JsonSchema:
+    """Any of some keys is there."""
+    return {"anyOf": [given(key) for key in keys]}
+
+
 class Motion(StrictModel):
     """A prescribed motion: of a point (m), of the angle of a body (rad), or along a slider (m)."""
 
@@ -282,20 +287,15 @@ class Motion(StrictModel):
                 {
                     **given("point"),
                     "anyOf": [given("x"), given("y")],
-                    "not": {"anyOf": [given(key) for key in ("body", "angle", "relative_to")]},
+                    "not": _any_given("body", "angle", "relative_to", "slider", "distance"),
                 },
                 {
                     "allOf": [given("body"), given("angle")],
-                    "not": {"anyOf": [given(key) for key in ("point", "x", "y")]},
+                    "not": _any_given("point", "x", "y", "slider", "distance"),
                 },
                 {
                     "allOf": [given("slider"), given("distance")],
-                    "not": {
-                        "anyOf": [
-                            given(key)
-                            for key in ("point", "x", "y", "body", "angle", "relative_to")
-                        ]
-                    },
+                    "not": _any_given("point", "x", "y", "body", "angle", "relative_to"),
                 },
             ],
         }
@@ -481,7 +481,9 @@ class PythonForce(StrictModel):
         description="file.py:function of positions (k, 2), velocities (k, 2) and the time t, which "
         "returns the forces (N), (k, 2); the file is looked for beside this one"
     )
-    on: Annotated[list[str], also(minItems=1)] = Field(description="the k points, at least one")
+    on: Annotated[list[str], also(minItems=1, uniqueItems=True)] = Field(
+        description="the k points, at least one"
+    )
 
     @model_validator(mode="after")
     def _names_a_function(self) -> "PythonForce":
