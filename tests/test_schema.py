@@ -143,7 +143,7 @@ BEYOND = [
         ],
     ),
     (
-        "unknown (point|body)|itself fixed on a body",
+        "unknown (point|body|slider)|itself fixed on a body",
         "names are defined in the file",
         [
             (EXAMPLE, "to: S, length", "to: T, length"),
@@ -152,7 +152,7 @@ BEYOND = [
         ],
     ),
     (
-        "with itself|cannot move relative|is fixed",
+        "with itself|cannot move relative|is fixed|must name a point that moves|another body than",
         "and mean fixed points or moving ones",
         [
             (EXAMPLE, "to: S, length", "to: P, length"),
@@ -161,13 +161,28 @@ BEYOND = [
         ],
     ),
     (
-        "m apart|off the line|law starts|initial velocities|no position",
+        "m apart|off the line|law starts|initial velocities|no position|radius asks|rad to",
         "the start is computed",
         [
             (EXAMPLE, "assemble: true", ""),
             (EXAMPLE, "length: 1.05", "length: 105"),
             (DRIVEN, "project_velocities: true", ""),
             (DRIVEN, "rate: 1", "rate: 1, value: 3"),
+        ],
+    ),
+    (
+        "must be one for each of|must increase|must (begin|end) (at|after) 0|end as they begin|"
+        "must be different bodies|less than that of the circle|where a table of",
+        "numbers and names are compared",
+        [
+            (DRIVEN, "rate: 1", "table: {times: [0, 1], values: [0, 1, 2]}"),
+            (DRIVEN, "rate: 1", "table: {times: [0, 1, 1], values: [0, 1, 2]}"),
+            (DRIVEN, "rate: 1", "table: {times: [1, 2], values: [0, 1]}"),
+            (DRIVEN, "rate: 1", "table: {times: [-2, -1], values: [0, 1]}"),
+            (DRIVEN, "rate: 1", "table: {times: [0, 1], values: [0, 1], ends: periodic}"),
+            (EXAMPLE, "gravity", "gears: {g: {from: lever, to: lever, ratio: 2}}\ngravity"),
+            (EXAMPLE, "gravity", "rolling: {r: {wheel: lever, radius: 2, circle: {centre: W, "
+             "radius: 1, inside: true}}}\ngravity"),
         ],
     ),
     (

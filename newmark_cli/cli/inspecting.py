@@ -160,6 +160,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     metavar="N",
     help="Number of frames of --animate.",
 )
+@allow_code_option
 def draw(
     problem: str,
     folder: Path,
@@ -168,6 +169,7 @@ def draw(
     method: str,
     animated: Path | None,
     frames: int,
+    allow_code: bool,
 ) -> int:
     """Draw a mechanism, at its start or after a motion.
 
@@ -190,15 +192,24 @@ def draw(
         raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
         raise InputError("--animate: needs --at T, the end of the motion")
-    spec = config.problem_named(problem)
+    spec = config.problem_named(problem, allow_code)
     subject = spec.load()
+    from newmark_cli.mechanisms.spec import with_problem
+    from newmark_cli.problems.problem import is_beyond
     from newmark_cli.report import draw_mechanism, style
     from newmark_cli.study import keys, motion
+
+    if is_beyond(subject.until, time):
+        raise InputError(
+            f"--at: must be at most {subject.until:g} s, where a table of {spec.label} ends, "
+            f"given {time:g} s"
+        )
 
     integrator = keys.integrator_named(method)
     places = [subject.u0]
     if time:
-        moved = motion.motion(subject, time, frames if animated else 2, step, integrator)
+        shown = frames if animated else 2
+        moved = with_problem(spec, motion.motion, time, shown, step, integrator)
         places = list(moved.positions)
         if moved.doubt:
             advice = "" if step is None else "; try a smaller --h"

@@ -42,7 +42,7 @@ from newmark_cli.newmark.scheme import (
 from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
 from newmark_cli.problems import starting
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.problems.problem import Problem, ProblemError, is_beyond
 
 #: Most memory that a trajectory may take (bytes).
 MOST_BYTES = 1_000_000_000
@@ -358,6 +358,12 @@ def march(
     last = _last(begun, t_end, None if stepped else steps, at, stepped)
     if last is not None and last > _MOST_STEPS:
         raise ArgumentError(f"{last:.3g} steps are more than there can be, at most {_MOST_STEPS:g}")
+    end = begun.march.problem.t0 + (last or 0) * h
+    if is_beyond(given.until, end):
+        raise ArgumentError(
+            f"t_end: must be at most {given.until:g} s, where a table of {given.name} ends, given "
+            f"{end:g} s"
+        )
     if at is not None:
         return _marched_at(begun, last, at, every, keep, callback)
     every = (1 if keep or stepped else 0) if every is None else arguments.count("every", every)

@@ -8,7 +8,7 @@ from typing import Any
 from newmark_cli import documents
 from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError
-from newmark_cli.library.arguments import shown
+from newmark_cli.library.arguments import flag, shown
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -29,7 +29,8 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
 
             - the name of a shipped problem, such as ``"andrews"``;
             - the name of a family, with its sizes as further arguments;
-            - the path of a mechanism file, ``"mine.yaml"``, as text or `pathlib.Path`;
+            - the path of a mechanism file, ``"mine.yaml"``, as text or `pathlib.Path`; where it
+              names forces in Python, with ``allow_code=True``, and **their code runs**;
             - a Python file and a function in it that returns a `Definition`,
               ``"mine.py:factory"``, with its arguments as further ones.  **Its code runs.**
             - a `Definition`, or anything with its attributes;
@@ -68,14 +69,17 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
         return _member(given, arguments)
     if isinstance(given, str) and given.rpartition(":")[0].endswith(".py"):
         return _of_factory(given, arguments)
+    if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
+        allowed = flag("allow_code", arguments.pop("allow_code", False))
+        if not arguments:
+            name = Path(given).name.replace(",", "_")
+            return loading.load(Path(given), name, str(given), allowed)
     if arguments:
         raise ArgumentError(
             f"problem {shown(given)} takes no further arguments, given {', '.join(arguments)}"
         )
     if isinstance(given, Problem):
         return given
-    if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
-        return loading.load(Path(given), Path(given).name.replace(",", "_"), str(given))
     if isinstance(given, str):
         if given not in PROBLEMS:
             names = (*PROBLEMS, *FAMILIES)

@@ -1,5 +1,8 @@
 """Element loop of the planar mechanism, compiled once for every mechanism.
 
+`evaluate` is the loop over the kinds that most mechanisms are made of; `evaluate_all` also
+goes over those from FORCE on.
+
 An element acts on one vector in the plane, the difference of two sites,
 
     Δ = Δ0 + Σ_k (a_k + b_k R) P_k,        k = 1..K, K ≤ 4,
@@ -32,23 +35,104 @@ SPRING    stiffness, rest length
 DAMPER    damping of the rate of |Δ|
 TORQUE    torque through the angle of Δ
 LOAD      force, two components, on one point
+FORCE     n_x, n_y, law;  the force n law(t) on a site
+MOTOR     –, –, law;  the torque law(t) through the angle of Δ
+TURN      –, –, law;  as ANGLE
+COUPLE    –;  Φ = n(θ)·Δ, n = (−sin θ, cos θ): the angle θ of Δ as a coordinate
+PAIR      D0 (2 columns), law;  Φ = D × Δ + Σ_j w_j θ_j − law(t), see below
+TWIST     angle of rest, stiffness, damping of q = Σ_j w_j θ_j
 ========  ===================================================================
 
-A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).
+A pair acts on two vectors, D = D0 + Σ_k (c_k + d_k R) P_k over the same points, and on up to
+four angles.  Its second row, of kind `MORE`, has c_k and d_k where the first has a_k and
+b_k, the coordinates θ_j in place of those of P_k, J in place of K, and w_j as parameters.
+So has `TWIST` its angles and w_j in place of points and a_k, b_k, …; the coordinate θ of
+`COUPLE` stands in the Y column.
+
+A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).  What it says beyond
+that stands in rows of kind `TERM` behind all elements, for all kinds of the table from FORCE
+on.  The Y column of an element, which has no Y, is the first of them, or 0; their own columns
+are `WHAT`, `SIZE`, `REPEATS` and `ANOTHER`:
+
+========  ===================================================================
+``WHAT``  the ``reals`` of the row
+========  ===================================================================
+POWERS    coefficients of 1, t, t², …, `SIZE` of them
+SINE      A, ω, φ
+SPLINE    first and last time; the next `SIZE` rows have the beginning of an interval
+          and the coefficients of (t − beginning)³, …, 1 in it
+========  ===================================================================
+
+Beyond the last time a spline is not a number, unless it repeats itself.
 """
 
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
 
-LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD = range(8)
+#: A function that becomes a part of its caller: handing on arrays costs time in each call.
+_inline = cached_njit(nogil=True, error_model="numpy", inline="always")
+
+(
+    LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD, FORCE, MOTOR, TURN, COUPLE, PAIR, TWIST,
+    MORE, TERM,
+) = range(16)  # fmt: skip
 
 #: Kinds that are a constraint, one row each.
-CONSTRAINTS = (LINK, BAR, LINE, ANGLE)
+CONSTRAINTS = (LINK, BAR, LINE, ANGLE, TURN, COUPLE, PAIR)
 
 #: Columns of the integer and the real table.
 KIND, COUNT, DOF, ROW, X_START, Y_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8, 9, 10
 OFFSET, PARAMETER, LAW, REAL_COLUMNS = 8, 10, 12, 18
+
+#: Columns of a term of a law of time, and what it may be.
+WHAT, SIZE, REPEATS, ANOTHER = 1, 2, 3, 4
+POWERS, SINE, SPLINE = range(3)
+#: How far beyond the ends of a spline it still holds, of its length: rounding of t.
+_SLACK = 1e-6
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _term(t, ints, reals, row, derivative):
+    """A term of a law of time, or its first or second derivative."""
+    real = reals.dtype.type
+    what, size = ints[row, WHAT], ints[row, SIZE]
+    total = real(0)
+    if what == POWERS:
+        for k in range(size - 1, derivative - 1, -1):
+            factor = real(1)
+            for j in range(derivative):
+                factor *= real(k - j)
+            total = total * t + factor * reals[row, k]
+        return total
+    if what == SINE:
+        amplitude, frequency = reals[row, 0], reals[row, 1]
+        phase = frequency * t + reals[row, 2]
+        if derivative == 0:
+            return amplitude * np.sin(phase)
+        if derivative == 1:
+            return amplitude * frequency * np.cos(phase)
+        return -amplitude * frequency * frequency * np.sin(phase)
+    first, last = reals[row, 0], reals[row, 1]
+    if ints[row, REPEATS] != 0:
+        t = t - (last - first) * np.floor((t - first) / (last - first))
+    slack = real(_SLACK) * (last - first)
+    if not first - slack <= t <= last + slack:
+        return total + real(np.nan)
+    low, high = row + 1, row + size
+    while low < high:
+        middle = (low + high + 1) // 2
+        if t >= reals[middle, 0]:
+            low = middle
+        else:
+            high = middle - 1
+    x = t - reals[low, 0]
+    a, b, c, d = reals[low, 1], reals[low, 2], reals[low, 3], reals[low, 4]
+    if derivative == 0:
+        return ((a * x + b) * x + c) * x + d
+    if derivative == 1:
+        return (real(3) * a * x + real(2) * b) * x + c
+    return real(6) * a * x + real(2) * b
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -66,10 +150,157 @@ def _law(t, reals, e, derivative):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def accumulate(
+def _whole_law(t, ints, reals, e, derivative):
+    """The same with its terms."""
+    value = _law(t, reals, e, derivative)
+    row = ints[e, Y_START]
+    while row > 0:
+        value += _term(t, ints, reals, row, derivative)
+        after = row + 1 + (ints[row, SIZE] if ints[row, WHAT] == SPLINE else 0)
+        row = after if ints[row, ANOTHER] != 0 else 0
+    return value
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _vector(u, ints, reals, e, weights):
+    """Σ (a_k + b_k R) P_k of element e, its weights in another row or its own."""
+    x, y = u.dtype.type(0), u.dtype.type(0)
+    for k in range(ints[e, COUNT]):
+        i, a, b = ints[e, DOF + k], reals[weights, 2 * k], reals[weights, 2 * k + 1]
+        x += a * u[i] - b * u[i + 1]
+        y += b * u[i] + a * u[i + 1]
+    return x, y
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _accumulate_further(
     first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
 ):  # fmt: skip
-    """Do what `evaluate` does for the elements first ≤ e < last; force is added to."""
+    """What `_accumulate` leaves out: elements that few mechanisms have."""
+    for e in range(first, last):
+        if ints[e, KIND] < FORCE:
+            continue
+        if ints[e, KIND] == TERM:
+            break
+        kind, count = ints[e, KIND], ints[e, COUNT]
+        row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
+        if kind == FORCE:
+            law = _whole_law(t, ints, reals, e, 0)
+            fx, fy = reals[e, PARAMETER] * law, reals[e, PARAMETER + 1] * law
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                force[i] += a * fx + b * fy
+                force[i + 1] += a * fy - b * fx
+        elif kind == COUPLE:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            j, multiplier = ints[e, Y_START], multipliers[row]
+            cosine, sine = np.cos(u[j]), np.sin(u[j])
+            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+            phi[row] = across
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                gx, gy = b * cosine - a * sine, a * cosine + b * sine
+                g_values[g] = gx
+                g_values[g + 1] = gy
+                force[i] += multiplier * gx
+                force[i + 1] += multiplier * gy
+                # λ C_kᵀ (cos θ, sin θ), in row and column of θ.
+                x_values[x] = x_values[x + 1] = multiplier * gy
+                x_values[x + 2] = x_values[x + 3] = -multiplier * gx
+                x += 4
+                g += 2
+            g_values[g] = -along
+            force[j] -= multiplier * along
+            x_values[x] = multiplier * across
+        elif kind == PAIR:
+            multiplier = multipliers[row]
+            ex, ey = _vector(u, ints, reals, e, e)
+            ex, ey = ex + reals[e, OFFSET], ey + reals[e, OFFSET + 1]
+            dx, dy = _vector(u, ints, reals, e, e + 1)
+            dx, dy = dx + reals[e, PARAMETER], dy + reals[e, PARAMETER + 1]
+            phi[row] = dx * ey - dy * ex - _whole_law(t, ints, reals, e, 0)
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
+                gx = b * dx - a * dy + (c * ey - d * ex)
+                gy = a * dx + b * dy - (c * ex + d * ey)
+                g_values[g] = gx
+                g_values[g + 1] = gy
+                force[i] += multiplier * gx
+                force[i + 1] += multiplier * gy
+                g += 2
+                for j in range(count):
+                    r, s = reals[e, 2 * j], reals[e, 2 * j + 1]
+                    p, q = reals[e + 1, 2 * j], reals[e + 1, 2 * j + 1]
+                    even = -multiplier * (b * p - a * q + c * s - d * r)
+                    odd = -multiplier * (a * p + b * q - c * r - d * s)
+                    x_values[x] = even
+                    x_values[x + 1] = -odd
+                    x_values[x + 2] = odd
+                    x_values[x + 3] = even
+                    x += 4
+            for k in range(ints[e + 1, COUNT]):
+                j, weight = ints[e + 1, DOF + k], reals[e + 1, PARAMETER + k]
+                phi[row] += weight * u[j]
+                g_values[g + k] = weight
+                force[j] += multiplier * weight
+        elif kind == TWIST:
+            wound, turning = u.dtype.type(-reals[e, PARAMETER]), u.dtype.type(0)
+            for k in range(count):
+                wound += reals[e, k] * u[ints[e, DOF + k]]
+                turning += reals[e, k] * v[ints[e, DOF + k]]
+            stiffness, damping = reals[e, PARAMETER + 1], reals[e, PARAMETER + 2]
+            torque = -stiffness * wound - damping * turning
+            y = ints[e, Y_START]
+            for k in range(count):
+                force[ints[e, DOF + k]] += reals[e, k] * torque
+                for j in range(count):
+                    x_values[x] = stiffness * reals[e, k] * reals[e, j]
+                    y_values[y] = damping * reals[e, k] * reals[e, j]
+                    x += 1
+                    y += 1
+        elif kind == TURN:
+            law = _whole_law(t, ints, reals, e, 0)
+            nx, ny = -np.sin(law), np.cos(law)
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            phi[row] = nx * dx + ny * dy
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                g_values[g] = a * nx + b * ny
+                g_values[g + 1] = a * ny - b * nx
+                force[i] += multipliers[row] * g_values[g]
+                force[i + 1] += multipliers[row] * g_values[g + 1]
+                g += 2
+        elif kind == MOTOR:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            square = dx * dx + dy * dy
+            torque = _whole_law(t, ints, reals, e, 0) / square
+            # The tangent of (−τ Δ_y, τ Δ_x)/|Δ|² has zero trace and is symmetric.
+            even = torque * (dx * dy + dx * dy) / square
+            odd = torque * (dy * dy - dx * dx) / square
+            for k in range(count):
+                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
+                force[i] += torque * (b * dx - a * dy)
+                force[i + 1] += torque * (a * dx + b * dy)
+                sxx, sxy = a * even + b * odd, a * odd - b * even
+                syx, syy = a * odd - b * even, -a * even - b * odd
+                for j in range(count):
+                    a_j, b_j = reals[e, 2 * j], reals[e, 2 * j + 1]
+                    x_values[x] = -(sxx * a_j + sxy * b_j)
+                    x_values[x + 1] = -(sxy * a_j - sxx * b_j)
+                    x_values[x + 2] = -(syx * a_j + syy * b_j)
+                    x_values[x + 3] = -(syy * a_j - syx * b_j)
+                    x += 4
+
+
+@_inline
+def _accumulate(
+    first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+):  # fmt: skip
+    """Do what `evaluate` does for the rows first ≤ e < last; force is added to."""
     # Constants in the precision of the state: others would raise that of their terms.
     zero, half, one, two = u.dtype.type(0), u.dtype.type(0.5), u.dtype.type(1), u.dtype.type(2)
     for e in range(first, last):
@@ -78,6 +309,10 @@ def accumulate(
             i = ints[e, DOF]
             force[i] += reals[e, PARAMETER]
             force[i + 1] += reals[e, PARAMETER + 1]
+            continue
+        if kind >= FORCE:
+            if kind == TERM:
+                break
             continue
 
         dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
@@ -202,7 +437,7 @@ def accumulate(
 
 @cached_njit(nogil=True, error_model="numpy")
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before FORCE.
 
     Args:
         t: Time (s).
@@ -216,10 +451,94 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         g_values: Overwritten with the entries of G = Φ_uᵀ.
     """
     force[:] = 0
-    accumulate(
+    _accumulate(
         0, ints.shape[0], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
         g_values,
     )  # fmt: skip
+
+
+#: By itself, for `newmark_cli.newmark.specialised`.
+accumulate = cached_njit(nogil=True, error_model="numpy")(
+    getattr(_accumulate, "py_func", _accumulate)
+)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _differentiate_further(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """What `constraint_derivatives` leaves out: elements that few mechanisms have."""
+    zero, two = u.dtype.type(0), u.dtype.type(2)
+    for e in range(ints.shape[0]):
+        kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
+        if kind == TERM:
+            break
+        if kind == COUPLE:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            wx, wy = _vector(v, ints, reals, e, e)
+            ax, ay = _vector(w, ints, reals, e, e)
+            j = ints[e, Y_START]
+            cosine, sine, turn, faster = np.cos(u[j]), np.sin(u[j]), v[j], w[j]
+            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+            with_v, against_v = cosine * wx + sine * wy, cosine * wy - sine * wx
+            with_w = cosine * ax + sine * ay
+            rate[row] = zero
+            curvature[row] = -two * turn * with_v - turn * turn * across
+            # n' and n'' of n = (−sin θ, cos θ).
+            nx, ny = -turn * cosine, -turn * sine
+            mx, my = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                rate_values[g] = a * nx + b * ny
+                rate_values[g + 1] = a * ny - b * nx
+                acceleration_values[g] = a * mx + b * my
+                acceleration_values[g + 1] = a * my - b * mx
+                g += 2
+            rate_values[g] = -with_v - turn * across
+            acceleration_values[g] = (
+                -with_w - faster * across - two * turn * against_v + turn * turn * along
+            )
+        elif kind == PAIR:
+            # Bilinear: Gᵀ w changes with u as Gᵀ u with w.
+            rx, ry = _vector(v, ints, reals, e, e)
+            px, py = _vector(v, ints, reals, e, e + 1)
+            ax, ay = _vector(w, ints, reals, e, e)
+            bx, by = _vector(w, ints, reals, e, e + 1)
+            rate[row] = -_whole_law(t, ints, reals, e, 1)
+            curvature[row] = two * (px * ry - py * rx) - _whole_law(t, ints, reals, e, 2)
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
+                rate_values[g] = b * px - a * py + (c * ry - d * rx)
+                rate_values[g + 1] = a * px + b * py - (c * rx + d * ry)
+                acceleration_values[g] = b * bx - a * by + (c * ay - d * ax)
+                acceleration_values[g + 1] = a * bx + b * by - (c * ax + d * ay)
+                g += 2
+            for k in range(ints[e + 1, COUNT]):
+                rate_values[g + k] = zero
+                acceleration_values[g + k] = zero
+        elif kind == TURN:
+            dx, dy = _vector(u, ints, reals, e, e)
+            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
+            wx, wy = _vector(v, ints, reals, e, e)
+            angle, turn = _whole_law(t, ints, reals, e, 0), _whole_law(t, ints, reals, e, 1)
+            faster = _whole_law(t, ints, reals, e, 2)
+            cosine, sine = np.cos(angle), np.sin(angle)
+            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+            rate[row] = -turn * along
+            curvature[row] = (
+                -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
+            )
+            nx, ny = -turn * cosine, -turn * sine
+            mx, my = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
+            for k in range(count):
+                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
+                rate_values[g] = a * nx + b * ny
+                rate_values[g + 1] = a * ny - b * nx
+                acceleration_values[g] = a * mx + b * my
+                acceleration_values[g + 1] = a * my - b * mx
+                g += 2
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -285,11 +604,53 @@ def constraint_derivatives(
                 acceleration_values[g] = a * ax + b * ay
                 acceleration_values[g + 1] = a * ay - b * ax
                 g += 2
+        elif kind == TERM:
+            break
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """The same as `evaluate`, of all kinds of elements.
+
+    Not for mechanisms that `evaluate` serves: handing arrays on counts references to them,
+    which takes longer than a small mechanism.
+    """
+    evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
+    _accumulate_further(
+        0, ints.shape[0], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
+        g_values,
+    )  # fmt: skip
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def accumulate_all(
+    first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+):  # fmt: skip
+    """Do what `evaluate_all` does for the rows first ≤ e < last; force is added to."""
+    _accumulate(
+        first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+    )
+    _accumulate_further(
+        first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+    )
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def all_constraint_derivatives(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """The same as `constraint_derivatives`, of all kinds of elements."""
+    constraint_derivatives(
+        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+    )
+    _differentiate_further(
+        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+    )
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def potential(t, u, v, ints, reals):
-    """Potential energy of springs and loads (J): ½ k (|Δ| − L)² and −F·P.
+    """Potential energy of springs and loads (J): ½ k (|Δ| − L)², ½ k q² and −F·P.
 
     Args:
         t: Time (s); not used, as v is.
@@ -310,4 +671,15 @@ def potential(t, u, v, ints, reals):
                 dy += b * u[i] + a * u[i + 1]
             stretch = np.sqrt(dx * dx + dy * dy) - reals[e, PARAMETER + 1]
             energy += reals[e, PARAMETER] * stretch * stretch / 2
+        elif kind == FORCE:
+            x, y = _vector(u, ints, reals, e, e)
+            law = _whole_law(t, ints, reals, e, 0)
+            energy -= (reals[e, PARAMETER] * x + reals[e, PARAMETER + 1] * y) * law
+        elif kind == TWIST:
+            wound = -reals[e, PARAMETER]
+            for k in range(ints[e, COUNT]):
+                wound += reals[e, k] * u[ints[e, DOF + k]]
+            energy += reals[e, PARAMETER + 1] * wound * wound / 2
+        elif kind == TERM:
+            break
     return energy

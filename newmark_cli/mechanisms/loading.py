@@ -1,34 +1,56 @@
 """Mechanism files, planar or spatial."""
 
+import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from newmark_cli import documents
 from newmark_cli.documents import Document
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Problem, Push
 
 #: Keys that only spatial mechanisms have.
-_SPATIAL = ("joints", "rates", "redundant", "torsion_springs", "torsion_dampers")
+_SPATIAL = ("joints", "rates", "redundant")
 
 
-def load(path: Path, name: str, spelled: str | None = None) -> Problem:
+def load(path: Path, name: str, spelled: str | None = None, allow_code: bool = False) -> Problem:
     """Problem from a mechanism file, which carries what the file said as its source.
 
     Args:
         path: YAML file.
         name: Name of the problem.
         spelled: How errors name the file.
+        allow_code: Whether its forces in Python may be loaded.
 
     Raises:
         DocumentError: For mistakes in the file, each with file, line and key.
+        ProblemError: When forces in Python cannot be used.
     """
     document = documents.read(path, spelled)
-    return replace(built(name, document), sources={path.name: document.content})
+
+    def code(problem: Problem, pushes: Sequence[Push]) -> Problem:
+        from newmark_cli.problems import python_forces
+
+        return python_forces.pushed(problem, pushes, path.parent, os.path.dirname(document.name))
+
+    found = built(name, document, code if allow_code else None)
+    return replace(found, sources={path.name: document.content, **found.sources})
 
 
-def built(name: str, document: Document) -> Problem:
-    """Problem from a mechanism file that was read; raises DocumentError as `load` does."""
+def has_code(data: Any) -> bool:
+    """Whether the data of a mechanism name forces in Python."""
+    return isinstance(data, dict) and bool(data.get("python_forces"))
+
+
+def built(name: str, document: Document, code: Any = None) -> Problem:
+    """Problem from a mechanism file that was read; raises DocumentError as `load` does.
+
+    Args:
+        name: Name of the problem.
+        document: The file.
+        code: Adds forces in Python, see `planar.built`; refused if omitted.
+    """
     if isinstance(document.data, dict):
         given = document.data.get("dimensions", 2)
         if isinstance(given, bool) or given not in (2, 3):
@@ -49,7 +71,7 @@ def built(name: str, document: Document) -> Problem:
         for name, body in bodies.items() if isinstance(bodies, dict) else ():
             if isinstance(body, dict) and "position" in body:
                 raise document.error(("bodies", name, "position"), message)
-    return planar.built(name, document)
+    return planar.built(name, document, code)
 
 
 def made(name: str, data: dict[str, Any]) -> Problem:

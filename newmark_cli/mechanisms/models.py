@@ -4,13 +4,18 @@ Nothing is built here, and what compiles is not imported; see `newmark_cli.mecha
 """
 
 import math
+import re
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     ValidationInfo,
     model_validator,
 )
@@ -113,14 +118,18 @@ class Damper(StrictModel):
     damping: NotNegative = Field(description="damping (N s/m)")
 
 
+_Direction = Annotated[Vector, also(not_={"const": [0, 0]})]
+
+
 class Slider(StrictModel):
-    """A point that stays on a fixed line."""
+    """A point that stays on a line, fixed or on a body."""
 
     point: str = Field(description="point")
-    through: Vector = Field(description="a point of the line (m)")
-    direction: Annotated[Vector, also(not_={"const": [0, 0]})] = Field(
-        description="direction of the line; its length does not matter"
+    on: str | None = Field(None, description="body that carries the line; fixed if omitted")
+    through: Vector = Field(
+        description="a point of the line (m); of a body's, along and across from its first point"
     )
+    direction: _Direction = Field(description="direction of the line; its length does not matter")
 
     @model_validator(mode="after")
     def _has_direction(self) -> "Slider":
@@ -129,32 +138,148 @@ class Slider(StrictModel):
         return self
 
 
+#: Most coefficients of a polynomial: a row of the element tables holds no more.
+_MOST_POWERS = 12
+#: Most points of a table: a measurement, not a data base.
+_MOST_ENTRIES = 100_000
+
+
+class Sine(StrictModel):
+    """An oscillation: amplitude sin(frequency t + phase)."""
+
+    amplitude: Bounded = Field(description="amplitude")
+    frequency: Bounded = Field(description="angular frequency (rad/s)")
+    phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
+
+
+class Table(StrictModel):
+    """A cubic spline through values at times: smooth up to its second derivative."""
+
+    times: Annotated[list[Bounded], also(minItems=2, maxItems=_MOST_ENTRIES)] = Field(
+        description="times (s), increasing, the first at most 0"
+    )
+    values: Annotated[list[Bounded], also(minItems=2, maxItems=_MOST_ENTRIES)] = Field(
+        description="value at each time"
+    )
+    ends: Literal["not-a-knot", "natural", "clamped", "periodic"] = Field(
+        "not-a-knot",
+        description="at both ends: no jump of the third derivative next to them, no second "
+        "derivative, no first derivative, or the table repeats itself for ever",
+    )
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> "Table":
+        times, values = self.times, self.values
+        if not 2 <= len(times) <= _MOST_ENTRIES:
+            raise misfit("times", f"must be 2 to {_MOST_ENTRIES} times, given {len(times)}")
+        if len(values) != len(times):
+            raise misfit(
+                "values", f"must be one for each of {len(times)} times, given {len(values)}"
+            )
+        for one, after in pairwise(times):
+            if after <= one:
+                raise misfit("times", f"must increase: {after:g} follows {one:g}")
+        if times[0] > 0:
+            raise misfit("times", f"must begin at 0 or before, given {times[0]:g}")
+        if times[-1] <= 0:
+            raise misfit("times", f"must end after 0, given {times[-1]:g}")
+        if self.ends == "periodic" and values[0] != values[-1]:
+            raise misfit(
+                "values", f"must end as they begin to repeat: {values[0]:g}, {values[-1]:g}"
+            )
+        return self
+
+
 class Law(StrictModel):
-    """A law of time: value + rate t + acceleration t²/2 + amplitude sin(frequency t + phase)."""
+    """A sum: value + rate t + acceleration t²/2 + amplitude sin(frequency t + phase) + others."""
 
     value: Bounded | None = Field(
-        None, description="constant term; what the initial position asks for when omitted"
+        None,
+        description="constant term; if omitted, what the initial position asks for, but 0 next "
+        "to powers or a table, and in a force or torque",
     )
     rate: Bounded = Field(0.0, description="constant rate (1/s)")
     acceleration: Bounded = Field(0.0, description="constant acceleration (1/s²)")
     amplitude: Bounded = Field(0.0, description="amplitude of the oscillation")
     frequency: Bounded = Field(0.0, description="angular frequency (rad/s)")
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
+    powers: Annotated[list[Bounded], also(maxItems=_MOST_POWERS)] = Field(
+        [], description="coefficients of 1, t, t², … of a polynomial"
+    )
+    sines: list[Sine] = Field([], description="further oscillations")
+    table: Table | None = Field(None, description="values at times, with a spline between them")
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Law":
+        if len(self.powers) > _MOST_POWERS:
+            raise misfit(
+                "powers", f"must be at most {_MOST_POWERS} numbers, given {len(self.powers)}"
+            )
+        return self
 
     @property
     def moves(self) -> bool:
         """Whether it depends on time."""
-        return bool(self.rate or self.acceleration or self.amplitude * self.frequency)
+        return bool(
+            self.rate
+            or self.acceleration
+            or self.amplitude * self.frequency
+            or any(self.powers[1:])
+            or any(sine.amplitude * sine.frequency for sine in self.sines)
+            or (
+                self.table is not None and any(v != self.table.values[0] for v in self.table.values)
+            )
+        )
 
-    def parameters(self, initially: float) -> tuple[float, ...]:
-        """c, r, s, A, ω, φ of the element loop, starting from ``initially``."""
-        start = self.amplitude * math.sin(self.phase)
-        value = initially - start if self.value is None else self.value
+    def parameters(self, initially: float | None = None) -> tuple[float, ...]:
+        """c, r, s, A, ω, φ of the element loop, starting from ``initially`` if it is given.
+
+        What the element loop keeps elsewhere, powers, sines and the table, is in c only as
+        far as the start determines c.
+        """
+        value = self.value
+        if value is None:
+            start = self.amplitude * math.sin(self.phase)
+            start += sum(sine.amplitude * math.sin(sine.phase) for sine in self.sines)
+            asked = initially is not None and not (self.powers or self.table)
+            value = (initially or 0.0) - start if asked else 0.0
         return (value, self.rate, self.acceleration, self.amplitude, self.frequency, self.phase)
 
 
+#: A file in Python and a function in it.
+_PYTHON = re.compile(r"^[^:]+\.py:[A-Za-z_][A-Za-z_0-9]*$")
+
+#: Which branch of a union a value is meant for, so that errors are those of one branch.
+_MAPPED, _PLAIN = "(mapping)", "(value)"
+
+
+def _number_or_law(value: Any) -> str:
+    return _MAPPED if isinstance(value, Mapping | Law) else _PLAIN
+
+
+#: A number, or a law of time.
+Amount = Annotated[
+    Annotated[Bounded, Tag(_PLAIN)] | Annotated[Law, Tag(_MAPPED)], Discriminator(_number_or_law)
+]
+
+
+def size_of(amount: "float | Law") -> float:
+    """A number that an arrow may stand for: 1 for what changes with time."""
+    return 1.0 if isinstance(amount, Law) else amount
+
+
+def as_law(amount: "float | Law") -> Law:
+    """A number as a law of time."""
+    return amount if isinstance(amount, Law) else Law(value=amount)
+
+
+def _any_given(*keys: str) -> JsonSchema:
+    """Any of some keys is there."""
+    return {"anyOf": [given(key) for key in keys]}
+
+
 class Motion(StrictModel):
-    """A prescribed motion: coordinates of a point (m), or the angle of a body (rad)."""
+    """A prescribed motion: of a point (m), of the angle of a body (rad), or along a slider (m)."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -162,13 +287,17 @@ class Motion(StrictModel):
                 {
                     **given("point"),
                     "anyOf": [given("x"), given("y")],
-                    "not": {"anyOf": [given("body"), given("angle")]},
+                    "not": _any_given("body", "angle", "relative_to", "slider", "distance"),
                 },
                 {
                     "allOf": [given("body"), given("angle")],
-                    "not": {"anyOf": [given("point"), given("x"), given("y")]},
+                    "not": _any_given("point", "x", "y", "slider", "distance"),
                 },
-            ]
+                {
+                    "allOf": [given("slider"), given("distance")],
+                    "not": _any_given("point", "x", "y", "body", "angle", "relative_to"),
+                },
+            ],
         }
     )
 
@@ -179,21 +308,192 @@ class Motion(StrictModel):
     angle: Law | None = Field(
         None, description="law of the angle from its first to its second point"
     )
+    relative_to: str | None = Field(
+        None, description="body whose angle is subtracted from that of the driven one"
+    )
+    slider: str | None = Field(None, description="driven slider")
+    distance: Law | None = Field(
+        None, description="law of the place of its point on the line, from 'through' on"
+    )
 
     @model_validator(mode="after")
     def _drives_one_thing(self) -> "Motion":
-        of_point = self.point is not None and (self.x or self.y) and not (self.body or self.angle)
-        of_body = self.body is not None and self.angle and not (self.point or self.x or self.y)
-        if not (of_point or of_body):
-            raise ValueError("needs a point with x or y, or a body with angle")
+        of_point = bool(self.point is not None or self.x or self.y)
+        of_body = bool(self.body is not None or self.angle or self.relative_to is not None)
+        of_slider = bool(self.slider is not None or self.distance)
+        complete = (
+            (self.point is not None and (self.x or self.y))
+            or (self.body is not None and self.angle)
+            or (self.slider is not None and self.distance)
+        )
+        if of_point + of_body + of_slider != 1 or not complete:
+            raise ValueError(
+                "needs a point with x or y, a body with angle, or a slider with distance"
+            )
         return self
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """What is driven → its law."""
+        keys = ("x", "y", "angle", "distance")
+        return {key: law for key in keys if (law := getattr(self, key)) is not None}
+
+
+class Force(StrictModel):
+    """A force at a point, in global axes."""
+
+    at: str = Field(description="point")
+    force: Annotated[tuple[Amount, Amount], BeforeValidator(_two_numbers)] = Field(
+        description="components (N), each a number or a law of time"
+    )
+
+    @property
+    def amounts(self) -> tuple[Law, Law]:
+        """Both components as laws."""
+        return as_law(self.force[0]), as_law(self.force[1])
 
 
 class Torque(StrictModel):
-    """A constant torque on a body."""
+    """A torque on a body."""
 
     on: str = Field(description="body")
-    torque: Bounded = Field(description="torque, counter-clockwise (N m)")
+    from_: str | None = Field(
+        None, alias="from", description="body that the opposite torque acts on; none if omitted"
+    )
+    torque: Amount = Field(description="counter-clockwise (N m), a number or a law of time")
+
+
+#: What parts that act on angles call the ground.
+GROUND = "ground"
+
+
+class TorsionSpring(StrictModel):
+    """A linear spring of the angle between two bodies, over any number of turns."""
+
+    from_: str = Field(GROUND, alias="from", description="first body, or 'ground'")
+    to: str = Field(description="second body")
+    stiffness: NotNegative = Field(description="stiffness (N m/rad)")
+    rest_angle: Bounded | None = Field(
+        None,
+        description="angle without torque (rad), from the first body to the second, which starts "
+        "between -π and π; as at the start if omitted",
+    )
+
+
+class TorsionDamper(StrictModel):
+    """A linear damper of the angle between two bodies."""
+
+    from_: str = Field(GROUND, alias="from", description="first body, or 'ground'")
+    to: str = Field(description="second body")
+    damping: NotNegative = Field(description="damping (N m s/rad)")
+
+
+class AngleJoint(StrictModel):
+    """A constant angle between two bodies, which need not meet."""
+
+    from_: str = Field(GROUND, alias="from", description="first body, or 'ground'")
+    to: str = Field(description="second body")
+    angle: Bounded | None = Field(
+        None, description="angle from the first to the second (rad); as at the start if omitted"
+    )
+
+
+class Gear(StrictModel):
+    """Angles of two bodies that turn in a constant ratio, counted from the start."""
+
+    from_: str = Field(alias="from", description="first body")
+    to: str = Field(description="second body")
+    ratio: Annotated[Bounded, also(not_={"const": 0})] = Field(
+        description="turns of the second body for one of the first; negative where they mesh "
+        "outside"
+    )
+    on: str | None = Field(
+        None, description="carrier, relative to which both turn; the ground if omitted"
+    )
+
+    @model_validator(mode="after")
+    def _turns(self) -> "Gear":
+        if self.ratio == 0:
+            raise misfit("ratio", "must not be 0: the second body would not turn")
+        names = [name for name in (self.from_, self.to, self.on) if name is not None]
+        if len(set(names)) < len(names):
+            raise misfit("to", "must be different bodies, and another than the carrier")
+        return self
+
+
+class Line(StrictModel):
+    """A line that a wheel rolls on, fixed or on a body."""
+
+    on: str | None = Field(None, description="body that carries the line; fixed if omitted")
+    through: Vector = Field(
+        description="a point of the line (m); of a body's, along and across from its first point"
+    )
+    direction: _Direction = Field(description="direction of the line; its length does not matter")
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> "Line":
+        if math.hypot(*self.direction) == 0:
+            raise misfit("direction", "must not be [0, 0]: a line needs a direction")
+        return self
+
+
+class Circle(StrictModel):
+    """A circle that a wheel rolls on, fixed or a wheel itself."""
+
+    centre: str = Field(description="point")
+    radius: Length = Field(description="radius (m)")
+    body: str | None = Field(None, description="body that turns with it; it is fixed if omitted")
+    inside: Truth = Field(False, description="whether the wheel rolls inside of it")
+
+
+class Rolling(StrictModel):
+    """A wheel that rolls without slipping: two constraints, of contact and of rolling."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [given("line"), given("circle")]})
+
+    wheel: str = Field(description="body that turns with the wheel")
+    centre: str | None = Field(None, description="its centre; the body's first point if omitted")
+    radius: Length = Field(description="radius (m)")
+    line: Line | None = Field(None, description="line that it rolls on")
+    circle: Circle | None = Field(None, description="circle that it rolls on")
+
+    @model_validator(mode="after")
+    def _rolls_on_one_thing(self) -> "Rolling":
+        if (self.line is None) == (self.circle is None):
+            raise ValueError("needs either a line or a circle to roll on")
+        if self.circle is not None and self.circle.inside and self.circle.radius <= self.radius:
+            raise misfit(
+                "radius",
+                f"must be less than that of the circle around it, {self.circle.radius:g}, "
+                f"given {self.radius:g}",
+            )
+        return self
+
+
+#: Parts that are constraints: a mechanism needs one of them.
+_CONSTRAINING = ("bodies", "bars", "sliders", "motions", "angle_joints", "gears", "rolling")
+
+
+class PythonForce(StrictModel):
+    """Forces on points that a Python function returns; runs only with --allow-code."""
+
+    python: Annotated[str, also(pattern=_PYTHON.pattern)] = Field(
+        description="file.py:function of positions (k, 2), velocities (k, 2) and the time t, which "
+        "returns the forces (N), (k, 2); the file is looked for beside this one"
+    )
+    on: Annotated[list[str], also(minItems=1, uniqueItems=True)] = Field(
+        description="the k points, at least one"
+    )
+
+    @model_validator(mode="after")
+    def _names_a_function(self) -> "PythonForce":
+        if not _PYTHON.fullmatch(self.python):
+            raise misfit("python", f'must be "file.py:function", given {self.python!r:.60}')
+        if not self.on:
+            raise misfit("on", "must name at least one point")
+        if len(set(self.on)) < len(self.on):
+            raise misfit("on", "must name each point once")
+        return self
 
 
 _ALL_FIXED: JsonSchema = {"additionalProperties": {"not": given("at")}}
@@ -206,7 +506,7 @@ class Mechanism(StrictModel):
         json_schema_extra={
             "anyOf": [
                 {"required": [kind], "properties": {kind: {"minProperties": 1}}}
-                for kind in ("bodies", "bars", "sliders", "motions")
+                for kind in _CONSTRAINING
             ]
         }
     )
@@ -221,23 +521,26 @@ class Mechanism(StrictModel):
     bodies: dict[str, Body] = Field({}, description="rigid bodies, each carried by two points")
     body_points: dict[str, BodyPoint] = Field({}, description="further points on bodies")
     bars: dict[str, Bar] = Field({}, description="massless bars between two points")
-    sliders: dict[str, Slider] = Field({}, description="points that stay on a line")
+    sliders: dict[str, Slider] = Field(
+        {}, description="points that stay on a line, fixed or moving"
+    )
     motions: dict[str, Motion] = Field({}, description="prescribed motions")
     springs: dict[str, Spring] = Field({}, description="linear springs between two points")
     dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
-    torques: dict[str, Torque] = Field({}, description="constant torques on bodies")
+    torques: dict[str, Torque] = Field({}, description="torques on bodies")
+    forces: dict[str, Force] = Field({}, description="forces at points")
+    torsion_springs: dict[str, TorsionSpring] = Field(
+        {}, description="springs of the angle between two bodies"
+    )
+    torsion_dampers: dict[str, TorsionDamper] = Field(
+        {}, description="dampers of the angle between two bodies"
+    )
+    angle_joints: dict[str, AngleJoint] = Field({}, description="constant angles between bodies")
+    gears: dict[str, Gear] = Field({}, description="bodies that turn in a constant ratio")
+    rolling: dict[str, Rolling] = Field({}, description="wheels that roll on lines or circles")
+    python_forces: dict[str, PythonForce] = Field({}, description="forces that code computes")
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(
         False, description="replace initial velocities by the nearest that fit the constraints"
     )
-
-    @property
-    def conservative(self) -> bool:
-        """Whether energy is conserved: nothing damps, drives or moves by a law of time."""
-        laws = [law for m in self.motions.values() for law in (m.x, m.y, m.angle) if law]
-        return not (
-            any(damper.damping for damper in self.dampers.values())
-            or any(torque.torque for torque in self.torques.values())
-            or any(law.moves for law in laws)
-        )

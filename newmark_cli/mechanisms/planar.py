@@ -1,12 +1,17 @@
-"""Planar mechanisms as data: points, two-point bodies, springs, torques, gravity.
+"""Planar mechanisms as data: points, two-point bodies, and parts that join or load them.
 
 The coordinates are the positions of the moving points ("natural coordinates").
 A body is carried by two points at constant distance, so it needs no angle, its
 mass matrix is constant, and it brings one distance constraint.
+
+Torsion springs, gears and wheels that roll count turns, which points cannot.  A body that one
+of them names has its angle θ as a further coordinate behind those of the points, with one
+more constraint n(θ)·Δ = 0, n = (−sin θ, cos θ), and half of its inertia; everything that acts
+on angles is linear in them.  Other bodies keep to points.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -15,13 +20,17 @@ import numpy as np
 from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, DocumentError, KeyPath
-from newmark_cli.mechanisms import elements, start
-from newmark_cli.mechanisms.models import Body, Law, Mechanism, Motion, Slider
-from newmark_cli.problems.problem import Elements, Pattern, Problem
+from newmark_cli.mechanisms import elements, laws, start
+from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
+from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
+from newmark_cli.problems.problem import Elements, Pattern, Problem, Push
 from newmark_cli.spelling import nearest
 
-#: Largest |Φ| of a bar at the start, relative to L²: the data are rounded numbers.
-_MISFIT = 1e-12
+#: What adds forces in Python to a problem.
+Code = Callable[[Problem, Sequence["Push"]], Problem]
+
+#: Coordinates of angles with their weights in a sum.
+Angles = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True)
@@ -40,8 +49,13 @@ class Site:
         }
 
 
-def built(name: str, document: Document) -> Problem:
+def built(name: str, document: Document, code: Code | None = None) -> Problem:
     """Problem from a mechanism file that was read.
+
+    Args:
+        name: Name of the problem.
+        document: The file.
+        code: Adds forces in Python; refused if omitted.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
@@ -56,7 +70,7 @@ def built(name: str, document: Document) -> Problem:
             _check_rest(name, document, error)
         mistakes.refuse()
         raise
-    return build(name, mechanism, document)
+    return build(name, mechanism, document, code)
 
 
 def _check_rest(name: str, document: Document, error: DocumentError) -> None:
@@ -81,38 +95,50 @@ def _check_rest(name: str, document: Document, error: DocumentError) -> None:
         sound["assemble"] = True  # nobody knows whether positions are meant to fit
     broken = [("bodies" if kind == "bodies" else "points", str(name)) for kind, name in parts]
     mechanism = documents.validate(document, Mechanism, sound)
-    _Builder(name, document, mechanism, broken).problem()
+    Builder(name, document, mechanism, broken).problem()
 
 
 #: Keys of a mechanism whose values are parts by name.
-_PARTS = (
-    "points", "bodies", "body_points", "bars", "sliders", "motions", "springs", "dampers",
-    "torques",
-)  # fmt: skip
+_PARTS = ("points", "bodies", "body_points", *PARTS)
 _OTHERS = Mechanism.model_fields.keys() - set(_PARTS)
 
 
-def build(name: str, mechanism: Mechanism, document: Document | None = None) -> Problem:
+def build(
+    name: str,
+    mechanism: Mechanism,
+    document: Document | None = None,
+    code: Code | None = None,
+) -> Problem:
     """Problem from a mechanism.
 
     Args:
         name: Name of the problem.
         mechanism: The mechanism.
         document: Where it came from, for errors.
+        code: Adds forces in Python; refused if omitted.
 
     Raises:
         DocumentError: See `load`.
     """
     document = document or Document(name, {}, {})
-    builder = _Builder(name, document, mechanism)
-    return start.consistent(builder.problem(), mechanism, document, builder.constraint_paths)
+    builder = Builder(name, document, mechanism)
+    problem = builder.problem()
+    if builder.pushes and code is None:
+        path = next(iter(builder.pushes))
+        file = builder.pushes[path].given.rpartition(":")[0]
+        message = f"{file} is code, which runs only with --allow-code"
+        raise document.error((*path, "python"), message)
+    problem = start.consistent(problem, mechanism, document, builder.constraint_paths)
+    if builder.pushes and code is not None:
+        problem = code(problem, tuple(builder.pushes.values()))
+    return problem
 
 
 class _Follows(Exception):
     """A part cannot be built because of a mistake that is known already."""
 
 
-class _Builder:
+class Builder:
     """Turns a mechanism into the tables of the element loop.
 
     A mistake in one part does not keep the others from being looked at; `problem` raises
@@ -145,12 +171,13 @@ class _Builder:
                 self.moving[point] = 2 * len(self.moving)
         self.sites = {point: Site({point: 1}) for point in mechanism.points}
         for point, on_body in mechanism.body_points.items():
-            with self._checked("points", point):
-                body = self._body(on_body.on, ("body_points", point, "on"))
+            with self.checked("points", point):
+                body = self.body(on_body.on, ("body_points", point, "on"))
                 if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
                     raise _Follows
                 z = complex(*on_body.at) / body.length
                 self.sites[point] = Site({body.from_: 1 - z, body.to: z})
+        self.fixed[UNIT] = 1 + 0j
         self.ints: list[list[int]] = []
         self.reals: list[list[float]] = []
         self.constraint_paths: list[KeyPath] = []
@@ -158,9 +185,18 @@ class _Builder:
         self.y_entries: list[tuple[int, int]] = []
         self.g_entries: list[tuple[int, int]] = []
         self.mass: dict[tuple[int, int], float] = {}
+        #: Angles that are coordinates: name → place in u, and at the start with their rates.
+        self.turning: dict[str, int] = {}
+        self.start_angles: list[tuple[float, float]] = []
+        #: Terms of laws of time, for behind the elements, and element → number of its first.
+        self.terms: list[tuple[list[int], list[float]]] = []
+        self.laws: dict[int, int] = {}
+        self.until = math.inf
+        #: Forces in Python.
+        self.pushes: dict[KeyPath, Push] = {}
 
     @contextmanager
-    def _checked(self, *broken: str) -> Iterator[None]:
+    def checked(self, *broken: str) -> Iterator[None]:
         """Take up a mistake of the block, which ends there; kind and name are then broken."""
         try:
             yield
@@ -171,193 +207,203 @@ class _Builder:
                 self.broken.add(broken)
 
     def problem(self) -> Problem:
+        """The problem, whose start is as given; raises DocumentError for its mistakes."""
         mechanism = self.mechanism
-        n = 2 * len(self.moving)
-        if n == 0 and not self.broken:
+        if not self.moving and not self.broken:
             self.mistakes.note(self.document.error(("points",), "no point moves"))
+        for name, body in mechanism.bodies.items():
+            with self.checked("bodies", name):
+                self._require_points(body, ("bodies", name))
+                self.distance(body.from_, body.to, body.length, ("bodies", name))
+        for key, part in PARTS.items():
+            for name, one in getattr(mechanism, key).items():
+                with self.checked():
+                    part.build(self, one, (key, name))
+        self.mistakes.refuse()
+        n = 2 * len(self.moving) + len(self.turning)
         loads = np.zeros(n)
         gravity = complex(*mechanism.gravity)
         for name, body in mechanism.bodies.items():
-            with self._checked("bodies", name):
-                self._body_mass(body, loads, gravity, ("bodies", name))
-                self._distance(body.from_, body.to, body.length, ("bodies", name))
+            self._body_mass(name, body, loads, gravity)
         for name, point in mechanism.points.items():
             self._add_mass(name, name, complex(point.mass), loads, gravity)
-        for name, bar in mechanism.bars.items():
-            with self._checked():
-                self._distance(bar.from_, bar.to, bar.length, ("bars", name))
-        for name, spring in mechanism.springs.items():
-            with self._checked():
-                self._element(
-                    elements.SPRING,
-                    self._difference(spring.from_, spring.to, ("springs", name)),
-                    (spring.stiffness, spring.rest_length),
-                )
-        for name, slider in mechanism.sliders.items():
-            with self._checked():
-                self._slider(slider, ("sliders", name))
-        for name, motion in mechanism.motions.items():
-            with self._checked():
-                self._motion(motion, ("motions", name))
-        for name, damper in mechanism.dampers.items():
-            with self._checked():
-                self._element(
-                    elements.DAMPER,
-                    self._difference(damper.from_, damper.to, ("dampers", name)),
-                    (damper.damping,),
-                )
-        for name, torque in mechanism.torques.items():
-            with self._checked():
-                body = self._body(torque.on, ("torques", name, "on"))
-                self._element(
-                    elements.TORQUE,
-                    self._difference(body.from_, body.to, ("torques", name)),
-                    (torque.torque,),
-                )
-        self.mistakes.refuse()
-        for i in range(0, n, 2):
+        for i in range(0, 2 * len(self.moving), 2):
             if np.any(loads[i : i + 2]):
                 self.ints.append([elements.LOAD, 1, i] + [0] * (elements.INT_COLUMNS - 3))
                 self._append_reals([], 0j, (loads[i], loads[i + 1]))
+        self._append_terms()
 
         mass, x, y, g = (
             np.array(entries, np.int64).reshape(-1, 2).T.copy()
             for entries in (sorted(self.mass), self.x_entries, self.y_entries, self.g_entries)
         )
+        further = any(row[elements.KIND] >= elements.FORCE for row in self.ints)
         points = [mechanism.points[name] for name in self.moving]
+        at = [c for point in points for c in point.at or ()]
+        velocity = [c for point in points for c in point.velocity]
         return Problem(
             name=self.name,
-            u0=np.array([c for point in points for c in point.at or ()]),
-            v0=np.array([c for point in points for c in point.velocity]),
+            u0=np.array(at + [angle for angle, _ in self.start_angles]),
+            v0=np.array(velocity + [rate for _, rate in self.start_angles]),
             t0=0.0,
             constraints=len(self.constraint_paths),
-            function=elements.evaluate,
-            elements=Elements(elements.accumulate, np.arange(len(self.ints))),
-            derivatives=elements.constraint_derivatives,
+            function=elements.evaluate_all if further else elements.evaluate,
+            derivatives=(
+                elements.all_constraint_derivatives if further else elements.constraint_derivatives
+            ),
+            elements=Elements(
+                elements.accumulate_all if further else elements.accumulate,
+                np.flatnonzero([row[elements.KIND] < elements.MORE for row in self.ints]),
+            ),
             ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
             pattern=Pattern(*mass, *x, *y, *g),
             mass_values=np.array([self.mass[place] for place in sorted(self.mass)]),
             drawing_given=mechanism,
             points_given=tuple(self.moving),
-            # Links, bars and sliders are; laws of time are not carried by increments.
-            quadratic=not mechanism.motions,
+            coordinates_given=tuple(self.turning),
+            # Links, bars, sliders and angle joints are; laws of time and angles are not
+            # carried by increments.
+            quadratic=not mechanism.motions and not self.turning,
             single=True,
-            potential=elements.potential if mechanism.conservative else None,
+            potential=elements.potential if conserves(mechanism) else None,
             # A motion is named with what it drives: `m.x` may be another's name.
-            constraints_given=tuple(
-                (*path, "angle") if path[0] == "motions" and len(path) == 2 else path
-                for path in self.constraint_paths
-            ),
+            constraints_given=tuple(self.constraint_paths),
+            until=self.until,
         )
 
-    def _body(self, name: str, path: KeyPath) -> Body:
+    def body(self, name: str, path: KeyPath) -> Body:
         bodies = self.mechanism.bodies
         if ("bodies", name) in self.broken:
             raise _Follows
         if name not in bodies:
-            raise self._unknown("body", name, path, bodies)
+            raise self.unknown("body", name, path, bodies)
         return bodies[name]
 
-    def _site(self, name: str, path: KeyPath) -> Site:
+    def site(self, name: str, path: KeyPath) -> Site:
         if ("points", name) in self.broken:
             raise _Follows
         if name not in self.sites:
-            raise self._unknown("point", name, path, self.sites)
+            raise self.unknown("point", name, path, self.sites)
         return self.sites[name]
 
-    def _unknown(
+    def unknown(
         self, kind: str, name: str, path: KeyPath, allowed: Collection[str]
     ) -> DocumentError:
         # Looking for the nearest name takes its time, which only what is printed is worth.
         hint = "" if self.mistakes.full else nearest(name, allowed)
         return self.document.error(path, f"unknown {kind} {name!r}{hint}")
 
-    def _ends(self, start: str, end: str, path: KeyPath) -> tuple[Site, Site]:
+    def _ends(
+        self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
+    ) -> tuple[Site, Site]:
         """Both ends of a part; a mistake in one does not hide that in the other."""
         found = []
-        for name, key in ((start, "from"), (end, "to")):
-            with self._checked():
-                found.append(self._site(name, (*path, key)))
+        for name, key in ((start, keys[0]), (end, keys[1])):
+            with self.checked():
+                found.append(self.site(name, (*path, key)))
         if len(found) < 2:
             raise _Follows
         return found[0], found[1]
 
-    def _difference(self, start: str, end: str, path: KeyPath) -> dict[str, complex]:
+    def difference(
+        self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
+    ) -> dict[str, complex]:
+        """The vector from one point to another."""
         if start == end:
             raise self.document.error(path, f"joins {start} with itself")
-        first, last = self._ends(start, end, path)
+        first, last = self._ends(start, end, path, keys)
         difference = last.minus(first)
-        if not any(name in self.moving for name in difference):
+        if not self._moves(difference):
             raise self.document.error(
                 path, f"joins {start} and {end}, which cannot move relative to each other"
             )
         return difference
 
-    def _distance(self, start: str, end: str, length: float, path: KeyPath) -> None:
-        difference = self._difference(start, end, path)
-        misfit = abs(self._vector(difference)) - length
-        if not self.mechanism.assemble and abs(misfit) > _MISFIT * length:
+    def _moves(self, weights: Mapping[str, complex]) -> bool:
+        return any(name in self.moving for name in weights)
+
+    def distance(
+        self, start: str, end: str, length: float, path: KeyPath, checked: bool = False
+    ) -> None:
+        """Two points keep a distance, which they have at the start; ``checked`` if it is known."""
+        difference = self.difference(start, end, path)
+        misfit = abs(self.vector(difference)) - length
+        if not (checked or self.mechanism.assemble) and abs(misfit) > MISFIT * length:
             raise self.document.error(
                 path,
                 f"{start} and {end} start {length + misfit:.12g} m apart, given length "
                 f"{length:g}; correct the positions or set 'assemble: true'",
             )
         plain = all(complex(weight).imag == 0 for weight in difference.values())
-        kind = elements.LINK if plain else elements.BAR
-        self._element(kind, difference, (length**2,), constraint=path)
+        self.element("LINK" if plain else "BAR", difference, (length**2,), constraint=path)
 
-    def _slider(self, slider: Slider, path: KeyPath) -> None:
-        along = complex(*slider.direction) / abs(complex(*slider.direction))
-        normal = 1j * along
-        site = self._moving_site(slider.point, (*path, "point"))
-        through = complex(*slider.through)
-        level = (normal.conjugate() * through).real
-        away = (normal.conjugate() * self._vector(site)).real - level
-        if not self.mechanism.assemble and abs(away) > _MISFIT * max(1.0, abs(through)):
+    def on_line(
+        self, point: str, line: Slider | Line, path: KeyPath, point_path: KeyPath | None = None
+    ) -> tuple[dict[str, complex], dict[str, complex]]:
+        """Direction of a line, of length 1, and the vector from it to a point.
+
+        Args:
+            point: The point.
+            line: The line, fixed or on a body.
+            path: Where the line is given.
+            point_path: Where the point is; with the line if omitted.
+        """
+        site = self.site(point, point_path or (*path, "point"))
+        direction = complex(*line.direction) / abs(complex(*line.direction))
+        through = complex(*line.through)
+        if line.on is None:
+            along, origin = {UNIT: direction}, Site({UNIT: through})
+        else:
+            body = self.body(line.on, (*path, "on"))
+            turn = direction / body.length
+            z = through / body.length
+            along = self._joined({body.to: turn, body.from_: -turn})
+            origin = Site({body.from_: 1 - z, body.to: z})
+        away = site.minus(origin)
+        if not (self._moves(along) or self._moves(away)):
+            raise self.document.error(point_path or (*path, "point"), f"{point} is fixed")
+        return along, away
+
+    @staticmethod
+    def _joined(weights: Mapping[str, complex]) -> dict[str, complex]:
+        return {name: weight for name, weight in weights.items() if weight != 0}
+
+    def require_on_line(self, point: str, away: float, size: float, path: KeyPath) -> None:
+        """Raises DocumentError where a point starts off its line by ``away`` (m)."""
+        if not self.mechanism.assemble and abs(away) > MISFIT * max(1.0, size):
             raise self.document.error(
                 path,
-                f"{slider.point} starts {abs(away):.12g} m off the line; correct its position "
+                f"{point} starts {abs(away):.12g} m off the line; correct its position "
                 "or set 'assemble: true'",
             )
-        law = (level, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self._element(elements.LINE, site, (normal.real, normal.imag, *law), constraint=path)
 
-    def _motion(self, motion: Motion, path: KeyPath) -> None:
-        if motion.point is not None:
-            site = self._moving_site(motion.point, (*path, "point"))
-            place = self._vector(site)
-            for key, law, normal in (("x", motion.x, (1.0, 0.0)), ("y", motion.y, (0.0, 1.0))):
-                if law is not None:
-                    now = place.real if key == "x" else place.imag
-                    with self._checked():
-                        parameters = self._fitting(law, now, (*path, key))
-                        self._element(
-                            elements.LINE, site, (*normal, *parameters), constraint=(*path, key)
-                        )
-        else:
-            assert motion.body is not None
-            assert motion.angle is not None
-            body = self._body(motion.body, (*path, "body"))
-            difference = self._difference(body.from_, body.to, path)
-            vector = self._vector(difference)
-            now = math.atan2(vector.imag, vector.real)
-            parameters = self._fitting(motion.angle, now, (*path, "angle"), 2 * math.pi)
-            self._element(elements.ANGLE, difference, (0.0, 0.0, *parameters), constraint=path)
+    def require_contact(
+        self, wheel: str, distance: float, asked: float, size: float, path: KeyPath
+    ) -> None:
+        """Raises DocumentError where a wheel starts at another distance than ``asked`` (m)."""
+        if not self.mechanism.assemble and abs(distance - asked) > MISFIT * max(size, asked):
+            raise self.document.error(
+                path,
+                f"{wheel} starts with its centre {distance:.12g} m away, its radius asks for "
+                f"{asked:.12g} m; correct the positions or set 'assemble: true'",
+            )
 
-    def _fitting(
+    def fitting(
         self, law: Law, now: float, path: KeyPath, period: float = math.inf
     ) -> tuple[float, ...]:
+        """Parameters of a law that starts where the mechanism does."""
         guessed = self.mechanism.assemble
         return start.law_parameters(law, now, self.document, path, period, guessed)
 
-    def _moving_site(self, name: str, path: KeyPath) -> dict[str, complex]:
-        weights = dict(self._site(name, path).weights)
-        if not any(point in self.moving for point in weights):
+    def moving_site(self, name: str, path: KeyPath) -> dict[str, complex]:
+        """A point that is not fixed."""
+        weights = dict(self.site(name, path).weights)
+        if not self._moves(weights):
             raise self.document.error(path, f"{name} is fixed")
         return weights
 
-    def _vector(self, weights: Mapping[str, complex]) -> complex:
+    def vector(self, weights: Mapping[str, complex]) -> complex:
         """Initial value of Σ (a + bR) P."""
         return sum((weight * self._start(name) for name, weight in weights.items()), 0j)
 
@@ -368,33 +414,213 @@ class _Builder:
         assert at is not None
         return complex(*at)
 
-    def _element(
+    # Angles that are coordinates.
+
+    def direction(self, name: str, path: KeyPath) -> dict[str, complex]:
+        """The vector from the first to the second point of a body, or (1, 0) of the ground."""
+        if is_ground(name, self.mechanism):
+            return {UNIT: 1 + 0j}
+        body = self.body(name, path)
+        return self.difference(body.from_, body.to, path)
+
+    def angle(self, body: str, path: KeyPath) -> int:
+        """Place in u of the angle of a body, which becomes a coordinate."""
+        found = self.body(body, path)
+        name = f"{body}.angle"
+        if name in self.turning:
+            return self.turning[name]
+        difference = self.difference(found.from_, found.to, path)
+        return self.angle_of(difference, ("bodies", body, "angle"), name)
+
+    def angle_of(self, difference: Mapping[str, complex], path: KeyPath, name: str) -> int:
+        """Place in u of the angle of a vector, a new coordinate with its constraint."""
+        place = 2 * len(self.moving) + len(self.turning)
+        self.turning[name] = place
+        vector = self.vector(difference)
+        velocities = {key: point.velocity for key, point in self.mechanism.points.items()}
+        rate = sum(w * complex(*velocities[key]) for key, w in difference.items() if key != UNIT)
+        turning = (vector.conjugate() * rate).imag / abs(vector) ** 2 if vector else 0.0
+        self.start_angles.append((math.atan2(vector.imag, vector.real), turning))
+        dofs = self.element("COUPLE", difference, (), constraint=path)
+        self.ints[-1][elements.Y_START] = place
+        self.x_entries += [
+            entry for dof in dofs for i in (dof, dof + 1) for entry in ((i, place), (place, i))
+        ]
+        self.x_entries.append((place, place))
+        self.g_entries.append((place, self.ints[-1][elements.ROW]))
+        return place
+
+    def relative(
+        self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
+    ) -> Angles:
+        """The angle of a body minus that of another, or of the ground, which has none."""
+        if start == end:
+            raise self.document.error((*path, keys[1]), f"joins {end} with itself")
+        last = ((self.angle(end, (*path, keys[1])), 1.0),)
+        if is_ground(start, self.mechanism):
+            return last
+        return (*last, (self.angle(start, (*path, keys[0])), -1.0))
+
+    def sum_of(self, angles: Angles) -> float:
+        """A sum of angles at the start."""
+        first = 2 * len(self.moving)
+        return math.fsum(weight * self.start_angles[place - first][0] for place, weight in angles)
+
+    # Rows of the tables.
+
+    def element(
         self,
-        kind: int,
+        kind: str,
         difference: Mapping[str, complex],
         parameters: tuple[float, ...],
         constraint: KeyPath | None = None,
-    ) -> None:
+        law: Law | None = None,
+    ) -> list[int]:
+        """Add an element of a kind of `newmark_cli.mechanisms.elements`.
+
+        Args:
+            kind: Name of the kind.
+            difference: The vector that it acts on.
+            parameters: Those of the kind.
+            constraint: Name of its constraint, if it is one.
+            law: Law of time that the parameters are of, for what they do not say.
+
+        Returns:
+            Coordinates of the points that it acts on.
+        """
+        number = getattr(elements, kind)
         offset = sum(
             (w * self.fixed[name] for name, w in difference.items() if name in self.fixed), 0j
         )
         moving = {name: w for name, w in difference.items() if name in self.moving}
         dofs = [self.moving[name] for name in moving]
-        row = len(self.constraint_paths) if constraint else 0
-        self.ints.append(
-            [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
-             len(self.x_entries), len(self.y_entries), len(self.g_entries)]
-        )  # fmt: skip
+        self._append_ints(number, dofs, constraint)
         self._append_reals(list(moving.values()), offset, parameters)
-        blocks = ((0, 0), (1, 1)) if kind == elements.LINK else ((0, 0), (0, 1), (1, 0), (1, 1))
+        self._append_law(law)
+        blocks = ((0, 0), (1, 1)) if kind == "LINK" else ((0, 0), (0, 1), (1, 0), (1, 1))
         entries = [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
-        if kind not in (elements.LINE, elements.ANGLE):
+        if kind not in ("LINE", "ANGLE", "FORCE", "COUPLE", "TURN"):
             self.x_entries += entries
-        if kind == elements.DAMPER:
+        if kind == "DAMPER":
             self.y_entries += entries
         if constraint:
+            row = self.ints[-1][elements.ROW]
             self.g_entries += [(i + r, row) for i in dofs for r in (0, 1)]
+        return dofs
+
+    def pair(
+        self,
+        along: Mapping[str, complex],
+        away: Mapping[str, complex],
+        angles: Angles,
+        constraint: KeyPath,
+        parameters: tuple[float, ...] = (0.0,) * 6,
+        law: Law | None = None,
+    ) -> None:
+        """Add the constraint D × Δ + Σ w θ − law(t) = 0.
+
+        Args:
+            along: D.
+            away: Δ.
+            angles: θ and w.
+            constraint: Its name.
+            parameters: Six of the law.
+            law: The law, for what these do not say.
+        """
+        both = {
+            name: (away.get(name, 0j), along.get(name, 0j))
+            for name in (*away, *along)
+            if name in self.moving
+        }
+        fixed = [
+            sum((w * self.fixed[name] for name, w in of.items() if name in self.fixed), 0j)
+            for of in (away, along)
+        ]
+        dofs = [self.moving[name] for name in both]
+        self._append_ints(elements.PAIR, dofs, constraint)
+        towards = (fixed[1].real, fixed[1].imag, *parameters)
+        self._append_reals([weight for weight, _ in both.values()], fixed[0], towards)
+        self._append_law(law)
+        row = self.ints[-1][elements.ROW]
+        blocks = ((0, 0), (0, 1), (1, 0), (1, 1))
+        self.x_entries += [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
+        self.g_entries += [(i + r, row) for i in dofs for r in (0, 1)]
+        self.g_entries += [(place, row) for place, _ in angles]
+        self._append_ints(elements.MORE, [place for place, _ in angles], None)
+        weights = tuple(weight for _, weight in angles)
+        self._append_reals([weight for _, weight in both.values()], 0j, weights)
+
+    def twist(self, angles: Angles, rest: float, stiffness: float, damping: float) -> None:
+        """Add a torque −stiffness (q − rest) − damping q' of q = Σ w θ."""
+        places = [place for place, _ in angles]
+        self._append_ints(elements.TWIST, places, None)
+        weights = [weight for _, weight in angles]
+        weights += [0.0] * (elements.PARAMETER - len(weights))
+        row = [*weights, rest, stiffness, damping]
+        self.reals.append(row + [0.0] * (elements.REAL_COLUMNS - len(row)))
+        entries = [(i, j) for i in places for j in places]
+        self.x_entries += entries
+        self.y_entries += entries
+
+    def push(self, given: str, points: Sequence[str], path: KeyPath) -> None:
+        """Keep a force in Python on points, for what adds it to the problem."""
+        sites = []
+        for place, point in enumerate(points):
+            with self.checked():
+                sites.append(self.site(point, (*path, "on", place)))
+        if len(sites) < len(points):
+            raise _Follows
+        names = list(dict.fromkeys(n for site in sites for n in site.weights))
+        moving = [name for name in names if name in self.moving]
+        if not moving:
+            raise self.document.error((*path, "on"), "must name a point that moves")
+        weights = np.zeros((2 * len(sites), 2 * len(moving)))
+        offsets = np.zeros(2 * len(sites))
+        for k, site in enumerate(sites):
+            for name, weight in site.weights.items():
+                a, b = complex(weight).real, complex(weight).imag
+                block = np.array([[a, -b], [b, a]])
+                if name in self.fixed:
+                    at = self.fixed[name]
+                    offsets[2 * k : 2 * k + 2] += block @ [at.real, at.imag]
+                else:
+                    j = 2 * moving.index(name)
+                    weights[2 * k : 2 * k + 2, j : j + 2] = block
+        coordinates = [self.moving[name] + c for name in moving for c in (0, 1)]
+        self.pushes[path] = Push(given, coordinates, weights, offsets)
+
+    def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
+        row = len(self.constraint_paths) if constraint else 0
+        # From FORCE on, the column of who has no Y is for something else.
+        y = 0 if kind >= elements.FORCE and kind != elements.TWIST else len(self.y_entries)
+        self.ints.append(
+            [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
+             len(self.x_entries), y, len(self.g_entries)]
+        )  # fmt: skip
+        if constraint:
             self.constraint_paths.append(constraint)
+
+    def _append_law(self, law: Law | None) -> None:
+        """Keep what the parameters of the last element do not say of its law."""
+        if law is None:
+            return
+        self.until = min(self.until, laws.until(law))
+        terms = laws.terms(law)
+        if terms:
+            self.laws[len(self.ints) - 1] = len(self.terms)
+        for number, term in enumerate(terms):
+            another = int(number < len(terms) - 1)
+            ints = [elements.TERM, term.what, term.size, int(term.repeats), another]
+            for place, reals in enumerate(term.rows):
+                self.terms.append((ints if place == 0 else [elements.TERM], reals))
+
+    def _append_terms(self) -> None:
+        """Set the terms of all laws behind the elements, and where each law finds its own."""
+        for element, first in self.laws.items():
+            self.ints[element][elements.Y_START] = len(self.ints) + first
+        for ints, reals in self.terms:
+            self.ints.append(ints + [0] * (elements.INT_COLUMNS - len(ints)))
+            self.reals.append(list(reals) + [0.0] * (elements.REAL_COLUMNS - len(reals)))
 
     def _append_reals(
         self, weights: Sequence[complex], offset: complex, parameters: Sequence[float]
@@ -404,7 +630,7 @@ class _Builder:
         row += parameters
         self.reals.append(row + [0.0] * (elements.REAL_COLUMNS - len(row)))
 
-    def _body_mass(self, body: Body, loads: Array, gravity: complex, path: KeyPath) -> None:
+    def _require_points(self, body: Body, path: KeyPath) -> None:
         mechanism = self.mechanism
         for name, key in ((body.from_, "from"), (body.to, "to")):
             if name in mechanism.body_points and name not in mechanism.points:
@@ -412,9 +638,16 @@ class _Builder:
                     (*path, key), f"{name} is itself fixed on a body; a body needs two of 'points'"
                 )
         self._ends(body.from_, body.to, path)
+
+    def _body_mass(self, name: str, body: Body, loads: Array, gravity: complex) -> None:
         along, across = body.centre
-        mass, length = body.mass, body.length
-        about_first = (body.inertia + mass * math.hypot(along, across) ** 2) / length**2
+        mass, length, inertia = body.mass, body.length, body.inertia
+        place = self.turning.get(f"{name}.angle")
+        if place is not None and inertia > 0:
+            # Half of it turns with the angle: as regular as before, and the same motion.
+            inertia = inertia / 2
+            self.mass[place, place] = inertia
+        about_first = (inertia + mass * math.hypot(along, across) ** 2) / length**2
         first = complex(mass - 2 * mass * along / length + about_first)
         mixed = complex(mass * along / length - about_first, mass * across / length)
         start, end = body.from_, body.to

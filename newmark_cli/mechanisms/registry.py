@@ -127,8 +127,8 @@ def size(data: Mapping[str, Any]) -> tuple[int, int]:
         redundant = data.get("redundant", {})
         released = 0 if isinstance(redundant, str) else sum(map(len, redundant.values()))
         return 12 * len(data["bodies"]), 6 * len(data["bodies"]) + rows + laws - released
+    from newmark_cli.mechanisms.parts import PARTS
+
     moving = sum("at" in point for point in data["points"].values())
-    joints = sum(len(data.get(kind, ())) for kind in ("bodies", "bars", "sliders"))
-    motions = data.get("motions", {}).values()
-    laws = sum(key in motion for motion in motions for key in ("x", "y", "angle"))
-    return 2 * moving, joints + laws
+    rows = sum(part.rows(one) for key, part in PARTS.items() for one in data.get(key, {}).values())
+    return 2 * moving, len(data.get("bodies", ())) + rows

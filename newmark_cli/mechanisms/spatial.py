@@ -7,7 +7,7 @@ coordinates, a constant mass matrix, and constraints that are at most quadratic.
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,8 @@ import numpy as np
 from newmark_cli import documents
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.documents import Document, DocumentError, KeyPath
+from newmark_cli.mechanisms import laws, spatial_start
 from newmark_cli.mechanisms import spatial_elements as elements
-from newmark_cli.mechanisms import spatial_start
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Law
 from newmark_cli.mechanisms.spatial_model import (
@@ -91,6 +91,8 @@ class _Element:
         first, second: Terms: place in u, weight, and the second weight of `ANGLE`, `HINGE`.
         reals: Row of the real table.
         place: Place in u of what has no terms.
+        laws: Column of the real table, weight and law of time that is added there; of a
+            driven joint or coordinate the column is −1.
     """
 
     kind: int
@@ -99,6 +101,21 @@ class _Element:
     first: Sequence[tuple[int, float, float]] = ()
     second: Sequence[tuple[int, float, float]] = ()
     place: int = 0
+    laws: tuple["_Timed", ...] = ()
+
+
+@dataclass(frozen=True)
+class _Timed:
+    """A law of time, the column that it goes to, its weight, and its six parameters."""
+
+    column: int
+    law: Law
+    parameters: Sequence[float]
+    weight: float = 1.0
+
+
+#: Column of a law that is not a number of the table.
+_DRIVES = -1
 
 
 def built(name: str, document: Document) -> Problem:
@@ -174,6 +191,7 @@ class Builder:
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         mechanism = self.mechanism
         ints, reals, x, y, g = _tables(self._elements, kept, len(self.rows))
+        timed = bool(np.any(ints[:, elements.KIND] == elements.LAW))
         mass_places, mass_values = self._mass
         return Problem(
             name=self.name,
@@ -181,8 +199,10 @@ class Builder:
             v0=self._velocities(),
             t0=0.0,
             constraints=len(kept),
-            function=elements.evaluate,
-            derivatives=elements.constraint_derivatives,
+            function=elements.evaluate_timed if timed else elements.evaluate,
+            derivatives=(
+                elements.timed_constraint_derivatives if timed else elements.constraint_derivatives
+            ),
             ints=ints,
             reals=reals,
             pattern=Pattern(*mass_places, *x, *y, *g),
@@ -197,7 +217,17 @@ class Builder:
             axes="xyz",
             quadratic=not mechanism.motions,
             single=True,
-            potential=elements.potential if mechanism.conservative else None,
+            potential=(
+                None
+                if not mechanism.conservative
+                else elements.timed_potential
+                if timed
+                else elements.potential
+            ),
+            until=min(
+                (laws.until(timed.law) for one in self._elements for timed in one.laws),
+                default=math.inf,
+            ),
             constraints_given=tuple(self.rows[row] for row in kept),
             released=tuple(".".join(self.rows[row]) for row in sorted(released)),
             outputs=SpatialOutputs(
@@ -289,7 +319,11 @@ class Builder:
                 side = self._of_body(force.at, ("forces", name, "at"))
                 weights = np.concatenate([[1.0], side.point])
                 first = 4 * side.body
-                self._loads[first : first + 4] += np.outer(weights, force.force)
+                for axis, amount in enumerate(force.force):
+                    if isinstance(amount, Law):
+                        self._push(first, weights, axis, amount)
+                    else:
+                        self._loads[first : first + 4, axis] += weights * amount
         for name, spring in mechanism.springs.items():
             with self._checked():
                 ends = self._ends(spring.from_, spring.to, ("springs", name))
@@ -310,22 +344,42 @@ class Builder:
                 path = ("torsion_dampers", name, "on")
                 self._hinge(rubbed.on, (0.0, 0.0, 0.0, rubbed.damping), path)
 
+    def _push(self, first: int, weights: Array, axis: int, law: Law) -> None:
+        """A force with a law of time, on the origin and the directors of a body."""
+        for place, weight in enumerate(weights.tolist(), first):
+            if weight:
+                timed = _Timed(elements.OFFSET + axis, law, law.parameters(), weight)
+                self._elements.append(
+                    _Element(elements.LOAD, (0.0,) * 3, place=3 * place, laws=(timed,))
+                )
+
     def _add_torque(self, name: str) -> None:
         torque, path = self.mechanism.torques[name], ("torques", name)
-        if isinstance(torque.torque, float):
+        if isinstance(torque.torque, float | Law):
             if torque.frame is not None:
                 raise self.document.error((*path, "frame"), "a torque on a joint has none")
             if torque.on in self._numbers and torque.on not in self.mechanism.joints:
                 message = "must be [x, y, z] on a body, or the torque of a joint"
                 raise self.document.error((*path, "torque"), message)
-            self._hinge(torque.on, (torque.torque, 0.0, 0.0, 0.0), (*path, "on"))
+            constant = torque.torque if isinstance(torque.torque, float) else 0.0
+            self._hinge(torque.on, (constant, 0.0, 0.0, 0.0), (*path, "on"))
+            if isinstance(torque.torque, Law):
+                law = torque.torque
+                timed = _Timed(elements.PARAMETER, law, law.parameters())
+                self._elements[-1] = replace(self._elements[-1], laws=(timed,))
             return
         if torque.on in self.mechanism.joints and torque.on not in self._numbers:
             message = "must be one number on a joint: about its axis"
             raise self.document.error((*path, "torque"), message)
         body = self._body(torque.on, (*path, "on"))
         kind = elements.FOLLOWER if torque.frame == "body" else elements.TORQUE
-        self._elements.append(_Element(kind, torque.torque, place=PER_BODY * body + 3))
+        timed_by = tuple(
+            _Timed(elements.OFFSET + axis, amount, amount.parameters())
+            for axis, amount in enumerate(torque.torque)
+            if isinstance(amount, Law)
+        )
+        constant_of = [0.0 if isinstance(amount, Law) else amount for amount in torque.torque]
+        self._elements.append(_Element(kind, constant_of, place=PER_BODY * body + 3, laws=timed_by))
 
     def _masses(self) -> tuple[tuple[IndexArray, IndexArray], Array]:
         """Places and values of M = S ⊗ 1; gravity goes into the loads."""
@@ -662,6 +716,7 @@ class Builder:
                     parameters = self._fitting(law, now, (*path, key))
                     self._driven(path, key)
                     self._dot(len(self.rows) - 1, (axis, []), _site(side), parameters)
+                    self._time(law, parameters)
 
     def _drive(self, name: str, key: str, law: Law, path: KeyPath) -> None:
         joint = self._joint(name, (*path, "joint"))
@@ -683,10 +738,17 @@ class Builder:
         row = len(self.rows) - 1
         if key == "distance":
             self._dot(row, _direction(a, "n"), _minus(_site(b), _site(a)), parameters)
+            self._time(law, parameters)
             return
         terms = self._turning(joint)
         reals = _reals(*terms.constants, parameters)
         self._elements.append(_Element(elements.ANGLE, reals, (row,), terms.first, terms.second))
+        self._time(law, parameters)
+
+    def _time(self, law: Law, parameters: Sequence[float]) -> None:
+        """The last element, a driven joint or coordinate, has a law."""
+        timed = _Timed(_DRIVES, law, parameters)
+        self._elements[-1] = replace(self._elements[-1], laws=(timed,))
 
     def _driven(self, path: KeyPath, key: str) -> None:
         self.rows.append((*map(str, path), key))
@@ -809,6 +871,7 @@ def _tables(
     numbers = number.tolist()
     ints: list[list[int]] = []
     reals: list[Sequence[float]] = []
+    timed: list[tuple[int, _Timed]] = []
     x: _Entries = []
     y: _Entries = []
     g: _Entries = []
@@ -818,19 +881,47 @@ def _tables(
             continue
         first, second = len(element.first) or element.place, len(element.second)
         places = (*own, 0, 0, 0)[:3]
+        timed += [(len(ints), one) for one in element.laws]
         ints.append([element.kind, first, second, len(x), len(y), len(g), *places])
-        reals.append([*element.reals, *[0.0] * (elements.REAL_COLUMNS - len(element.reals))])
+        reals.append(element.reals)
         terms = (*element.first, *element.second)
         for place, one, other in terms:
-            ints.append([elements.TERM, place, 0, 0, 0, 0, 0, 0, 0])
-            reals.append([one, other, *[0.0] * (elements.REAL_COLUMNS - 2)])
+            ints.append([elements.TERM, place])
+            reals.append([one, other])
         _add_entries(element, own, x, y, g)
+    # The six parameters of a driven joint stand in its row, and say it all where no law needs
+    # rows of its own; with them, every law has some.
+    if any(item.column >= 0 or laws.terms(item.law) for _, item in timed):
+        for target, found_law in timed:
+            _add_law(target, found_law, ints, reals)
     places_of = (np.array(entries, np.int64).reshape(-1, 2).T.copy() for entries in (x, y, g))
     return (
-        np.array(ints, np.int64).reshape(-1, elements.INT_COLUMNS),
-        np.array(reals, float).reshape(-1, elements.REAL_COLUMNS),
+        _filled(ints, elements.INT_COLUMNS, np.int64),
+        _filled(reals, elements.REAL_COLUMNS, float),
         *places_of,
-    )  # type: ignore[return-value]
+    )
+
+
+def _filled(rows: Sequence[Sequence[float]], columns: int, kind: type) -> Any:
+    """(rows, columns) a table whose rows end with zeros."""
+    return np.array([[*row, *[0] * (columns - len(row))] for row in rows], kind).reshape(
+        -1, columns
+    )
+
+
+def _add_law(
+    target: int, timed: _Timed, ints: list[list[int]], reals: list[Sequence[float]]
+) -> None:
+    """The rows of a law behind all elements."""
+    terms = laws.terms(timed.law)
+    ints.append([elements.LAW, target, timed.column, int(bool(terms))])
+    reals.append([*timed.parameters, timed.weight])
+    for number, term in enumerate(terms):
+        another = int(number < len(terms) - 1)
+        own = [elements.LAW_TERM, term.what, term.size, int(term.repeats), another]
+        for place, row in enumerate(term.rows):
+            ints.append(own if place == 0 else [elements.LAW_TERM])
+            reals.append(row)
 
 
 def _add_entries(

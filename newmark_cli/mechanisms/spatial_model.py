@@ -24,7 +24,15 @@ from newmark_cli.arrays import Array
 from newmark_cli.documents import StrictModel, Truth, misfit
 from newmark_cli.json_schema import also
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.mechanisms.models import Bounded, Damper, Law, Length, NotNegative, Spring
+from newmark_cli.mechanisms.models import (
+    Amount,
+    Bounded,
+    Damper,
+    Law,
+    Length,
+    NotNegative,
+    Spring,
+)
 
 #: Largest cosine of directions that are to be perpendicular.
 _SKEW = 1e-9
@@ -310,23 +318,35 @@ class TorsionDamper(StrictModel):
     damping: NotNegative = Field(description="damping (N m s/rad)")
 
 
+Amounts = Annotated[tuple[Amount, Amount, Amount], BeforeValidator(_three_numbers)]
+
+
 class Torque(StrictModel):
-    """A constant torque on a body, or about the axis of a joint."""
+    """A torque on a body, or about the axis of a joint."""
 
     on: str = Field(description="body or joint")
     torque: Annotated[
-        Annotated[Vector, Tag(_LISTED)] | Annotated[Bounded, Tag(_PLAIN)], Discriminator(_as_list)
-    ] = Field(description="on a body [x, y, z]; on a joint a number, from 'from' on 'to' (N m)")
+        Annotated[Amounts, Tag(_LISTED)] | Annotated[Amount, Tag(_PLAIN)], Discriminator(_as_list)
+    ] = Field(
+        description="on a body [x, y, z]; on a joint one, from 'from' on 'to' (N m); each a number "
+        "or a law of time"
+    )
     frame: Literal["global", "body"] | None = Field(
         None, description="axes of a torque on a body; global if omitted"
     )
 
+    @property
+    def acts(self) -> bool:
+        """Whether it is a torque at all."""
+        given = self.torque if isinstance(self.torque, tuple) else (self.torque,)
+        return any(isinstance(amount, Law) or amount != 0 for amount in given)
+
 
 class Force(StrictModel):
-    """A constant force at a point, in global axes."""
+    """A force at a point, in global axes."""
 
     at: str = Field(description="point of a body: one of 'body_points', or a body: its origin")
-    force: Vector = Field(description="force (N)")
+    force: Amounts = Field(description="components (N), each a number or a law of time")
 
 
 class Motion(StrictModel):
@@ -391,8 +411,8 @@ class SpatialMechanism(StrictModel):
     dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
     torsion_springs: dict[str, TorsionSpring] = Field({}, description="springs about joints' axes")
     torsion_dampers: dict[str, TorsionDamper] = Field({}, description="dampers about joints' axes")
-    torques: dict[str, Torque] = Field({}, description="constant torques")
-    forces: dict[str, Force] = Field({}, description="constant forces at points of bodies")
+    torques: dict[str, Torque] = Field({}, description="torques")
+    forces: dict[str, Force] = Field({}, description="forces at points of bodies")
     gravity: Vector = Field(_ORIGIN, description="acceleration of gravity (m/s²)")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(
@@ -417,9 +437,10 @@ class SpatialMechanism(StrictModel):
     def conservative(self) -> bool:
         """Whether energy is conserved: nothing damps, drives or moves by a law of time."""
         laws = [law for motion in self.motions.values() for law in motion.laws.values()]
+        laws += [x for force in self.forces.values() for x in force.force if isinstance(x, Law)]
         return not (
             any(damper.damping for damper in self.dampers.values())
             or any(damper.damping for damper in self.torsion_dampers.values())
-            or any(np.any(torque.torque) for torque in self.torques.values())
+            or any(torque.acts for torque in self.torques.values())
             or any(law.moves for law in laws)
         )

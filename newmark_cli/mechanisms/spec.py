@@ -258,6 +258,42 @@ def _elsewhere(label: str, *arguments: Any) -> NoReturn:
 
 
 @dataclass(frozen=True)
+class ForcedMechanism(PythonFactory):
+    """A mechanism in a YAML file with forces in Python, which is code as a whole.
+
+    Attributes:
+        path: The YAML file.
+        factory, arguments: Not used.
+        spelled: How the user named the file.
+        code: As of `PythonFactory`.
+    """
+
+    @property
+    def label(self) -> str:
+        """Name of the file, without commas."""
+        return self.path.name.replace(",", "_")
+
+    @property
+    def given(self) -> Any:
+        """As spelled."""
+        return self.spelled
+
+    def load(self) -> Problem:
+        """The problem in a process of its own, elsewhere its description from one."""
+        return _forced(self) if apart.inside() else _described(self)
+
+
+@cache
+def _forced(spec: ForcedMechanism) -> Problem:
+    from newmark_cli.mechanisms import loading
+
+    problem = loading.load(spec.path, spec.label, spec.spelled, allow_code=True)
+    if spec.code not in ("", problem.code):
+        raise ProblemError(f"{spec.spelled}: has changed since the run began")
+    return problem
+
+
+@dataclass(frozen=True)
 class Carried:
     """A problem of the user's that travels to another machine by its content.
 

@@ -12,7 +12,7 @@ import scipy.sparse.linalg
 from newmark_cli import documents
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath
-from newmark_cli.mechanisms import elements
+from newmark_cli.mechanisms import elements, laws
 from newmark_cli.mechanisms.models import Law
 from newmark_cli.problems import index_1
 from newmark_cli.problems.problem import Problem
@@ -88,7 +88,7 @@ def law_parameters(
         DocumentError: When it starts elsewhere.
     """
     parameters = law.parameters(now)
-    begin = parameters[0] + law.amplitude * math.sin(law.phase)
+    begin = laws.begin(law, parameters[0])
     away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
     if not guessed and abs(away) > 1e-9 * max(1.0, abs(now)):
         raise document.error(path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}")

@@ -1,6 +1,7 @@
 """What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -143,8 +144,8 @@ class Problem:
         code: Digest of the user's code behind the functions; empty without any.
         sources: What the problem was made from: path, relative to the folder of its
             file, → content, of the file and of the modules beside it that it imported.
-        coordinates_given: (n,) names of the coordinates; those of the points, or
-            numbers, where it is empty.
+        coordinates_given: Names of the coordinates behind those of the points; numbers
+            where there are neither.
         constraints_given: (m,) parts of the name of each constraint, such as
             ``("bars", "link")``; numbers where it is empty.
         rows_given: ``"exact"``, or ``"differences"`` where ``derivatives`` finds any of
@@ -154,6 +155,7 @@ class Problem:
             every iteration; None where these serve.
         outputs: What else the problem has names for, such as reactions; None without any.
         released: Names of constraints that were dropped because they are redundant.
+        until: Time (s) up to which the problem is given: the end of its shortest table.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -191,6 +193,7 @@ class Problem:
     outputs: Outputs | None = None
     released: tuple[str, ...] = ()
     elements: Elements | None = None
+    until: float = math.inf
 
     @property
     def n(self) -> int:
@@ -217,12 +220,12 @@ class Problem:
     def coordinate_names(self) -> tuple[str, ...]:
         """(n,) names of the coordinates, in the order of u; all different.
 
-        ``A.x`` and ``A.y`` of the point A of a mechanism; ``1`` … ``n`` where a problem
+        ``A.x`` and ``A.y`` of the point A of a mechanism, ``crank.angle`` of a body whose
+        angle is a coordinate; ``1`` … ``n`` where a problem
         in Python does not name them.
         """
-        if self.points_given:
-            return tuple(f"{point}.{axis}" for point in self.points for axis in self.axes)
-        return tuple(self.coordinates_given) or _numbered(self.n)
+        named = tuple(f"{point}.{axis}" for point in self.points for axis in self.axes)
+        return named + tuple(self.coordinates_given) or _numbered(self.n)
 
     @cached_property
     def constraint_names(self) -> tuple[str, ...]:
@@ -312,7 +315,11 @@ class Problem:
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
         given = self.points_given
-        return given[coordinate // len(self.axes)] if given else f"coordinate {coordinate + 1}"
+        place = coordinate - len(given) * len(self.axes)
+        if place < 0:
+            return given[coordinate // len(self.axes)]
+        further = self.coordinates_given
+        return further[place] if given and further else f"coordinate {coordinate + 1}"
 
     @cached_property
     def content(self) -> str:
@@ -353,6 +360,28 @@ class Problem:
         rate, curvature = np.zeros(self.m), np.zeros(self.m)
         self.rates(t, u, v, self.ints, self.reals, rate, curvature)
         return rate, curvature
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A force in Python on points of a mechanism, see `python_forces`.
+
+    Attributes:
+        given: File and function, as the mechanism spells them.
+        coordinates: (c,) coordinates that the points depend on.
+        weights: (2k, c) how.
+        offsets: (2k,) what does not move of them (m).
+    """
+
+    given: str
+    coordinates: Sequence[int]
+    weights: Array
+    offsets: Array
+
+
+def is_beyond(until: float, t: float) -> bool:
+    """Whether a time (s) is after the last of a table, but for rounding."""
+    return t > until * (1 + 1e-9)
 
 
 def _numbered(count: int) -> tuple[str, ...]:

@@ -154,6 +154,57 @@ def load(
     return replace(problem, code=digest.hexdigest(), sources={path.name: source, **beside})
 
 
+def load_function(
+    path: Path, name: str, spelled: str
+) -> tuple[Callable[..., Any], dict[str, bytes]]:
+    """A function of a Python file, and what the file and the modules beside it say.
+
+    Args:
+        path: Python file; modules of its folder can be imported, at its top.
+        name: Function in it.
+        spelled: How errors name the file.
+
+    Raises:
+        ProblemError: When the file fails, or has no such function.
+    """
+    try:
+        source = files.read(path, _MOST_BYTES, links=True)
+    except OSError as error:
+        raise ProblemError(f"{spelled}: cannot be read: {error.strerror}") from None
+    module_name = f"newmark_forces_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
+    with user_code.imports_from(path.parent, os.path.dirname(spelled)) as imported:
+        with _reported(path, spelled):
+            module = user_code.run(path, source, module_name, spelled)
+        beside = dict(sorted(imported.items()))
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise ProblemError(f"{spelled}: has no function {name!r}")
+    return function, {path.name: source, **beside}
+
+
+def called_at(
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    name: str,
+    file: tuple[Path, str],
+    shape: tuple[int, ...],
+) -> Callable[..., Any]:
+    """A function of the user's that returns an array of this shape, as it does at the start.
+
+    Args:
+        function: The function.
+        arguments: What it is called with.
+        name: How errors name it.
+        file: Its file, and how errors name that.
+        shape: Of what it returns.
+
+    Raises:
+        ProblemError: When it fails, or returns anything else.
+    """
+    path, spelled = file
+    return _called(function, arguments, name, _Source(spelled, spelled, path), shape)[1]
+
+
 @contextmanager
 def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
     """Errors of the user's code, an exit included, by the line that they come from."""

@@ -20,6 +20,18 @@ from PIL import Image
 from newmark_cli.arrays import Array
 from newmark_cli.files import write_output
 from newmark_cli.mechanisms.models import Mechanism
+from newmark_cli.mechanisms.parts import PARTS
+from newmark_cli.mechanisms.sketch import (
+    Arrow,
+    Coil,
+    Dashpot,
+    Disc,
+    Mark,
+    Scene,
+    Spiral,
+    Stroke,
+    Turn,
+)
 from newmark_cli.report import draw_spatial
 from newmark_cli.report.draw import drawn, plain
 from newmark_cli.report.panels import WIDTH, Layout, Legend, Panel, Sheet
@@ -82,7 +94,7 @@ class MechanismScene:
         if is_spatial(self.problem):
             known = draw_spatial.symbols(self.problem.drawing)
             return [Line2D([], [], label=label, **look) for label, look in known.items()]
-        return _key(self.problem.drawing)
+        return _key(self.problem.drawing, _marks(_scene(self.problem, self.u, 1.0)))
 
 
 def is_spatial(problem: Drawable) -> bool:
@@ -151,6 +163,23 @@ def _extent(positions: Mapping[str, complex]) -> float:
     return float(max(spans)) or 1.0
 
 
+def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
+    """A planar mechanism at a position u, lengths multiplied by ``factor``."""
+    points = {name: factor * place for name, place in places(problem, u).items()}
+    size = factor * _extent(places(problem, problem.u0))
+    return Scene(problem.drawing, points, size, factor)
+
+
+def _marks(scene: Scene) -> list[Mark]:
+    """What its parts look like."""
+    return [
+        mark
+        for key, part in PARTS.items()
+        for one in getattr(scene.mechanism, key).values()
+        for mark in part.sketch(scene, one)
+    ]
+
+
 def draw_mechanism(
     axes: Any, problem: Drawable, u: Array, factor: float, labelled: bool = True
 ) -> None:
@@ -159,9 +188,8 @@ def draw_mechanism(
         size = factor * _extent(places(problem, problem.u0))
         draw_spatial.draw(axes, problem, u, factor, size, labelled)
         return
-    mechanism: Mechanism = problem.drawing
-    points = {name: factor * place for name, place in places(problem, u).items()}
-    size = factor * _extent(places(problem, problem.u0))
+    scene = _scene(problem, u, factor)
+    mechanism, points, size = scene.mechanism, scene.points, scene.size
     if labelled:
         for name in mechanism.bodies:
             _body(axes, mechanism, name, points)
@@ -169,30 +197,8 @@ def draw_mechanism(
     else:
         for body in mechanism.bodies.values():
             line(axes, [points[body.from_], points[body.to]], color="#0072B2", linewidth=0.8)
-    for bar in mechanism.bars.values():
-        line(
-            axes,
-            [points[bar.from_], points[bar.to]],
-            color="black",
-            linewidth=1.6 if labelled else 0.6,
-        )
-    for slider in mechanism.sliders.values():
-        _guide(axes, points[slider.point], complex(*slider.direction), 0.12 * size)
-    for spring in mechanism.springs.values():
-        line(
-            axes,
-            zigzag(points[spring.from_], points[spring.to], 0.018 * size),
-            color="#009E73",
-            linewidth=0.9,
-        )
-    sprung = [{spring.from_, spring.to} for spring in mechanism.springs.values()]
-    for dashpot in mechanism.dampers.values():
-        start, end = points[dashpot.from_], points[dashpot.to]
-        beside = 0.045 * size if {dashpot.from_, dashpot.to} in sprung else 0.0
-        shift = beside * 1j * (end - start) / abs(end - start)
-        damper(axes, start + shift, end + shift, 0.02 * size)
-    for torque in mechanism.torques.values():
-        _torque(axes, points[mechanism.bodies[torque.on].from_], 0.11 * size, torque.torque)
+    for mark in _marks(scene):
+        _draw_mark(axes, mark, size, labelled)
     for name, place in points.items():
         fixed = name in mechanism.points and mechanism.points[name].fixed is not None
         if fixed:
@@ -212,7 +218,18 @@ def draw_mechanism(
             _joint_label(axes, mechanism, name, points)
 
 
-def _key(mechanism: Mechanism) -> list[Line2D]:
+#: Symbol → how its line looks in the key, for those that have an entry there.
+_LOOKS: dict[str, dict[str, Any]] = {
+    "spring": {"label": "spring", "color": "#009E73"},
+    "damper": {"label": "damper", "color": "#CC79A7"},
+    "guide": {"label": "guide", "color": "0.4", "linewidth": 3, "alpha": 0.35},
+    "torque": {"label": "torque, driven body", "color": "#D55E00", "linewidth": 2},
+    "force": {"label": "force", "color": "#D55E00", "linewidth": 1},
+    "wheel": {"label": "wheel", "color": "#0072B2", "linewidth": 0.7},
+}
+
+
+def _key(mechanism: Mechanism, marks: Sequence[Mark]) -> list[Line2D]:
     """What the symbols mean, as handles of a legend."""
 
     def symbol(label: str, marker: str, face: str, edge: str) -> Line2D:
@@ -230,14 +247,9 @@ def _key(mechanism: Mechanism) -> list[Line2D]:
     handles = [symbol("fixed point", "o", "black", "black"), symbol("joint", "o", "white", "black")]
     if mechanism.bodies:
         handles.append(symbol("mass centre", "+", "none", "#D55E00"))
-    if mechanism.springs:
-        handles.append(Line2D([], [], label="spring", color="#009E73"))
-    if mechanism.dampers:
-        handles.append(Line2D([], [], label="damper", color="#CC79A7"))
-    if mechanism.sliders:
-        handles.append(Line2D([], [], label="guide", color="0.4", linewidth=3, alpha=0.35))
-    if mechanism.torques:
-        handles.append(Line2D([], [], label="torque, driven body", color="#D55E00", linewidth=2))
+    # In the order of the key, each once.
+    looks = [_LOOKS[symbol] for symbol in _LOOKS if symbol in {mark.symbol for mark in marks}]
+    handles += [Line2D([], [], **look) for look in looks]
     return handles
 
 
@@ -268,7 +280,7 @@ def _corners(mechanism: Mechanism, name: str) -> list[str]:
     ]
 
 
-def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
+def _body(axes: Any, mechanism: Mechanism, name: str, points: Mapping[str, complex]) -> None:
     body = mechanism.bodies[name]
     start, end = points[body.from_], points[body.to]
     corners = [points[corner] for corner in _corners(mechanism, name)]
@@ -296,7 +308,7 @@ def _body(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]
 
 
 def _body_label(
-    axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex], size: float
+    axes: Any, mechanism: Mechanism, name: str, points: Mapping[str, complex], size: float
 ) -> None:
     """Put a body's name inside its outline, or beside its line where there is more room."""
     body = mechanism.bodies[name]
@@ -333,7 +345,7 @@ def _body_label(
     )
 
 
-def _joint_label(axes: Any, mechanism: Mechanism, name: str, points: dict[str, complex]) -> None:
+def _joint_label(axes: Any, mechanism: Mechanism, name: str, points: Mapping[str, complex]) -> None:
     """Put a joint's name on the side where no body leaves it."""
     place = points[name]
     lines = [_corners(mechanism, body) for body in mechanism.bodies]
@@ -382,9 +394,50 @@ def _ground(axes: Any, place: complex, size: float) -> None:
         line(axes, [start, start + complex(-0.35, -0.45) * size], color="black", linewidth=0.5)
 
 
-def _guide(axes: Any, place: complex, direction: complex, half: float) -> None:
-    along = half * direction / abs(direction)
-    line(axes, [place - along, place + along], color="0.4", linewidth=3, alpha=0.35, zorder=1)
+def _draw_mark(axes: Any, mark: Mark, size: float, labelled: bool) -> None:
+    """Draw what a part looks like; thin lines without labels, where there are many."""
+    match mark:
+        case Stroke(ends, "guide"):
+            line(axes, ends, color="0.4", linewidth=3, alpha=0.35, zorder=1)
+        case Stroke(ends):
+            line(axes, ends, color="black", linewidth=1.6 if labelled else 0.6)
+        case Coil(start, end):
+            line(axes, zigzag(start, end, 0.018 * size), color="#009E73", linewidth=0.9)
+        case Dashpot(start, end):
+            damper(axes, start, end, 0.02 * size)
+        case Turn(centre, radius, sign):
+            _torque(axes, centre, radius, sign)
+        case Spiral(centre, radius, True):
+            turn = np.exp(1j * np.linspace(0.3, 5.4, 40))
+            line(axes, centre + radius * turn, color="#CC79A7", linewidth=0.9)
+        case Spiral(centre, radius):
+            angle = np.linspace(0, 5 * np.pi, 120)
+            wound = centre + radius * (0.15 + 0.85 * angle / angle[-1]) * np.exp(1j * angle)
+            line(axes, wound, color="#009E73", linewidth=0.9)
+        case Disc(centre, radius, towards):
+            rim = centre + radius * np.exp(1j * np.linspace(0, 2 * np.pi, 73))
+            line(axes, rim, color="#0072B2", linewidth=0.7, zorder=1)
+            if towards:
+                mark_on_rim = [centre + 0.8 * radius * towards, centre + radius * towards]
+                line(axes, mark_on_rim, color="#0072B2", linewidth=1.4, zorder=1)
+        case Arrow(tip, towards, length):
+            _arrow(axes, tip - length * towards, tip, 1.0)
+
+
+def _arrow(axes: Any, back: complex, tip: complex, width: float) -> None:
+    axes.annotate(
+        "",
+        xy=(tip.real, tip.imag),
+        xytext=(back.real, back.imag),
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": "#D55E00",
+            "linewidth": width,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "mutation_scale": 8,
+        },
+    )
 
 
 def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
@@ -402,19 +455,7 @@ def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
     )
     tip = centre + radius * np.exp(1j * math.radians(last))
     back = centre + radius * np.exp(1j * math.radians(last - math.copysign(14, torque)))
-    axes.annotate(
-        "",
-        xy=(tip.real, tip.imag),
-        xytext=(back.real, back.imag),
-        arrowprops={
-            "arrowstyle": "-|>",
-            "color": "#D55E00",
-            "linewidth": 1.0,
-            "shrinkA": 0,
-            "shrinkB": 0,
-            "mutation_scale": 8,
-        },
-    )
+    _arrow(axes, back, tip, 1.0)
 
 
 def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: Path) -> Path:

@@ -12,6 +12,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.mechanisms.models import size_of
 from newmark_cli.report.draw import plain
 from newmark_cli.report.strokes import damper, line, zigzag
 
@@ -191,14 +192,16 @@ def _loads(
     mechanism = model.mechanism
     for force in mechanism.forces.values():
         start = at.get(f"point {force.at}", at.get(f"body {force.at}", 0j))
-        _arrow(axes, start, np.array(force.force), seen, size, heads=1)
+        _arrow(
+            axes, start, np.array([size_of(amount) for amount in force.force]), seen, size, heads=1
+        )
     for torque in mechanism.torques.values():
-        if isinstance(torque.torque, float):
+        if not isinstance(torque.torque, tuple):
             side = model.joints[torque.on].sides[0]
-            axis = torque.torque * side.direction("n", bodies)
+            axis = size_of(torque.torque) * side.direction("n", bodies)
             _arrow(axes, at[f"joint {torque.on} 0"], axis, seen, size, heads=2)
         else:
-            vector = np.array(torque.torque)
+            vector = np.array([size_of(amount) for amount in torque.torque])
             if torque.frame == "body":
                 vector = vector @ bodies[model.bodies.index(torque.on), 1:]
             _arrow(axes, at[f"body {torque.on}"], vector, seen, size, heads=2)

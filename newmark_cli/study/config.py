@@ -27,7 +27,14 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.mechanisms.spec import ProblemSpec, Traits, is_code, with_problem
+from newmark_cli.mechanisms.spec import (
+    ForcedMechanism,
+    MechanismFile,
+    ProblemSpec,
+    Traits,
+    is_code,
+    with_problem,
+)
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import CORRECTED, TOTAL, is_formulated
 from newmark_cli.newmark.integrator import is_trapezoidal
@@ -48,7 +55,7 @@ from newmark_cli.newmark.scheme import (
     Scheme,
     steps_until,
 )
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.spelling import closest, nearest
 from newmark_cli.study import axes, drawing
 from newmark_cli.study.axes import Axis, Cell
@@ -172,6 +179,7 @@ class _Rules(StrictModel):
                 "steps, or less of each",
             )
         yield from self._missed()
+        yield from self._beyond()
         if not (
             COMPENSATED in self.evaluation
             or {MINRES, STATIC} & set(self.linear_solver)
@@ -216,6 +224,19 @@ class _Rules(StrictModel):
                     "trajectory",
                     f"{time:g} s is outside the march with h = {h:g}, {t0:g} to "
                     f"{t0 + steps * h:g} s",
+                )
+                return
+
+    def _beyond(self) -> Iterator[PydanticCustomError]:
+        """Marches that go on after the last time of a table in a mechanism file."""
+        files = (s for s in self.problem if isinstance(s, MechanismFile | ForcedMechanism))
+        for spec, (h, steps) in product(files, self._lengths()):
+            until = spec.traits().sample.until
+            if is_beyond(until, steps * h):
+                yield misfit(
+                    "steps" if self.steps is not None else "t_end",
+                    f"must be at most {until:g} s, where a table of {spec.label} ends, given "
+                    f"{steps * h:g} s",
                 )
                 return
 
@@ -664,7 +685,10 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
     ):
         from newmark_cli.mechanisms import loading
 
-        problem = loading.built(name, document)
+        if allow_code and loading.has_code(document.data):
+            problem = ForcedMechanism(path.absolute(), "", (), name).load()
+        else:
+            problem = loading.built(name, document)
         if loading.is_spatial(document.data):
             from newmark_cli.mechanisms import spatial_summary
 

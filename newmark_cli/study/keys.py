@@ -33,9 +33,17 @@ from newmark_cli.documents import (
 )
 from newmark_cli.errors import InputError
 from newmark_cli.json_schema import JsonSchema, Shown, also, given
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, PythonFactory, Shipped, Sized
+from newmark_cli.mechanisms.spec import (
+    ForcedMechanism,
+    MechanismFile,
+    ProblemSpec,
+    PythonFactory,
+    Shipped,
+    Sized,
+)
 from newmark_cli.newmark.forms import FORMS, INDEX_3, MULTIPLIERS, ROWS
 from newmark_cli.newmark.formulation import (
     METHODS,
@@ -531,10 +539,21 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
     if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
-        return _loaded(MechanismFile((around.folder / value).absolute(), value), around)
+        path = (around.folder / value).absolute()
+        if around.allow_code and _has_code(path):
+            return _loaded(ForcedMechanism(path, "", (), value), around)
+        return _loaded(MechanismFile(path, value), around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
+
+
+def _has_code(path: Path) -> bool:
+    """Whether a mechanism file names forces in Python; what is wrong with it is told later."""
+    try:
+        return loading.has_code(documents.read(path).data)
+    except InputError:
+        return False
 
 
 def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:

@@ -1,0 +1,148 @@
+"""Forces in Python on points of planar mechanisms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import newmark_cli as newmark
+from newmark_cli.documents import DocumentError
+from newmark_cli.mechanisms import loading
+from newmark_cli.problems.problem import ProblemError
+
+#: Drag on a tip, and a force between it and a point of a body that pushes both apart.
+FORCES = """\
+import numpy as np
+from numba import njit
+from beside import DENSITY
+
+
+@njit
+def drag(positions, velocities, t):
+    forces = np.zeros((2, 2))
+    speed = np.sqrt(np.sum(velocities[0] ** 2))
+    forces[0] = -DENSITY * (1 + np.sin(t)) * speed * velocities[0]
+    return forces
+
+
+def plain(positions, velocities, t):
+    return -DENSITY * velocities
+
+
+def apart(positions, velocities, t):
+    force = 0.1 * (positions[0] - positions[1])
+    return [force, -force]
+
+
+def broken(positions, velocities, t):
+    return positions[:, 0]
+
+
+def late(positions, velocities, t):
+    if t > 0.02:
+        raise ValueError("no force")
+    return 0 * positions
+"""
+PENDULUM = """\
+points:
+  O: {fixed: [0, 0]}
+  W: {fixed: [0, 2]}
+  A: {at: [1, 0], mass: 2}
+bodies: {rod: {from: O, to: A, length: 1, mass: 0, inertia: 0}}
+body_points: {M: {on: rod, at: [0.5, 0.1]}}
+python_forces: {air: {python: "forces.py:drag", on: [A, O]}}
+gravity: [0, -9.81]
+"""
+
+
+@pytest.fixture
+def folder(cli):
+    """A mechanism, its forces, a module that they import, and a study."""
+    cli.write("forces.py", FORCES)
+    cli.write("beside.py", "DENSITY = 0.3\n")
+    cli.write("swing.yaml", PENDULUM)
+    cli.write(
+        "study.yaml",
+        "study: s\nproblem: swing.yaml\nform: [u-lambda]\npreconditioning: [none, optimal]\n"
+        "h: [3e-3, 1e-3, 3e-4]\nt_end: 0.03\n",
+    )
+    return cli
+
+
+def test_drag_of_compiled_code(folder):
+    """The angle's ODE at order 2; tangents by differences; compiled as a whole."""
+    problem = loading.load(folder.folder / "swing.yaml", "swing", allow_code=True)
+    assert problem.compiled
+    assert set(problem.sources) == {"swing.yaml", "forces.py", "beside.py"}
+    end = solve_ivp(
+        lambda t, y: [y[1], -9.81 * np.cos(y[0]) - 0.3 / 2 * (1 + np.sin(t)) * abs(y[1]) * y[1]],
+        (0, 0.6), [0, 0], method="DOP853", rtol=1e-12, atol=1e-12,
+    ).y[0, -1]  # fmt: skip
+    errors = []
+    for h in (4e-3, 2e-3):
+        u = newmark.march(problem, h=h, t_end=0.6, every=0).u[-1]
+        errors.append(np.abs(u - [np.cos(end), np.sin(end)]).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
+    v = np.array([1.0, -2.0])
+    terms = problem.evaluate(0.2, problem.u0, v, np.zeros(1))
+    speed, factor = np.hypot(*v), 0.3 * (1 + np.sin(0.2))
+    expected = factor * (speed * np.eye(2) + np.outer(v, v) / speed)
+    np.testing.assert_allclose(terms.Y, expected, rtol=1e-8)
+
+
+def test_plain_functions_act_on_points_of_bodies(folder):
+    """The work of a force on a point of a body is that on its generalised force."""
+    text = PENDULUM.replace("drag", "apart").replace("[A, O]", "[M, W]")
+    folder.write("swing.yaml", text)
+    problem = loading.load(folder.folder / "swing.yaml", "swing", allow_code=True)
+    assert not problem.compiled
+    u = problem.u0
+    place = u[:2] * 0.5 + 0.1 * np.array([-u[1], u[0]])
+    force = 0.1 * (place - [0, 2])
+    expected = force * 0.5 + 0.1 * np.array([force[1], -force[0]]) + [0, -2 * 9.81]
+    terms = problem.evaluate(0.0, u, np.zeros(2), np.zeros(1))
+    np.testing.assert_allclose(terms.force, expected, atol=1e-14)
+    np.testing.assert_allclose(terms.X, -0.1 * (0.25 + 0.01) * np.eye(2), atol=1e-9)
+
+
+def test_studies_with_forces_in_python(folder):
+    """Refused without --allow-code in one line; slopes as predicted; code is part of a cell."""
+    said = "line 7: python_forces.air.python: forces.py is code, which runs only with --allow-code"
+    folder.write("swing.yaml", PENDULUM.replace(":drag", ":plain"))
+    assert said in folder.refused("validate", "swing.yaml")
+    assert said in folder.refused("run", "study.yaml")
+    line = folder("validate", "--allow-code", "swing.yaml").stdout
+    assert line == "swing.yaml: mechanism, 2 coordinates, 1 constraints\n"
+    folder("run", "study.yaml", "--allow-code")
+    assert "14 of 14 slopes as predicted" in folder("check", "s").stdout
+    done = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
+    assert done.endswith("0 of 6 cells to run\n")
+    folder("draw", "swing.yaml", "--at", "0.02", "--h", "0.01", "--allow-code")
+    assert (folder.folder / "results/figures/swing.png").exists()
+    folder.write("beside.py", "DENSITY = 0.4\n")
+    changed = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
+    assert changed.endswith("6 of 6 cells to run\n")
+    folder.write("swing.yaml", PENDULUM.replace(":drag", ":late"))
+    failed = folder("run", "study.yaml", "--allow-code", code=1)
+    assert "forces.py, line 29: ValueError: no force" in failed.stderr + failed.stdout
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (":drag", ":drug", "forces.py: has no function 'drug'"),
+        (":drag", ":broken", "forces.py, line 23: broken returned an array of shape"),
+        ("forces.py", "none.py", "none.py: cannot be read: No such file"),
+        ("on: [A, O]", "on: [A, Z]", "line 7: python_forces.air.on[2]: unknown point 'Z'"),
+        ("on: [A, O]", "on: [W, O]", "line 7: python_forces.air.on: must name a point that moves"),
+        ("forces.py:drag", "forces", 'python_forces.air.python: must be "file.py:function"'),
+        ("on: [A, O]", "on: [A, A]", "python_forces.air.on: must name each point once"),
+    ],
+)
+def test_mistakes_with_forces_in_python(folder, old, new, words):
+    """One line says which file, line and key."""
+    path = folder.folder / "swing.yaml"
+    path.write_text(PENDULUM.replace(old, new))
+    with pytest.raises((DocumentError, ProblemError)) as caught:
+        loading.load(path, "swing", "swing.yaml", allow_code=True)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
