@@ -246,7 +246,9 @@ def test_four_field_tables(damped: bool, stiff: bool) -> None:
     )
 
 
-@each("form, damped, stiff, row", [
+@each(
+    "form, damped, stiff, row",
+    [
         ("u-v-lambda", True, True, [0, -1, 0]),
         ("u-v-lambda", False, True, [0, -1, 0]),
         ("u-v-lambda", True, False, [INF, -1, 0]),
@@ -257,7 +259,8 @@ def test_four_field_tables(damped: bool, stiff: bool) -> None:
         ("u-a-lambda", False, True, [0, 0, 0]),
         ("v-a-lambda", False, True, [INF, 0, 0]),
         ("v-a-lambda", True, False, [0, 0, 0]),
-    ])
+    ],
+)
 def test_dynamic_row(form: str, damped: bool, stiff: bool, row: list[float]) -> None:
     """Absent X and Y empty a block of row D only where M does not stand behind them."""
     orders = form_orders(FORMS[form], damped=damped, stiff=stiff)
@@ -286,12 +289,15 @@ def test_corrections(form: str, damped: bool, stiff: bool) -> None:
         assert orders.corrections(named_scaling(variant, FORMS[form])) == expected
 
 
-@each("Y, column", [
+@each(
+    "Y, column",
+    [
         # Along the constraint's normal: the multiplier takes it all, nothing moves.
         ([[2, 1, 1], [0, 0, 0], [0, 0, 0]], [INF, 0, INF, 0]),
         # Tangent to the constraint: it reaches the multiplier through X alone.
         ([[0, 0, 0], [1, 2, 0], [0, 1, 1]], [2, 0, 0, 2]),
-    ])
+    ],
+)
 def test_special_damping(Y: list[list[int]], column: list[float]) -> None:
     """Damping of a special direction only makes the V column smaller."""
     unit = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]

@@ -513,7 +513,7 @@ def formulation_orders() -> Iterator[Mutation]:
     own = "tests/test_formulation_orders.py"
     derived = (own, "-k", "derived")
     file = CORE / "orders.py"
-    blocks = (own, "-k", "(test_blocks and u-v-a) or test_corrections or fixed")
+    blocks = (own, "-k", "test_blocks or test_corrections or fixed")
     text = (ROOT / file).read_text()
     begin, end = text.index("INVERSES: "), text.index("def min_plus")
     table, pattern = "", re.compile(r'"([\w-]+(?: \w+)?)": (?:_inverse|"([-\d ]+)")')
@@ -541,7 +541,7 @@ def formulation_orders() -> Iterator[Mutation]:
         ("rate = -1.0 if", "rate = 0.0 if"), ("2 * rate + position", "rate + position"),
     ))  # fmt: skip
     yield from _changes(file, "def form_orders", "def derive_scaling", (
-        own, "-k", "test_blocks and (ggl or index-2)",
+        own, "-k", "test_blocks",
     ), (
         ("_RATE_ORDERS, _INF)\n        weights", "0, _INF)\n        weights"),
         ("else min(0.0, v)\n", "else 0.0\n"),
