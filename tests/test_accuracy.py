@@ -3,6 +3,7 @@
 import numpy as np
 import oracles
 import pytest
+from each import each
 from mpmath import mp
 from scipy.special import ellipj
 
@@ -102,8 +103,8 @@ def test_pendulum_converges():
     assert order(h, energies) == pytest.approx(2.0, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("name", "t_end", "h"),
+@each(
+    "name, t_end, h",
     [
         ("pendulum", 0.6, [1e-1, 3e-2, 1e-2, 3e-3]),
         ("double-pendulum", 0.6, [1e-2, 3e-3, 1e-3]),

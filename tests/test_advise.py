@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
+from each import each
 
 import newmark_cli as newmark
 from newmark_cli import matrices
@@ -88,7 +89,7 @@ def exact_condition(jacobian):
     return float(values[0] / values[len(values) - 1])
 
 
-@pytest.mark.parametrize(("form", "h"), [
+@each("form, h", [
     ("u-lambda", 1e-3), ("u-lambda", 1e-8), ("v-lambda", 1e-7), ("a-lambda", 1e-6),
     ("u-v-a-lambda", 1e-7),
 ])  # fmt: skip
@@ -120,7 +121,7 @@ def test_condition_numbers_are_those_of_mpmath(example, double, form, h):
             assert advice.condition[h][variant] == pytest.approx(expected, rel=1e-9), variant
 
 
-@pytest.mark.parametrize("form", FACTORS)
+@each("form", FACTORS)
 def test_factors_are_those_of_table_2(example, form):
     """As numbers, and as the lines to paste give them."""
     h = 1e-3
@@ -276,7 +277,7 @@ BAD = {
 
 
 @pytest.mark.filterwarnings("ignore:divide by zero")
-@pytest.mark.parametrize("case", BAD)
+@each("case", BAD)
 def test_matrices_that_cannot_be_used_are_refused_in_one_line(cli, case):
     """Exit code 2, and a line that names the file, the matrix and what is wrong."""
     make, message = BAD[case]
@@ -324,7 +325,7 @@ BAD_MARKETS = {
 }
 
 
-@pytest.mark.parametrize("case", BAD_MARKETS)
+@each("case", BAD_MARKETS)
 def test_market_files_that_cannot_be_used_are_refused(tmp_path, case):
     """A folder with a file that is not a matrix of finite real numbers."""
     (tmp_path / "M.mtx").write_text(BAD_MARKETS[case])
@@ -377,8 +378,8 @@ def test_what_a_zip_directory_does_not_tell_is_not_unpacked(tmp_path, monkeypatc
 # -- a Jacobian from anywhere ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("variant", ["none", "left", "right", "optimal"])
-@pytest.mark.parametrize("form", FACTORS)
+@each("variant", ["none", "left", "right", "optimal"])
+@each("form", FACTORS)
 def test_the_scaling_in_a_jacobian_is_found(double, form, variant):
     """From two step sizes always; multiplied by the factors, it is the optimal one."""
     steps, several, optimal = [1e-3, 1e-4], [], []
@@ -567,7 +568,7 @@ def test_a_residual_tested_before_scaling(swing):
     assert "after scaling: can be met" in text
 
 
-@pytest.mark.parametrize(("variant", "word"), [("left", "unknowns"), ("right", "equations")])
+@each("variant, word", [("left", "unknowns"), ("right", "equations")])
 def test_scaling_only_one_side(swing, variant, word):
     """C stays at order −2: measured at two step sizes, and said so."""
     _, found = swing
@@ -683,7 +684,7 @@ def test_text_of_the_command(cli):
 # -- noise of λ ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("integrator", "factor"), [
+@each("integrator, factor", [
     ("generalized-alpha rho=0.9", 156.0), ("generalized-alpha rho=0.5", 8 * 2**0.5),
     ("hht alpha=0.1", 30.25), ("bdf1", 6**0.5),
 ])  # fmt: skip
@@ -704,14 +705,14 @@ def test_noise_that_is_carried_on(integrator, factor):
     assert np.std(seen[500:]) / alone == pytest.approx(factor, rel=0.1)
 
 
-@pytest.mark.parametrize("integrator", ["trapezoidal", "generalized-alpha rho=1.0"])
+@each("integrator", ["trapezoidal", "generalized-alpha rho=1.0"])
 def test_noise_adds_up_without_dissipation(integrator):
     """The trapezoidal rule by any name."""
     assert carried(integrator_of(integrator)) == np.inf
 
 
-@pytest.mark.parametrize(("name", "h"), [("pendulum", 1e-5), ("slider-crank", 1e-6)])
-@pytest.mark.parametrize("integrator", ["generalized-alpha rho=0.9"])
+@each("name, h", [("pendulum", 1e-5), ("slider-crank", 1e-6)])
+@each("integrator", ["generalized-alpha rho=0.9"])
 def test_noise_of_multipliers_is_that_of_a_march(name, h, integrator):
     """λ less what u and v imply, rms over 6000 steps: within a factor of three of predicted."""
     problem = newmark.problem(name)
@@ -761,8 +762,8 @@ def test_step_sizes_that_are_nearly_equal_stay_apart_in_json(one_constraint):
     assert set(found["condition"]) == {"0.001", "0.0010000001"}
 
 
-@pytest.mark.parametrize(
-    ("blocks", "h", "said"),
+@each(
+    "blocks, h, said",
     [
         ("u=2,lambda=1", 1e-300, "h must be between 1e-12 and 1e3 seconds, given 1e-300"),
         ("u=1,lambda=2", 1e-3, "lambda must be at most 1, the number of coordinates, given 2"),
@@ -790,7 +791,7 @@ def test_jacobians_may_be_sparse():
     assert expected.h == (1e-3,)
 
 
-@pytest.mark.parametrize("given", [5, None, np.array(5.0)])
+@each("given", [5, None, np.array(5.0)])
 def test_what_is_no_jacobian(given):
     """Anything but matrices and paths is refused."""
     with pytest.raises(newmark.NewmarkError, match="jacobian must be a matrix, several of them"):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from each import each
 from warm import MODULES
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
@@ -53,9 +54,7 @@ def strip(path, *columns):
     )
 
 
-@pytest.mark.parametrize(
-    "missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")]
-)
+@each("missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")])
 def test_older_csvs_are_read_with_defaults(cli, committed_folder, missing):
     """A column that did not exist has the value that went without saying; verdicts stay."""
     path = cli.folder / "pendulum-u.csv"

@@ -12,6 +12,7 @@ import time
 import click
 import pytest
 from conftest import QUICK, CommandLine
+from each import each
 from warm import SCRIPT
 
 from newmark_cli import __version__, files
@@ -271,7 +272,7 @@ def test_list_names_everything(cli):
         assert re.search(rf"\n  {name} +\S+", text), name
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@each("command", COMMANDS)
 def test_help_has_an_example(cli, command):
     """Every command explains itself; its example is a line of its own, to be copied."""
     text = cli(command, "--help").stdout
@@ -432,7 +433,7 @@ def test_results_that_cannot_be_written(cli, quick):
     assert "/proc/here: results cannot be written" in line
 
 
-@pytest.mark.parametrize("command", ["plot", "check"])
+@each("command", ["plot", "check"])
 def test_no_results(cli, command):
     """Neither starts a computation."""
     assert "no results; run 'newmark-study" in cli.refused(command)
@@ -462,8 +463,8 @@ DAMAGED = {
 }
 
 
-@pytest.mark.parametrize(
-    ("command", "kind"),
+@each(
+    "command, kind",
     [*(("check", kind) for kind in DAMAGED), ("plot", "cut in a row"), ("plot", "schema")],
 )
 def test_damaged_csv(cli, pendulum_results, command, kind):
@@ -521,7 +522,7 @@ def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):
     assert snapshot(cli.folder / "results") == before
 
 
-@pytest.mark.parametrize("broken", ["os.replace", "os.fsync"])
+@each("broken", ["os.replace", "os.fsync"])
 def test_interrupted_writes_leave_what_was_there(tmp_path, monkeypatch, broken):
     """When writing fails at its last moments the old file is whole and no litter stays."""
     path = tmp_path / "a.csv"

@@ -381,16 +381,13 @@ def test_python_problems_say_that_they_are_quadratic(tmp_path):
     assert not problem("shaken-pendulum").quadratic
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
+@each("changes, words", [
         ({"PHI": "(u @ u - 1) / 2 + u[1] ** 3", "GY": "u[1] + 3 * u[1] ** 2"}, "but are not"),
         ({"PHI": "np.log(u @ u)", "GX": "2 * u[0] / (u @ u)", "GY": "2 * u[1] / (u @ u)"},
          "but are not"),
         ({"PHI": "(u @ u - 1) / 2 + t**2"}, "but depend on t"),
         ({"PHI": "(u @ u - 1) / 2 + 1 - np.cos(2 * np.pi * t)"}, "but depend on t"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_wrong_declarations_are_refused(tmp_path, changes, words):
     """Constraints that are not quadratic, or change with time, were it each second alone."""
     definition(tmp_path, **changes, QUADRATIC="False")

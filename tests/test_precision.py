@@ -256,8 +256,8 @@ def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
 # Refusals
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
+@each(
+    "change, words",
     [
         (("u-lambda", "u-lambda\nlinear_solver: sparse-lu"), "float32 needs dense-lu: pendulum"),
         (("u-lambda", "u-lambda\nlinear_solver: [dense-lu, sparse-lu]"), "float32 needs dense-lu"),

@@ -226,13 +226,13 @@ def assert_agreement(text, folder):
     return said
 
 
-@pytest.mark.parametrize("file", COMMITTED, ids=lambda file: file.name)
+@each("file", COMMITTED)
 def test_committed_files_are_what_the_commands_print(cli, file):
     """After a change: newmark-study schema, schema mechanism, list --json (CONTRIBUTING)."""
     assert file.read_text() == cli(*COMMITTED[file]).stdout
 
 
-@pytest.mark.parametrize("kind", schema.SCHEMAS)
+@each("kind", schema.SCHEMAS)
 def test_schemas_are_schemas(kind):
     """By the metaschemas of both drafts, with a description for every key."""
     written = json.loads(schema.text(kind))
