@@ -7,7 +7,6 @@ import sys
 
 import pytest
 from each import each
-from warm import MODULES
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report import slopes
@@ -120,13 +119,25 @@ for number, arguments in enumerate(commands):
 """
 
 
+#: What the commands below import.
+IMPORTED = (
+    "cli.commands",
+    "newmark.compiled_march",
+    "report.check",
+    "report.contradictions",
+    "running.runner",
+    "study.collection",
+    "study.compute",
+)
+
+
 @pytest.fixture
 def changed(cli):
     """The command line with a change of one file: what commands print, out and err of each."""
 
     def run(name, old, new, *commands):
         done = subprocess.run(
-            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, commands, MODULES])],
+            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, commands, IMPORTED])],
             cwd=cli.folder, capture_output=True, text=True,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr

@@ -205,7 +205,6 @@ def test_shipped_figures_are_drawn_as_they_say(committed_folder):
                 assert {(one.look.color, x, y) for x, y in points} <= drawn
             if panel.y_limits:
                 assert axes.get_ylim() == panel.y_limits
-        drawing.draw_without_rendering()
         # A table needs none.
         assert len(drawing.legends) == (figure.name != "19")
         for legend in drawing.legends:
