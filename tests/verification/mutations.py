@@ -81,7 +81,11 @@ def weights() -> Iterator[Mutation]:
 
 def signs() -> Iterator[Mutation]:
     """Every sign in the literal assembler, in the kernel's and in the sparse one."""
-    engines = ("tests/test_engines.py", "-k", "converge_alike or quadratic or per_step")
+    engines = (
+        "tests/test_engines.py",
+        "-k",
+        "assembled or converge_alike or quadratic or per_step",
+    )
     for file, start, stop, tests, changes in (
         (CORE / "jacobian.py", "def four_field", "def form_blocks", ("tests/test_condition.py",
          "-k", "assembled"), (
