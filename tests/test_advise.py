@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
+from conftest import SWING
 from each import each
 
 import newmark_cli as newmark
@@ -683,10 +684,11 @@ def test_studies_and_python_problems_are_subjects(cli):
                              "--json").stdout)  # fmt: skip
     assert several["form"] == "a-lambda"
     assert [*several["condition"]] == ["0.01"]
-    python = f"{EXAMPLE.with_name('car_axis.py')}:car_axis"
+    cli.write("mine.py", SWING)
+    python = "mine.py:swing"
     assert "--allow-code" in cli.refused("advise", python, "--h", "1e-3")
     found = json.loads(cli("advise", python, "--h", "1e-3", "--allow-code", "--json").stdout)
-    assert (found["n"], found["m"]) == (4, 2)
+    assert (found["n"], found["m"]) == (2, 1)
     assert "unknown problem 'pendulm'" in cli.refused("advise", "pendulm", "--h", "1e-3")
 
 
