@@ -1,5 +1,7 @@
 """Many cheap cases as one test, where a test of its own for each would cost more than it does."""
 
+import contextlib
+import dataclasses
 import functools
 import inspect
 
@@ -13,8 +15,10 @@ def named(value):
 def each(names, cases):
     """Like `pytest.mark.parametrize`, but one test: it tries every case.
 
-    Those that fail are told together, each by its name and with what failed in it.  Not for
-    tests that take a fixture which must be fresh for every case.
+    Those that fail are told together, each by its name and with what failed in it.  Every
+    case has a folder of its own, as ``tmp_path`` and as that of ``cli``, and what it does to
+    ``monkeypatch`` is undone after it.  Not for tests that take another fixture which must be
+    fresh for every case.
 
     Args:
         names: Of the arguments, as `pytest.mark.parametrize` takes them.
@@ -28,9 +32,10 @@ def each(names, cases):
         @functools.wraps(function)
         def test(**given):
             failures = []
-            for case in cases:
+            for number, case in enumerate(cases):
                 try:
-                    function(**given, **dict(zip(names, case, strict=True)))
+                    with _fresh(given, f"case-{number}") as own:
+                        function(**own, **dict(zip(names, case, strict=True)))
                 except Exception as error:
                     error.add_note(f"case {'-'.join(map(named, case))}")
                     failures.append(error)
@@ -45,3 +50,20 @@ def each(names, cases):
         return test
 
     return decorated
+
+
+@contextlib.contextmanager
+def _fresh(given, name):
+    """The fixtures of a test, those that are fresh for every case replaced."""
+    own = dict(given)
+    with contextlib.ExitStack() as undone:
+        if "tmp_path" in own:
+            own["tmp_path"] = own["tmp_path"] / name
+            own["tmp_path"].mkdir()
+        if "cli" in own:
+            folder = own["cli"].folder / name
+            folder.mkdir(exist_ok="tmp_path" in own)
+            own["cli"] = dataclasses.replace(own["cli"], folder=folder)
+        if "monkeypatch" in own:
+            own["monkeypatch"] = undone.enter_context(own["monkeypatch"].context())
+        yield own

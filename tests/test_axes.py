@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from warm import MODULES
+from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report import slopes
@@ -53,9 +53,7 @@ def strip(path, *columns):
     )
 
 
-@pytest.mark.parametrize(
-    "missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")]
-)
+@each("missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")])
 def test_older_csvs_are_read_with_defaults(cli, committed_folder, missing):
     """A column that did not exist has the value that went without saying; verdicts stay."""
     path = cli.folder / "pendulum-u.csv"
@@ -121,13 +119,25 @@ for number, arguments in enumerate(commands):
 """
 
 
+#: What the commands below import.
+IMPORTED = (
+    "cli.commands",
+    "newmark.compiled_march",
+    "report.check",
+    "report.contradictions",
+    "running.runner",
+    "study.collection",
+    "study.compute",
+)
+
+
 @pytest.fixture
 def changed(cli):
     """The command line with a change of one file: what commands print, out and err of each."""
 
     def run(name, old, new, *commands):
         done = subprocess.run(
-            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, commands, MODULES])],
+            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, commands, IMPORTED])],
             cwd=cli.folder, capture_output=True, text=True,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr

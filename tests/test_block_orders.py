@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 
 import numpy as np
-import pytest
 from covering import covering
 from each import each
 from high_precision import (
@@ -33,11 +32,8 @@ from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 
 INF = np.inf
-EVERY_FORM = pytest.mark.parametrize("form", FORMS)
-EVERY_VARIANT = pytest.mark.parametrize("variant", VARIANTS)
 #: With and without Y, with and without X.
 KINDS = [(True, True), (False, True), (True, False), (False, False)]
-EVERY_KIND = pytest.mark.parametrize(("damped", "stiff"), KINDS)
 
 #: Form → order of the condition number: none, left, right, optimal, V row as printed.
 CONDITION = {
@@ -145,9 +141,9 @@ def assert_scaled(
     assert found[2] == orders.condition(scaling)
 
 
-@EVERY_FORM
+@each("form", FORMS)
 @given(data=st.data())
-@examples(50)
+@examples(12)
 def test_random_systems(form: str, data: st.DataObject) -> None:
     """Blocks, residual and corrections of a form on random systems."""
     damped, stiff = data.draw(st.sampled_from(KINDS))
@@ -158,10 +154,10 @@ def test_random_systems(form: str, data: st.DataObject) -> None:
         assert_scaled_corrections(system, form, variant, measured)
 
 
-@EVERY_VARIANT
-@EVERY_FORM
+@each("variant", VARIANTS)
+@each("form", FORMS)
 @given(data=st.data())
-@examples(6)
+@examples(2)
 def test_random_scaled_systems(form: str, variant: str, data: st.DataObject) -> None:
     """The scaled matrix, formed and inverted as it is, on random systems."""
     damped, stiff = data.draw(st.sampled_from(KINDS))
@@ -170,9 +166,7 @@ def test_random_scaled_systems(form: str, variant: str, data: st.DataObject) -> 
     assert_scaled(system, form, variant, found)
 
 
-@pytest.mark.parametrize(
-    ("name", "damped", "stiff"), [("andrews", False, True), ("pendulum", False, False)]
-)
+@each("name, damped, stiff", [("andrews", False, True), ("pendulum", False, False)])
 def test_terms_of_shipped_problems(name: str, damped: bool, stiff: bool) -> None:
     """Neither problem has damping; the pendulum starts with λ = 0 and hence X = 0."""
     system = shipped(name)
@@ -185,7 +179,7 @@ SMALL = [name for name in PROBLEMS if problem(name).n + problem(name).m <= 30]
 
 
 @each("form", FORMS)
-@pytest.mark.parametrize("name", SMALL)
+@each("name", SMALL)
 def test_shipped_problems(name: str, form: str) -> None:
     """Blocks, residual and corrections of a form on the shipped problems."""
     system = shipped(name)
@@ -238,7 +232,7 @@ def test_one_inversion_measures_every_form(system: System) -> None:
             assert_scaled(system, form, variant, found)
 
 
-@EVERY_KIND
+@each("damped, stiff", KINDS)
 def test_four_field_tables(damped: bool, stiff: bool) -> None:
     """J and its inverse in the four-field form, block by block."""
     orders = form_orders(FORMS["u-v-a-lambda"], damped=damped, stiff=stiff)
@@ -252,8 +246,8 @@ def test_four_field_tables(damped: bool, stiff: bool) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("form", "damped", "stiff", "row"),
+@each(
+    "form, damped, stiff, row",
     [
         ("u-v-lambda", True, True, [0, -1, 0]),
         ("u-v-lambda", False, True, [0, -1, 0]),
@@ -295,8 +289,8 @@ def test_corrections(form: str, damped: bool, stiff: bool) -> None:
         assert orders.corrections(named_scaling(variant, FORMS[form])) == expected
 
 
-@pytest.mark.parametrize(
-    ("Y", "column"),
+@each(
+    "Y, column",
     [
         # Along the constraint's normal: the multiplier takes it all, nothing moves.
         ([[2, 1, 1], [0, 0, 0], [0, 0, 0]], [INF, 0, INF, 0]),

@@ -1,6 +1,7 @@
 """What `list` says of problems, integrators, scalings and measures, against the code."""
 
 import pytest
+from each import each
 
 from newmark_cli.documents import Document
 from newmark_cli.mechanisms import planar, registry
@@ -27,7 +28,7 @@ def test_sizes_of_shipped_problems_are_those_of_the_built(sections):
         assert mechanism.description
 
 
-@pytest.mark.parametrize("name", registry.PROBLEMS)
+@each("name", registry.PROBLEMS)
 def test_pictures_show_the_start_of_the_built(name):
     """What is drawn without building anything is where the problem starts, to the last bit."""
     picture, built = registry.picture(name), registry.problem(name)
@@ -36,7 +37,7 @@ def test_pictures_show_the_start_of_the_built(name):
     assert picture.u0.tobytes() == built.u0.tobytes()
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@each("name", FAMILIES)
 def test_sizes_of_families_are_those_of_their_members(sections, name):
     """The formulas, evaluated for a member of size 3."""
     family = FAMILIES[name]

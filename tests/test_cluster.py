@@ -188,7 +188,7 @@ def test_workers_that_come_late(cli, study, scheduler):
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal, those of own workers included."""
     where = "1 cell on the workers of this machine\n"
-    moments = ((0.5, signal.SIGINT), (2, signal.SIGINT), (0.5, signal.SIGTERM), (2, signal.SIGTERM))
+    moments = ((0.5, signal.SIGINT), (2, signal.SIGTERM))
     require_interrupts_taken(cli, moments, where, "--executor", "dask", "--jobs", 1)
 
 

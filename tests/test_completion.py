@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from each import each
 from warm import SCRIPT
 
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -47,8 +48,8 @@ def offered(text):
     return [line.removeprefix("plain,") for line in text.splitlines()]
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
+@each(
+    "line, words",
     [
         ("newmark-study val", ["validate"]),
         ("newmark-study run ", [*config.shipped(), "mine.yaml", "other.yml"]),
@@ -78,7 +79,7 @@ def test_the_way_into_folders_is_the_shells(complete):
     assert complete("newmark-study plot nothing").strip() == ""
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
+@each("shell", ["zsh", "fish"])
 def test_other_shells_show_what_a_name_means(complete, shell):
     """With the text of `list`."""
     text = complete("newmark-study run pendulum-v", shell)
@@ -86,7 +87,7 @@ def test_other_shells_show_what_a_name_means(complete, shell):
     assert config.load_shipped("pendulum-v").description in text
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+@each("shell", ["bash", "zsh", "fish"])
 def test_the_line_of_the_readme(shell):
     """The script that a shell is to evaluate; bash, where it is, takes it."""
     variables = {**os.environ, "_NEWMARK_STUDY_COMPLETE": f"{shell}_source"}

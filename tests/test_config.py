@@ -25,7 +25,7 @@ def load(tmp_path, text):
     return config.load(path, "c.yaml")
 
 
-@pytest.mark.parametrize("name", config.shipped())
+@each("name", config.shipped())
 def test_shipped_configs_load(name):
     """Every shipped config is valid and named after its file."""
     study = config.find(name)
@@ -238,8 +238,8 @@ def test_mistakes_are_located(tmp_path, old, new, line, words):
     assert len(text) < 1000
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
+@each(
+    "content, words",
     [
         (b"", "the file is empty"),
         (b"# only a comment\n", "the file is empty"),
@@ -286,7 +286,7 @@ def test_whole_numbers(tmp_path):
     assert type(cell.steps) is type(cell.samples) is int
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@each("family", FAMILIES)
 def test_large_members_need_not_be_built(tmp_path, family):
     """What a config must know of them is known at once, and right."""
     size = FAMILIES[family].parameters[0]

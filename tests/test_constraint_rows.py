@@ -5,6 +5,7 @@ import numpy as np
 import oracles
 import pytest
 from damped import MASS, damped
+from each import each
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from mechanisms import TWO_BODIES
@@ -128,7 +129,7 @@ def test_all_entries_are_overwritten(constrained):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "shaken-pendulum"])
+@each("name", [name for name in PROBLEMS if name != "shaken-pendulum"])
 def test_shipped_problems_follow_from_their_gradients(name):
     """G is affine without laws of time: R and Q are its differences, at v and at w."""
     subject = problem(name)
@@ -391,8 +392,8 @@ def test_rows_of_a_surface_that_is_not_quadratic(tmp_path):
         assert_alike(found, expected, [1e-11, 1e-10, 1e-10, 1e-9])
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
+@each(
+    "old, new, words",
     [
         (
             "-turn(t) * (s * u[1] + c * u[0])",
@@ -513,7 +514,7 @@ def test_rows_elsewhere_are_not_to_be_had(tmp_path):
 # Projections
 
 
-@pytest.mark.parametrize("subject", ["damped", "andrews", "constrained", "chain"])
+@each("subject", ["damped", "andrews", "constrained", "chain"])
 def test_projections_solve_the_bordered_system(subject, constrained):
     """δv, μ and δu against the matrix written out, in the units of M δv = G μ."""
     subject = {

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 import tampering
+from each import each
 from tampering import STATISTICS, given, swapped, times, without
 
 from newmark_cli.report import records
@@ -249,7 +250,7 @@ def test_what_cannot_be_known(tampered):
         assert tampered("andrews-u", change) == tampered("andrews-u", change, lambda r: None) == []
 
 
-@pytest.mark.parametrize(
+@each(
     "record",
     [
         {},

@@ -2,12 +2,12 @@
 
 import itertools
 
-import pytest
 from covering import covering
+from each import each
 
 
-@pytest.mark.parametrize("strength", [1, 2, 3])
-@pytest.mark.parametrize("sizes", [(2, 3, 4), (7, 5, 7, 6), (3, 3, 3, 3, 2)])
+@each("strength", [1, 2, 3])
+@each("sizes", [(2, 3, 4), (7, 5, 7, 6), (3, 3, 3, 3, 2)])
 def test_every_tuple_of_values_meets(sizes, strength):
     """Any values of so many axes are in one of the cases, which are far fewer than all."""
     axes = [[f"{axis}{i}" for i in range(size)] for axis, size in enumerate(sizes)]

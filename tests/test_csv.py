@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pandas as pd
-import pytest
 import synthetic
 from each import each
 from hypothesis import example, given, settings
@@ -75,7 +74,7 @@ def test_numbers_stay_numbers():
     assert csv_text(["x"], [{"x": "-2-2"}]) == "x\n'-2-2\n"
 
 
-@pytest.mark.parametrize("file", ["pendulum-u", "all-forms", "slopes", "history/history"])
+@each("file", ["pendulum-u", "all-forms", "slopes", "history/history"])
 def test_committed_files_are_written_the_same(committed_folder, file):
     """Byte for byte, from what is read of them."""
     text = (committed_folder / f"{file}.csv").read_bytes().decode()
@@ -125,7 +124,7 @@ def swing(name):
 """
 
 
-@pytest.mark.parametrize("study", ["pendulum-u", "andrews-u", "krylov", "sensitivity"])
+@each("study", ["pendulum-u", "andrews-u", "krylov", "sensitivity"])
 def test_rows_and_series_are_those_that_pandas_finds(committed_folder, study):
     """Numbers to the last bit; series in the order of their first rows, each with its own."""
     path = committed_folder / f"{study}.csv"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import synthetic
 import yaml
+from each import each
 
 from newmark_cli.errors import ResultsError
 from newmark_cli.report import cure_table, cures
@@ -62,14 +63,13 @@ def error(cure, values, problem="andrews"):
     return rows_of(cure.curve("cures", problem, "lambda", "error"), values)
 
 
-@pytest.mark.parametrize(
-    ("cure", "values", "text"),
+@each(
+    "cure, values, text",
     [
         (GGL, (1e-3, 1e-5, 1e-7), "+ 2 → 1e-7"),
         (PLAIN, (1.4, 0.3, 2e3), "– 2e3"),
         (cures.named("recovered λ"), (4e-3, 4e-5, 3e-4), "○ 0.0003"),
     ],
-    ids=["order 2", "worse and worse", "a floor"],
 )
 def test_errors_in_the_table(tmp_path, cure, values, text):
     """A cell has the error at the smallest step size, and the order that is predicted."""
@@ -77,8 +77,8 @@ def test_errors_in_the_table(tmp_path, cure, values, text):
     assert cell(tmp_path, cure.name, "λ, in motion", error(cure, values)).measured == "n/a"
 
 
-@pytest.mark.parametrize(
-    ("values", "mark", "measured", "agrees"),
+@each(
+    "values, mark, measured, agrees",
     [((1e3, 1e4, 1e5), "○", "−1.0", True), ((1e5, 1e4, 1e3), "+", "1.0", False)],
 )
 def test_orders_in_the_table(tmp_path, values, mark, measured, agrees):
@@ -265,7 +265,7 @@ BLOCKS = [
 ]
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.partition("\n")[0])
+@each("block", BLOCKS)
 def test_studies_of_the_docs(cli, block):
     """Every config of docs/formulations.md is run, at its largest step, to the end."""
     given = yaml.safe_load(block)

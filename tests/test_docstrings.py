@@ -5,13 +5,14 @@ import re
 from pathlib import Path
 
 import pytest
+from each import each
 
 import newmark_cli as newmark
 
 PUBLIC = [name for name in newmark.__all__ if name != "__version__"]
 
 
-@pytest.mark.parametrize("name", PUBLIC)
+@each("name", PUBLIC)
 def test_examples_of_docstrings_are_true(name):
     """Every public name has a docstring with an example, which prints what it says."""
     subject = getattr(newmark, name)

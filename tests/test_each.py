@@ -30,9 +30,32 @@ def test_nothing_to_try_is_a_mistake():
             each(names, cases)(lambda one: None)
 
 
+#: What the cases of the next test have seen.
+seen = []
+
+
+@each("outer", "ab")
 @each("number", range(3))
-def test_fixtures_are_given(number, tmp_path):
-    """All cases of a test share them."""
-    made = sorted(file.name for file in tmp_path.iterdir())
-    assert made == [str(i) for i in range(number)]
-    (tmp_path / str(number)).touch()
+def test_folders_and_patches_are_those_of_a_case(outer, number, tmp_path, cli, monkeypatch):
+    """No case finds what another has left, in files or in modules."""
+    assert cli.folder == tmp_path
+    assert tmp_path not in seen
+    assert not list(tmp_path.iterdir())
+    cli.write("left", "")
+    assert not hasattr(seen_by_all, "patched")
+    monkeypatch.setattr(seen_by_all, "patched", number, raising=False)
+    seen.append(tmp_path)
+
+
+def seen_by_all():
+    """Something that a test may patch."""
+
+
+def test_other_fixtures_are_shared(committed_folder):
+    """They are handed on as they are."""
+    given = []
+    each("one", [1, 2])(lambda one, committed_folder: given.append(committed_folder))(
+        committed_folder=committed_folder
+    )
+    assert given == [committed_folder] * 2
+    assert not hasattr(seen_by_all, "patched")

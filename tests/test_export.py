@@ -11,6 +11,7 @@ import pytest
 import scipy.io
 import scipy.sparse
 from conftest import SWING, wait_until
+from each import each
 
 import newmark_cli as newmark
 from newmark_cli import files
@@ -39,8 +40,8 @@ def digits_right(found, expected):
 # -- solutions ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", ["u-lambda", "u-v-a-lambda"])
-@pytest.mark.parametrize("h", [1e-3, 1e-8])
+@each("form", ["u-lambda", "u-v-a-lambda"])
+@each("h", [1e-3, 1e-8])
 def test_solutions_have_sixty_digits(form, h):
     """Unscaled systems too, whose condition number is beyond 1e20, in every component."""
     for system in newmark.linear_systems("andrews", h=h, steps=[3], form=form, scaling="none"):
@@ -95,7 +96,7 @@ def swing(tmp_path):
     return newmark.problem(f"{tmp_path}/mine.py:swing")
 
 
-@pytest.mark.parametrize("formulation", ["index-3", "ggl", "augmented-lagrangian"])
+@each("formulation", ["index-3", "ggl", "augmented-lagrangian"])
 def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulation):
     """Bit by bit, where SciPy marches: what its LU is given, iteration by iteration."""
     problem, solves = swing(tmp_path), []
@@ -173,7 +174,7 @@ def test_a_system_is_that_of_the_equations():
     assert system.right == {"u": 1.0, "lambda": pytest.approx(1 / (beta * h**2), rel=1e-15)}
 
 
-@pytest.mark.parametrize("scaling", ["none", "optimal"])
+@each("scaling", ["none", "optimal"])
 def test_the_kernel_takes_the_same_correction(scaling):
     """Norms of the kernel's first correction are those of the first system's solution."""
     how = {"h": 1e-3, "scaling": scaling, "linear_solver": "dense-lu"}
@@ -212,8 +213,8 @@ def test_systems_of_an_iterative_solver():
     assert [(system.step, system.iterations) for system in stuck] == [(1, 1)]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
+@each(
+    "options, message",
     [
         ({"steps": 3}, "steps must be a list of numbers, given 3"),
         ({"steps": []}, "steps must name a step, given none"),
@@ -378,8 +379,8 @@ def test_problems_in_python(cli):
         assert np.array_equal(b, system.rhs)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
+@each(
+    "arguments, message",
     [
         (("nonsense",), "nonsense: no study and no problem of this name; allowed: all-forms"),
         (("sensitivity",), "nothing to export: 10 cells left out: they measure at the initial"),

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from each import each
 from marching import march, start
 
 from newmark_cli.mechanisms import loading
@@ -37,7 +38,7 @@ def weight(subject):
     return subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(subject.m)).force
 
 
-@pytest.mark.parametrize("spec", MEMBERS, ids=lambda spec: spec.label)
+@each("spec", MEMBERS)
 def test_starts_on_the_constraints(spec):
     """Φ = 0 and Gᵀv = 0 to rounding, and no constraint is redundant."""
     subject = spec.load()
@@ -48,8 +49,8 @@ def test_starts_on_the_constraints(spec):
     assert np.linalg.eigvalsh(subject.M)[0] > 0
 
 
-@pytest.mark.parametrize(
-    ("family", "size"),
+@each(
+    "family, size",
     [
         (family, size)
         for family in FAMILIES
@@ -121,8 +122,8 @@ def test_items_that_are_made_when_asked_for():
         squares[4]
 
 
-@pytest.mark.parametrize("size", [1, 3])
-@pytest.mark.parametrize("family", FAMILIES)
+@each("size", [1, 3])
+@each("family", FAMILIES)
 def test_energy_is_kept_at_order_2(family, size):
     """½ vᵀMv − uᵀ(weight): the error of the trapezoidal rule falls by four with h halved."""
     subject = member(family, size).load()
@@ -154,7 +155,7 @@ def test_one_link_is_the_pendulum():
         np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize("links", [1, 5, 400])
+@each("links", [1, 5, 400])
 def test_chain_starts_across_its_line(links):
     """Released from a straight line the masses fall across it, hung by their weights along it.
 
@@ -183,7 +184,7 @@ def test_random_chain_is_well_conditioned_at_any_length():
     np.testing.assert_array_equal(short.M, long.M[:60, :60])
 
 
-@pytest.mark.parametrize("windows", [1, 6, 200])
+@each("windows", [1, 6, 200])
 def test_four_bars_move_as_one_rod(windows):
     """All rods stay parallel: θ'' of the one degree of freedom, whatever the number of windows."""
     subject = member("four-bars", windows).load()

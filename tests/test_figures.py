@@ -48,7 +48,7 @@ def order(reference):
     return np.diff(np.log10(reference.y))[0] / np.diff(np.log10(reference.x))[0]
 
 
-@pytest.mark.parametrize("figure", ORDER_FIGURES, ids=lambda f: f"figure-{f.name}")
+@each("figure", ORDER_FIGURES)
 def test_order_figures_draw_the_csv(folder, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
     sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
@@ -85,7 +85,7 @@ def sheet_of(folder, figure, table=None):
     return figure.sheet(Results(folder, study_slopes(read_study(path), path)))
 
 
-@pytest.mark.parametrize("figure", STUDY_FIGURES, ids=lambda f: f"figure-{f.name}")
+@each("figure", STUDY_FIGURES)
 def test_study_figures_draw_the_csv(tmp_path, figure):
     """Each series is what its rows say, in a look of its own, named in the legend."""
     (panel,) = sheet_of(tmp_path, figure).panels
@@ -222,8 +222,8 @@ def test_history_draws_the_largest_multiplier(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("damage", "words"),
+@each(
+    "damage, words",
     [
         (lambda text: text[:-3], "truncated"),
         (lambda text: text.rpartition("\n")[0].rpartition(",")[0] + "\n", "fields where"),
@@ -266,11 +266,7 @@ def test_series_can_be_told_apart():
     assert np.min(np.diff(grey)) > 0.05, "dark to light"
 
 
-@pytest.mark.parametrize(
-    "figure",
-    [f for f in FIGURES.values() if isinstance(f, MechanismFigure)],
-    ids=lambda f: f"figure-{f.name}",
-)
+@each("figure", [f for f in FIGURES.values() if isinstance(f, MechanismFigure)])
 def test_mechanism_figures_show_every_joint(figure):
     """All points are labelled, fixed ones filled, at their initial positions in mm."""
     subject = problem(figure.problem)
@@ -363,8 +359,8 @@ def multiplier_rows(slope, zero_at=None, status="ok"):
     return table
 
 
-@pytest.mark.parametrize(
-    ("slope", "zero_at", "status", "verdict"),
+@each(
+    "slope, zero_at, status, verdict",
     [
         (0.0, None, "ok", PASS),
         (0.149, None, "ok", PASS),

@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from each import each
 
 from newmark_cli import files
 from newmark_cli.errors import ResultsError
@@ -19,6 +20,7 @@ STUDY = """\
 study: quick
 cases:
   - {problem: pendulum, form: u-lambda, preconditioning: optimal, h: [1e-2, 5e-3], t_end: 0.1}
+measure: condition
 """
 
 
@@ -56,7 +58,7 @@ def special(kind: str, path: Path, outside: Path) -> None:
 KINDS = ("fifo", "link", "endless", "folder")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_only_regular_files_are_read(tmp_path, outside, kind):
     """Reading ends at once, with a reason in words."""
     path = tmp_path / "a"
@@ -74,8 +76,8 @@ def test_reading_is_bounded(tmp_path):
         files.read(path, 99)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
+@each(
+    "text, words",
     [
         ("[" * 100_000, "nested too deeply"),
         ('{"a":' * 80 + "1" + "}" * 80, "nested too deeply"),
@@ -92,8 +94,8 @@ def test_json_is_bounded(text, words):
     assert files.parse_json(b'{"a": [1, "\\u00e9", null]}') == {"a": [1, "é", None]}
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "replaced"),
+@each(
+    "kind, name, replaced",
     [
         ("fifo", ".lock", False),
         ("link", ".lock", False),
@@ -141,8 +143,8 @@ def test_no_folder_outside_is_written(cli, tmp_path):
     assert list(elsewhere.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("kind", "commands"),
+@each(
+    "kind, commands",
     [("fifo", ("check", "info")), ("link", ("verify", "check")), ("endless", ("show", "verify"))],
 )
 def test_what_cannot_be_read_ends_in_a_line(cli, outside, kind, commands):
@@ -177,7 +179,7 @@ def test_a_record_names_only_its_own_files(cli, outside):
     ]
 
 
-@pytest.mark.parametrize(
+@each(
     "record",
     [
         {},
@@ -271,7 +273,7 @@ def read_pair(folder: Path) -> dict[Path, bytes | OSError]:
     return found
 
 
-@pytest.mark.parametrize("killed_at", [0, 2, 4, 5, 6, 8, 9])
+@each("killed_at", [0, 2, 4, 5, 6, 8, 9])
 def test_replaced_together_or_not_at_all(tmp_path, monkeypatch, killed_at):
     """Whenever a writer is killed, readers see all of the old or all of the new."""
     (tmp_path / "history").mkdir()

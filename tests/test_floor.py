@@ -73,7 +73,7 @@ def test_floors_are_predicted():
     assert np.mean([factor < 2 for factor in found.values()]) >= 0.9, worst
 
 
-@pytest.mark.parametrize("formulation", FORMULATIONS)
+@each("formulation", FORMULATIONS)
 def test_floors_of_formulations_are_predicted(formulation):
     """Their rows of constraints round too; with η eliminated fields are predicted as well."""
     found = []

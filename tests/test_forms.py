@@ -3,6 +3,7 @@
 import numpy as np
 import oracles
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +17,7 @@ gammas = st.floats(0.5, 1.0)
 steps = st.floats(1e-7, 1.0)
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 @given(betas, gammas, steps)
 def test_weights_are_those_of_the_table(name, beta, gamma, h):
     """W = ∂(u, v, a)/∂(kept), typed again from the definition of each form."""
@@ -28,7 +29,7 @@ def test_weights_are_those_of_the_table(name, beta, gamma, h):
     np.testing.assert_allclose(found.weights, weights(beta, gamma, h), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 @given(betas, gammas, st.floats(1e-4, 1.0), st.integers(0, 2**32 - 1))
 def test_forms_satisfy_newmarks_relations(name, beta, gamma, h, seed):
     """Eqs. 12b and 12c hold for the fields of a form, or are what its kept rows ask."""
@@ -76,7 +77,7 @@ def test_velocity_form_history(beta, gamma, h, seed):
         assert -tables.dynamic_past @ past == pytest.approx(expected, rel=1e-10, abs=1e-10 / h)
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 @given(betas, gammas, steps, st.integers(0, 2**32 - 1))
 def test_predictor_is_the_same_for_all_forms(name, beta, gamma, h, seed):
     """u = u_n + h v_n, with v and a that Newmark's relations give with it."""
@@ -90,8 +91,8 @@ def test_predictor_is_the_same_for_all_forms(name, beta, gamma, h, seed):
     assert v == pytest.approx(v_n + h * ((1 - gamma) * a_n + gamma * a), rel=1e-12, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("beta", "gamma", "reason"),
+@each(
+    "beta, gamma, reason",
     [
         (0.0, 0.5, "must be positive"),
         (-0.25, 0.5, "must be positive"),
@@ -107,11 +108,8 @@ def test_unusable_parameters_are_refused(beta, gamma, reason):
         Newmark(beta, gamma)
 
 
-@pytest.mark.parametrize(
-    ("kept", "rows"),
-    [((), ("D", "C")), (("v", "u"), ("D", "K", "C")), (("u",), ("D", "K", "C")),
-     (("u", "v"), ("D", "K", "V")), (("w",), ("D", "C"))],
-)  # fmt: skip
+@each("kept, rows", [((), ("D", "C")), (("v", "u"), ("D", "K", "C")), (("u",), ("D", "K", "C")),
+     (("u", "v"), ("D", "K", "V")), (("w",), ("D", "C"))])  # fmt: skip
 def test_inconsistent_forms_are_refused(kept, rows):
     """Rows and unknowns must match."""
     with pytest.raises(ValueError, match="form x"):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import test_slopes
 from conftest import QUICK
+from each import each
 
 import newmark_cli
 from newmark_cli.documents import DocumentError
@@ -56,8 +57,8 @@ def same(found, expected):
 # -- orders of errors and drift -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("formulation", REDUCED)
-@pytest.mark.parametrize("integrator", [TRAPEZOIDAL, DAMPED], ids=["trapezoidal", "damped"])
+@each("formulation", REDUCED)
+@each("integrator", [TRAPEZOIDAL, DAMPED])
 def test_reduced_index_has_the_order_of_the_integrator(formulation, integrator):
     """u, v and λ, whichever λ is reported, with dissipation and without."""
     for reported in (NEWTON, RECOVERED):
@@ -79,8 +80,8 @@ def test_multipliers_of_index_3():
     assert march().error("u") == march().error("v") == 2
 
 
-@pytest.mark.parametrize(
-    ("projection", "reported", "undamped", "damped"),
+@each(
+    "projection, reported, undamped, damped",
     [
         ("velocity", RECOVERED, 2, 2),
         ("velocity", NEWTON, 1, 1),
@@ -98,7 +99,7 @@ def test_projected_multipliers_of_index_3(projection, reported, undamped, damped
         assert found.error("u") == found.error("v") == 2
 
 
-@pytest.mark.parametrize("formulation", ["index-2", "index-1", "baumgarte", "ggl"])
+@each("formulation", ["index-2", "index-1", "baumgarte", "ggl"])
 def test_projected_multipliers_of_a_reduced_index(formulation):
     """Order 2, whichever is reported: the projection's μ is O(h³)."""
     for integrator, reported in itertools.product((TRAPEZOIDAL, DAMPED), (NEWTON, TOTAL)):
@@ -117,8 +118,8 @@ def test_augmented_lagrangian_is_as_index_3_or_unknown():
         assert math.isnan(fixed.drift("position"))
 
 
-@pytest.mark.parametrize(
-    ("formulation", "position", "velocity"),
+@each(
+    "formulation, position, velocity",
     [
         ("index-3", ROUNDING, 2),
         ("index-2", 2, ROUNDING),
@@ -234,7 +235,7 @@ def bounded(order, **rest):
     return judge(Evidence(H, 1e-16 * H**order, 1 / H, **given))
 
 
-@pytest.mark.parametrize("kind", ["rounding", "determined"])
+@each("kind", ["rounding", "determined"])
 def test_bounds_are_judged_from_one_side(kind):
     """Falling faster passes and says why; falling slower, or growing, does not."""
     found = bounded(0.7, kind=kind)
@@ -274,7 +275,7 @@ def test_exact_invariants():
     assert found.reason.startswith("more than rounding: 0.0001 at h = 0.01")
 
 
-@pytest.mark.parametrize(("rate", "expected"), [(1e3, NOT_ASYMPTOTIC), (1.0, MISS)])
+@each("rate, expected", [(1e3, NOT_ASYMPTOTIC), (1.0, MISS)])
 def test_a_rate_that_no_step_size_resolves_is_not_asymptotic(tmp_path, rate, expected):
     """Orders of a fixed rate need α h below 0.1 at three step sizes; then a miss is one."""
     values = {h: 1e-12 * h**-1.5 for h in (1e-1, 1e-2, 1e-3, 1e-4)}
@@ -322,9 +323,7 @@ def test_orders_of_an_augmented_lagrangian(cli):
     assert found["condition"] == 0
 
 
-@pytest.mark.parametrize(
-    "formulation", [*REDUCED, "augmented-lagrangian", "augmented-lagrangian penalty=3"]
-)
+@each("formulation", [*REDUCED, "augmented-lagrangian", "augmented-lagrangian penalty=3"])
 def test_derive_a_formulation(cli, formulation):
     """The powers of the project's factors, in every form."""
     text = cli("orders", "--derive", "--formulation", formulation).stdout
@@ -406,7 +405,7 @@ def test_the_docs_have_the_tables(cli):
 # -- the library -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_scaling_of_a_formulation(form):
     """New rows as velocities and accelerations are scaled; η as displacements."""
     found = newmark_cli.scaling(form, h=1e-2, formulation="ggl")

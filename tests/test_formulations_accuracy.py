@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from each import each
 from scipy.integrate import solve_ivp
 from test_formulations import FORMULATIONS, PROJECTIONS, march_of, scheme_of, subject_of
 
@@ -66,8 +67,8 @@ def andrews_error(*arguments, **options):
     return float(np.abs(found - right).max() / np.abs(right).max())
 
 
-@pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize("formulation", CONVERGENT)
+@each("projection", PROJECTIONS)
+@each("formulation", CONVERGENT)
 def test_order_two_with_every_formulation_and_projection(formulation, projection):
     """Generalized-α: u, v and the recovered λ of a motion that does not start from rest.
 
@@ -109,9 +110,7 @@ def test_accelerations_fed_back_as_they_are_cost_an_order():
     assert shipped[1, 0] < errors[-1] / 5
 
 
-@pytest.mark.parametrize(
-    "integrator", [DAMPED, HHT(0.1), BDF2()], ids=lambda integrator: integrator.label
-)
+@each("integrator", [DAMPED, HHT(0.1), BDF2()])
 def test_the_total_reaction_is_of_order_two_where_lambda_is_not(integrator):
     """Velocities projected: λ has order 1, λ and what the projection did order 2.
 
@@ -124,7 +123,7 @@ def test_the_total_reaction_is_of_order_two_where_lambda_is_not(integrator):
     np.testing.assert_allclose(np.log2(total[:-1] / total[1:]), 2.0, atol=0.15)
 
 
-@pytest.mark.parametrize("formulation", ["index-2", "ggl"])
+@each("formulation", ["index-2", "ggl"])
 def test_the_projection_leaves_lambda_its_order_where_rates_are_in_the_system(formulation):
     """What the projection does is then O(h³) or rounding: Newton's λ, and the total, of order 2."""
     for integrator in (TRAPEZOIDAL, DAMPED):
@@ -145,7 +144,7 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize("formulation", ERRORS)
+@each("formulation", ERRORS)
 def test_multipliers_of_andrews(formulation):
     """Errors as measured independently, where index 3 with the trapezoidal rule has 0.1 to 1."""
     for integrator, expected in zip((TRAPEZOIDAL, DAMPED), ERRORS[formulation], strict=True):
@@ -179,7 +178,7 @@ DRIFT = {
 ROUNDING = (1e-18, 3e-16)
 
 
-@pytest.mark.parametrize("formulation", DRIFT)
+@each("formulation", DRIFT)
 def test_drift(formulation):
     """What stands in the system is met to rounding; the rest drifts like h², Φ of c/h like h³."""
     subject = subject_of("andrews")
@@ -202,7 +201,7 @@ def test_drift(formulation):
             assert np.log2(found[0][k] / found[1][k]) == pytest.approx(order, abs=0.2)
 
 
-@pytest.mark.parametrize("engine", ["kernel", "dense"])
+@each("engine", ["kernel", "dense"])
 def test_the_augmented_lagrangian_contracts_by_its_factor(engine):
     """One constraint: each correction of λ is 1/(1 + k) of the one before."""
     for factor in (3.0, 10.0):

@@ -44,8 +44,8 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.report.fits import power_law
 from newmark_cli.study.measures import corrections
 
-EVERY = pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: i.label)
-EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+EVERY = each("integrator", INTEGRATORS)
+EVERY_FORM = each("form", FORMS.values())
 
 
 def test_every_method_is_tested():
@@ -234,7 +234,7 @@ def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
 
 
 @EVERY
-@pytest.mark.parametrize("h", [1.0, 0.3, 1e-5])
+@each("h", [1.0, 0.3, 1e-5])
 def test_symbols_are_sensitivities_to_displacement(integrator, h):
     """γ/(βh) = ∂v/∂u and 1/(βh²) = ∂v'/∂u, from which every scaling follows."""
     symbols, found = integrator.symbols(h), integrator.relations(h)
@@ -246,7 +246,7 @@ def test_symbols_are_sensitivities_to_displacement(integrator, h):
 
 
 @EVERY_FORM
-@pytest.mark.parametrize("integrator", [GeneralizedAlpha(1.0), HHT(0.0)], ids=lambda i: i.label)
+@each("integrator", [GeneralizedAlpha(1.0), HHT(0.0)])
 def test_undamped_members_are_the_trapezoidal_rule(integrator, form):
     """ρ∞ = 1 and α = 0 to rounding, which grows undamped: N² eps/h² in a and λ."""
     subject, states = problem("pendulum"), []
@@ -305,8 +305,8 @@ def test_damping_of_hht(alpha):
     assert HHT(alpha).damped == (alpha > 0)
 
 
-@pytest.mark.parametrize(
-    ("integrator", "radius"),
+@each(
+    "integrator, radius",
     [
         (Newmark(), 1),
         # β = (γ + 1/2)²/4: a double eigenvalue (γ − 3/2)/(γ + 1/2)
@@ -316,7 +316,6 @@ def test_damping_of_hht(alpha):
         (BDF1(), 0),
         (BDF2(), 0),
     ],
-    ids=lambda value: getattr(value, "label", None),
 )
 def test_spectral_radii(integrator, radius):
     """Worked out by hand from the two-by-two map of (h v, h² a)."""
@@ -324,9 +323,7 @@ def test_spectral_radii(integrator, radius):
     assert integrator.damped == (radius < 1)
 
 
-@pytest.mark.parametrize(
-    "integrator", [*INTEGRATORS, Newmark(0.3, 0.5), GeneralizedAlpha(1.0)], ids=lambda i: i.label
-)
+@each("integrator", [*INTEGRATORS, Newmark(0.3, 0.5), GeneralizedAlpha(1.0)])
 def test_alternating_errors_die_out_where_damped(integrator):
     """A velocity off the constraint makes λ alternate: for ever, or for a while."""
     subject, form, h = problem("pendulum"), FORMS["u-lambda"], 1e-2
@@ -378,7 +375,7 @@ def exact_motion(name):
 ACCURACY_H = {"pendulum": [1e-2, 5e-3, 2e-3, 1e-3], "damped": [4e-3, 2e-3, 1e-3, 5e-4]}
 
 
-@pytest.mark.parametrize("name", ACCURACY_H)
+@each("name", ACCURACY_H)
 @EVERY
 def test_order_of_accuracy(integrator, name):
     """u, v, and where damped λ, converge with the order promised, ± 0.1."""

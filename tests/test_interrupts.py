@@ -1,5 +1,6 @@
 """Ctrl-C, SIGTERM and SIGHUP: when they come, what they leave, and what is said of them."""
 
+import itertools
 import os
 import pty
 import re
@@ -12,6 +13,7 @@ import time
 
 import pytest
 from conftest import ENDINGS, LONG, SWING, require_ended, wait_for_cells, wait_until
+from each import each
 from warm import SCRIPT
 
 from newmark_cli import interrupts
@@ -21,7 +23,7 @@ from newmark_cli.study import config
 MIXED = """\
 study: mixed
 preconditioning: [none, left, right, optimal]
-h: [2e-3, 4e-3]
+h: [4e-3, 8e-3]
 t_end: 1.0
 cases:
   - problem: pendulum
@@ -54,7 +56,7 @@ def python(code, **options):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "numba", "newmark_cli.study.config"])
+@each("module", ["click", "yaml", "numpy", "numba", "newmark_cli.study.config"])
 def test_interrupts_while_modules_are_imported(tmp_path, module):
     """From the first import of a command on: one line, and the code of the signal."""
     code = f"""
@@ -72,8 +74,14 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("module", ["newmark_cli.cli", "newmark_cli.interrupts", "signal", "click"])
-@pytest.mark.parametrize("ending", ENDINGS)
+@each(
+    "module, ending",
+    zip(
+        ["newmark_cli.cli", "newmark_cli.interrupts", "signal", "click"],
+        itertools.cycle(ENDINGS),
+        strict=False,
+    ),
+)
 def test_the_console_script_answers_from_its_first_import(tmp_path, module, ending):
     """Before `signal` itself is imported, to say nothing of the commands."""
     code = f"""
@@ -103,7 +111,7 @@ def test_the_console_script_is_the_installed_one():
     assert "from newmark_cli.console import main" in SCRIPT.read_text()
 
 
-@pytest.mark.parametrize("where", ["module", "factory"])
+@each("where", ["module", "factory"])
 def test_interrupts_in_the_users_code(cli, where):
     """They are no fault of the code, wherever it is when they come, and do not wait for it."""
     lines = ["open('inside', 'w').close()", "time.sleep(3600)", ""]

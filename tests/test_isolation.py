@@ -6,6 +6,7 @@ import signal
 
 import pytest
 from conftest import SWING, CommandLine, wait_until
+from each import each
 
 from newmark_cli import apart
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
@@ -159,7 +160,7 @@ def test_whatever_an_import_raises_is_one_line(cli):
     assert not (cli.folder / "results").exists()
 
 
-@pytest.mark.parametrize("kind", ["interrupt", "killed"])
+@each("kind", ["interrupt", "killed"])
 def test_factories_are_no_different(cli, kind):
     """What they raise, or end, when the config is read."""
     code, text = {**HARD, **ENDS}[kind]

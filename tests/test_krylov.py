@@ -1,10 +1,9 @@
 """Krylov solvers: their solutions, what they record, when they give up."""
 
-import itertools
-
 import numpy as np
 import pytest
 import scipy.sparse.linalg
+from covering import covering
 from damped import damped
 from each import each
 from marching import assert_same_step, copy, in_motion, march, scheme_of, start
@@ -53,8 +52,14 @@ def right_hand_side(scheme, subject, seed=7):
     return np.random.default_rng(seed).normal(size=size)
 
 
-@pytest.mark.parametrize("name", SUBJECTS)
-@each("form, h", itertools.product(FORMS, [1e-2, 1e-5]))
+#: Of the subjects, those of either kind, with damping, stiff, and longer.
+SOLVED = (
+    "pendulum", "andrews", "slider-crank", "heavy-top", "spatial-slider-crank", "random-chain",
+    "damped",
+)  # fmt: skip
+
+
+@each("name, form, h", covering(SOLVED, FORMS, [1e-2, 1e-5]))
 def test_solutions(name, form, h):
     """As near to that of the LU factors as the condition number says, optimally scaled."""
     subject, scheme = SUBJECTS[name], scheme_of(form, "optimal", h)
@@ -68,8 +73,8 @@ def test_solutions(name, form, h):
     assert system.iterations[0] <= 2 * len(rhs)
 
 
-@pytest.mark.parametrize(
-    ("solver", "form", "variant"),
+@each(
+    "solver, form, variant",
     [
         *((choice.GMRES, "u-lambda", variant) for variant in PAPER_VARIANTS),
         *((choice.GMRES, "a-lambda", variant) for variant in PAPER_VARIANTS),
@@ -96,7 +101,7 @@ def test_recorded_residual(solver, form, variant):
     assert len(system.iterations) == 1
 
 
-@pytest.mark.parametrize("form", ["u-lambda", "a-lambda", "v-a-lambda"])
+@each("form", ["u-lambda", "a-lambda", "v-a-lambda"])
 def test_as_many_iterations_as_scipy(form):
     """Where the balanced rows are the solver's own."""
     scheme, state = scheme_of(form, "optimal", 1e-4), in_motion(LONG)
@@ -113,8 +118,10 @@ def test_as_many_iterations_as_scipy(form):
     np.testing.assert_allclose(found, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
 
 
-@pytest.mark.parametrize("name", ["andrews", "slider-crank", "random-chain", "damped"])
-@each("form, h", itertools.product(FORMS, [1e-2, 1e-6]))
+@each(
+    "name, form, h",
+    covering(["andrews", "slider-crank", "random-chain", "damped"], FORMS, [1e-2, 1e-6]),
+)
 def test_where_symmetric(name, form, h):
     """Elsewhere MINRES is refused, in one line."""
     subject = SUBJECTS[name]
@@ -131,21 +138,17 @@ def test_where_symmetric(name, form, h):
             )
 
 
-@pytest.mark.parametrize("name", [name for name in SUBJECTS if name not in ("damped", "governor")])
 @each(
-    "form, variant, h",
-    [
-        (form, variant, h)
-        for form, variant in (
-            ("u-lambda", "optimal"),
-            ("a-lambda", "left"),
-            ("a-lambda", "optimal"),
-        )
-        for h in (1e-2, 1e-6)
-    ],
+    "name, scaled, h",
+    covering(
+        [name for name in SUBJECTS if name not in ("damped", "governor")],
+        [("u-lambda", "optimal"), ("a-lambda", "left"), ("a-lambda", "optimal")],
+        [1e-2, 1e-6],
+    ),
 )
-def test_minres_finds_what_gmres_does(name, form, variant, h):
+def test_minres_finds_what_gmres_does(name, scaled, h):
     """As near as the condition number says."""
+    form, variant = scaled
     subject, scheme = SUBJECTS[name], scheme_of(form, variant, h)
     state = in_motion(subject)
     values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
@@ -157,7 +160,7 @@ def test_minres_finds_what_gmres_does(name, form, variant, h):
     assert np.linalg.norm(minres - gmres) <= 2e-10 * condition * np.linalg.norm(gmres)
 
 
-@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
+@each("solver", [choice.GMRES, choice.MINRES])
 def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
     """And without scaling the tolerance is out of reach, whatever the solver makes of it."""
     state, counts = in_motion(LONG), []
@@ -187,7 +190,7 @@ def test_rows_of_different_size_do_not_hide_a_residual():
     assert np.linalg.norm(residual[LONG.n :]) > 0.1 * np.linalg.norm(rhs[LONG.n :])
 
 
-@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
+@each("solver", [choice.GMRES, choice.MINRES])
 def test_stagnation(solver):
     """At the limit it is raised, as one of numpy's errors, and the solve is recorded."""
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
@@ -200,7 +203,7 @@ def test_stagnation(solver):
     assert 1e-8 < system.residuals[0] < 1
 
 
-@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
+@each("solver", [choice.GMRES, choice.MINRES])
 def test_special_right_hand_sides(solver):
     """Zero, far below the root of the smallest number, and none at all."""
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
@@ -217,7 +220,7 @@ def test_special_right_hand_sides(solver):
     assert len(system.iterations) == len(system.residuals) == 3
 
 
-@pytest.mark.parametrize("solver", [choice.GMRES, choice.MINRES])
+@each("solver", [choice.GMRES, choice.MINRES])
 def test_singular_matrices_end_the_march(solver):
     """G vanishes at the pendulum's pivot, and the length of the rod is out of reach."""
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "optimal", 0.1)
@@ -231,8 +234,10 @@ def test_singular_matrices_end_the_march(solver):
     assert system.residuals[0] > 0.1
 
 
-@pytest.mark.parametrize("integrator", [Newmark(), GeneralizedAlpha(0.9)])
-@pytest.mark.parametrize(("name", "h"), [("andrews", 1e-5), ("random-chain", 1e-2)])
+@each(
+    "name, h, integrator",
+    [("andrews", 1e-5, Newmark()), ("random-chain", 1e-2, GeneralizedAlpha(0.9))],
+)
 def test_newton_saturates_as_with_lu(name, h, integrator):
     """Solves to 1e-8 do for Newton's corrections to end in rounding, the same as LU's."""
     subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
@@ -251,7 +256,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     assert_same_step(subject, scheme, first, again)
 
 
-@pytest.mark.parametrize("options", [{"tolerance": 0.0}, {"tolerance": 1.0}, {"limit": 0}])
+@each("options", [{"tolerance": 0.0}, {"tolerance": 1.0}, {"limit": 0}])
 def test_options(options):
     """One line that names the option."""
     with pytest.raises(InputError, match=f"krylov {next(iter(options))} = .*: must be"):

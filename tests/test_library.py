@@ -86,7 +86,7 @@ DOUBLE = {
 # -- the same march as the command line's -----------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@each("name", PROBLEMS)
 def test_a_trajectory_is_the_march_of_a_study_to_the_bit(cli, name, monkeypatch):
     """λ of a history, and the end state that errors are judged by."""
     h = {"andrews": 1e-4, "pendulum": 1e-2}.get(name, 1e-3)
@@ -134,7 +134,7 @@ def test_a_trajectory_is_what_the_command_line_writes(cli):
     same((written, found.multipliers[steps]), ([float(row["t"]) for row in rows], found.t[steps]))
 
 
-@pytest.mark.parametrize(("every", "kept"), [(1, 13), (4, 4), (5, 4), (12, 2), (100, 2), (0, 1)])
+@each("every, kept", [(1, 13), (4, 4), (5, 4), (12, 2), (100, 2), (0, 1)])
 def test_what_is_kept_does_not_change_the_march(every, kept):
     """The start, every k-th step and the last; with 0 the last."""
     whole = newmark.march("andrews", h=1e-4, steps=12)
@@ -148,7 +148,7 @@ def test_what_is_kept_does_not_change_the_march(every, kept):
     assert (found.steps, found.newton_iterations) == (12, whole.iterations.sum())
 
 
-@pytest.mark.parametrize("solver", ["dense-lu", "sparse-lu", "gmres"])
+@each("solver", ["dense-lu", "sparse-lu", "gmres"])
 def test_steps_are_recorded_alike_by_every_engine(solver):
     """Recording on the way, and halting at every step, give the same."""
     how = {"h": 1e-3, "steps": 47, "linear_solver": solver}
@@ -201,7 +201,7 @@ def test_arrays_have_names():
     assert found.energy == pytest.approx((found.v**2).sum(axis=1) / 2 + 9.81 * heights, abs=1e-12)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+@each("integrator", INTEGRATORS)
 def test_a_is_the_true_acceleration(integrator):
     """M v' = f + G λ at every step, whatever acceleration the integrator carries."""
     found = newmark.march(
@@ -300,8 +300,8 @@ def test_stepping_ends_at_t_end_and_skips():
     assert times == pytest.approx([0.4, 0.8, 1.0])
 
 
-@pytest.mark.parametrize("evaluation", ["direct", "compensated"])
-@pytest.mark.parametrize("integrator", INTEGRATORS)
+@each("evaluation", ["direct", "compensated"])
+@each("integrator", INTEGRATORS)
 def test_a_restart_takes_the_same_steps_to_the_bit(integrator, evaluation):
     """From any step, whatever the integrator remembers; and from a restart again."""
     how = {"h": 1e-4, "integrator": INTEGRATORS[integrator], "evaluation": evaluation}
@@ -351,7 +351,7 @@ def test_callbacks_see_kept_steps_and_stop_the_march():
     assert (len(at.t), at.steps, at.status) == (2, 10, "ok")
 
 
-@pytest.mark.parametrize("error", [RuntimeError("no"), KeyboardInterrupt()])
+@each("error", [RuntimeError("no"), KeyboardInterrupt()])
 def test_an_exception_in_a_callback_leaves_a_usable_trajectory(error):
     """It travels on as it is; what was marched is its attribute, and can be gone on from."""
 
@@ -438,7 +438,7 @@ RUNAWAY = {
 }
 
 
-@pytest.mark.parametrize("every", [1, 7, 0])
+@each("every", [1, 7, 0])
 def test_a_march_that_diverges_ends_with_its_last_whole_step(every):
     """No NaN, no exception: a status, and a state to look at."""
     found = newmark.march(newmark.Definition(**RUNAWAY), h=0.01, t_end=10.0, every=every)
@@ -546,7 +546,7 @@ def test_a_projected_mechanism_meets_its_constraints():
 # -- scalings ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", oracles.TABLE_2)
+@each("form", oracles.TABLE_2)
 def test_scalings_are_those_of_table_2(form):
     """Formulas and numbers of every form, against the table written out in the tests."""
     beta, gamma, h = 0.3025, 0.6, 1e-2

@@ -4,6 +4,7 @@ import csv
 
 import pandas as pd
 import pytest
+from each import each
 
 import newmark_cli as newmark
 
@@ -86,8 +87,8 @@ def test_figures_draw_the_rows(frame):
     assert second.get_size_inches().tolist() == [5, 4]
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
+@each(
+    "call, words",
     [
         (lambda frame: newmark.run(3), "a study must be a file, a name or a dict, given 3"),
         (lambda frame: newmark.run("nope"), "nope: no such file and no shipped config"),

@@ -5,6 +5,7 @@ import os
 import tempfile
 
 import pytest
+from each import each
 from portalocker import portalocker
 
 from newmark_cli import files
@@ -12,7 +13,7 @@ from newmark_cli.running import lock
 from newmark_cli.study.results import ResultsError
 
 
-@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL])
+@each("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL])
 def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     """A warning that says so, once, and the run goes on; nobody else holds the folder."""
 
@@ -29,7 +30,7 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     assert held
 
 
-@pytest.mark.parametrize("number", [errno.EAGAIN, errno.EACCES])
+@each("number", [errno.EAGAIN, errno.EACCES])
 def test_a_lock_that_is_held(tmp_path, monkeypatch, number):
     """Both errors that systems have for it name who holds the folder."""
     (tmp_path / ".lock").write_text(
@@ -82,7 +83,7 @@ def test_what_a_lock_says(tmp_path):
     assert found.value.errno == errno.EBADF
 
 
-@pytest.mark.parametrize("part", ["cells", "history", "references"])
+@each("part", ["cells", "history", "references"])
 def test_parts_that_cannot_be_written_are_found_first(tmp_path, monkeypatch, part):
     """Before hours of work rather than after."""
     from newmark_cli.running import runner

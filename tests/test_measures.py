@@ -6,7 +6,6 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.stats import linregress
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS, Newmark
@@ -87,6 +86,8 @@ def test_sample_steps(steps, samples):
 @given(st.floats(-6, 6), st.floats(-20, 20), st.integers(3, 12), st.integers(0, 2**32 - 1))
 def test_fit_is_ordinary_least_squares(slope, intercept, points, seed):
     """Slope, intercept and standard error against SciPy's regression."""
+    from scipy.stats import linregress  # which takes a second to import
+
     random = np.random.default_rng(seed)
     h = 10 ** np.sort(random.uniform(-8, 0, points))
     values = 10 ** (intercept + slope * np.log10(h) + 0.1 * random.normal(size=points))

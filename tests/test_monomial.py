@@ -45,8 +45,8 @@ def test_orders_add(first, second):
     assert (a**-1).order() == -a.order()
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "order"),
+@each(
+    "text, value, order",
     [
         ("beta*h^2", 0.25 * 1e-4, 2),
         ("1/(beta*h^2)", 4e4, -2),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 
 from newmark_cli.documents import parse
 from newmark_cli.mechanisms import planar
@@ -63,7 +64,7 @@ def test_coordinates_and_constraints_are_named_by_their_parts():
     assert points == [{"A"}, {"A", "B"}, {"C"}, {"A"}, {"D"}, {"D"}]
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@each("name", PROBLEMS)
 def test_names_are_as_many_as_numbers_and_all_different(name):
     """One name for each coordinate and each constraint of the shipped problems."""
     subject = problem(name)
@@ -96,8 +97,8 @@ def test_names_of_a_definition():
     assert (subject.coordinate_names, subject.constraint_names) == (("bob.x", "bob.y"), ("rod",))
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
+@each(
+    "given, message",
     [
         ({"coordinate_names": ["x"]}, "coordinate_names must be 2 names, given 1"),
         ({"coordinate_names": "xy"}, "coordinate_names must be a list of 2 names, given 'xy'"),

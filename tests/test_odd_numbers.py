@@ -1,10 +1,10 @@
 """Numbers that no motion has: an answer in one line."""
 
-import pytest
+from each import each
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
+@each(
+    "options, said",
     [
         ("--at 1e300", "no march to t = 1e+300 with h = "),
         ("--at 1e308 --h 1e308", "no march to t = 1e+308 with h = "),
@@ -28,8 +28,8 @@ def test_draw(cli, options, said):
     assert line.startswith(f"newmark-study: {said}")
 
 
-@pytest.mark.parametrize(
-    ("h", "t_end"),
+@each(
+    "h, t_end",
     [("1e300", "1e300"), ("1e-300", "1e-299"), ("5e-324", "5e-323"), ("1e308", "1.7e308")],
 )
 def test_run(cli, h, t_end):

@@ -1,7 +1,6 @@
 """Exponent arithmetic against the orders that the paper states."""
 
 import numpy as np
-import pytest
 from each import each
 
 from newmark_cli.newmark.forms import FORMS
@@ -25,7 +24,7 @@ def test_condition_numbers(index, name, variant):
     assert found == CONDITION[variant][index]
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 def test_physical_corrections(name):
     """Table 1: u 0, v −1, a −2, λ −2, whichever unknowns are kept."""
     expected = {"u": 0, "v": -1, "a": -2, "lambda": -2}

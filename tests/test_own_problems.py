@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from each import each
 from PIL import Image
 
 from newmark_cli.mechanisms.families import FAMILIES
@@ -120,8 +121,8 @@ def test_plain_code_runs_through_the_scipy_march(cli):
     assert "6 ok" in cli("run", "mine.yaml", "--allow-code").stdout
 
 
-@pytest.mark.parametrize(
-    ("problem", "words"),
+@each(
+    "problem, words",
     [
         ('{python: "car_axis.py"}', 'must be "file.py:factory"'),
         ('{python: "car_axis.py:car_axis", arg: {}}', "unknown key 'arg'"),
@@ -148,7 +149,7 @@ def test_problems_that_cannot_be_used(cli, problem, words):
 PLANAR = [name for name in PROBLEMS if problem(name).axes == "xy"]
 
 
-@pytest.mark.parametrize("name", [*PLANAR, "chain(links=40)", "four-bars(windows=3)"])
+@each("name", [*PLANAR, "chain(links=40)", "four-bars(windows=3)"])
 def test_every_mechanism_can_be_drawn(name):
     """Shipped ones and members of every family: each bar and body has its line."""
     subject = config.problem_named(name).load()
@@ -166,9 +167,7 @@ def test_every_mechanism_can_be_drawn(name):
     assert name.partition("(")[0] in (*PROBLEMS, *FAMILIES)
 
 
-@pytest.mark.parametrize(
-    "name", [*(name for name in PROBLEMS if name not in PLANAR), "spatial-chain(bodies=30)"]
-)
+@each("name", [*(name for name in PROBLEMS if name not in PLANAR), "spatial-chain(bodies=30)"])
 def test_every_spatial_mechanism_can_be_drawn(name):
     """From the centre of each body a line to each of its joints, whose names are told."""
     subject = config.problem_named(name).load()

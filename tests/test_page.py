@@ -164,10 +164,7 @@ def test_times_are_those_of_the_runs(text, read):
 
 
 def test_a_single_small_study(cli):
-    """With figures of its own, without tables or Andrews' mechanism; in an empty folder.
-
-    Another process, later, makes the same bytes of it.
-    """
+    """With figures of its own, without tables or Andrews' mechanism; in an empty folder."""
     cli.write("quick.yaml", QUICK)
     cli("run", "quick.yaml")
     assert cli("report", "--output", "own/page.html").stdout == "own/page.html\n"
@@ -189,10 +186,15 @@ def test_a_single_small_study(cli):
         for variant in ("none", "optimal")
         for h, steps in (("0.1", "10"), ("0.01", "100"))
     ]
-    beside = cli.folder / "results/report.html"
-    done = CliRunner().invoke(command_line, ["report", "--results", str(beside.parent)])
-    assert done.output == f"{beside}\n"
-    assert beside.read_bytes() == (cli.folder / "own/page.html").read_bytes()
+    # Another process, later, makes the same bytes of one with a single figure.
+    cli.write("small.yaml", QUICK.replace("quick", "small") + "measure: condition\n")
+    cli("run", "small.yaml", "--results", "small")
+    beside = cli.folder / "small/report.html"
+    assert cli("report", "--results", "small").stdout == "small/report.html\n"
+    own = cli.folder / "own/small.html"
+    command = ["report", "--results", str(beside.parent), "--output", str(own)]
+    assert CliRunner().invoke(command_line, command).output == f"{own}\n"
+    assert beside.read_bytes() == own.read_bytes()
 
 
 def test_refusals(cli, monkeypatch, folder):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import synthetic
 from click.testing import CliRunner
+from each import each
 
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.errors import ResultsError
@@ -133,7 +134,7 @@ def require_whole(drawing):
 LONG = "half-cure with left scaling of the rows and right scaling of λ by 1/h, compensated"
 
 
-@pytest.mark.parametrize(
+@each(
     "sheet",
     [
         Sheet(
@@ -168,7 +169,6 @@ LONG = "half-cure with left scaling of the rows and right scaling of λ by 1/h, 
             share_x=False,
         ),
     ],
-    ids=["12 long labels", "5 panels in 3 columns", "3 panels with abscissas of their own"],
 )
 def test_nothing_is_cut_off(sheet):
     """Without a layout, room is made for titles, labels and legends, however long they are."""
@@ -205,7 +205,6 @@ def test_shipped_figures_are_drawn_as_they_say(committed_folder):
                 assert {(one.look.color, x, y) for x, y in points} <= drawn
             if panel.y_limits:
                 assert axes.get_ylim() == panel.y_limits
-        drawing.draw_without_rendering()
         # A table needs none.
         assert len(drawing.legends) == (figure.name != "19")
         for legend in drawing.legends:
@@ -373,7 +372,7 @@ def test_a_new_kind_says_what_it_lacks(tmp_path, ratio):
 # -- whose results a mechanism belongs to ---------------------------------------------------
 
 
-@pytest.mark.parametrize("problem", ["andrews", "pendulum", "andrews.yaml"])
+@each("problem", ["andrews", "pendulum", "andrews.yaml"])
 def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     """Figure 6 is not drawn into a stranger's results, unless it is asked for by name."""
     own = [row | {"study": "own", "problem": problem} for row in synthetic.rows(FIGURES["12"])]

@@ -92,8 +92,11 @@ def complex_terms(problem, u, v, multipliers, t):
         np.zeros(size, complex)
         for size in (problem.n, problem.m, *map(len, (pattern[2], pattern[4], pattern[6])))
     )
-    for loop in (elements.evaluate, elements._evaluate_further):
-        loop.py_func(t, u, v, multipliers, problem.ints, problem.reals, force, phi, x, y, g)
+    for loop in (elements._accumulate, elements._accumulate_further):
+        loop.py_func(
+            0, len(problem.ints), t, u, v, multipliers, problem.ints, problem.reals, force, phi,
+            x, y, g,
+        )  # fmt: skip
     return force, phi
 
 

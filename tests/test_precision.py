@@ -1,6 +1,5 @@
 """Single precision: the march computes in it, and its floors are 2²⁹ times those of double."""
 
-import itertools
 from types import SimpleNamespace
 
 import mechanisms
@@ -27,7 +26,6 @@ from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Toleranc
 from newmark_cli.study import config
 from newmark_cli.study.measures import corrections
 
-EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 #: Ratio of the units of rounding.
 RATIO = np.finfo(np.float32).eps / np.finfo(np.float64).eps
 
@@ -133,10 +131,9 @@ def test_solver_computes_in_its_precision(size, seed, dtype):
     np.testing.assert_array_equal(*solutions)
 
 
-@EVERY_FORM
 @each(
-    "evaluation, stop, precision",
-    itertools.product(EVALUATIONS, [None, Tolerance(1e-5, 1e-4)], PRECISIONS),
+    "form, evaluation, stop, precision",
+    covering(FORMS.values(), EVALUATIONS, [None, Tolerance(1e-5, 1e-4)], PRECISIONS),
 )
 def test_march_computes_in_its_precision(form, evaluation, stop, precision):
     """Compiled and interpreted it takes the same steps bit by bit."""
@@ -233,7 +230,7 @@ def test_floors_are_those_of_the_precision(name, integrator, form, h):
         assert all(1 / 4 <= ratio <= 4 for ratio in ratios.values()), (variant, ratios)
 
 
-@EVERY_FORM
+@each("form", FORMS.values())
 def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
     """Where h² < eps, elimination loses β/γ h in row K unless row D is scaled down to it.
 
@@ -260,8 +257,8 @@ def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
 # Refusals
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
+@each(
+    "change, words",
     [
         (("u-lambda", "u-lambda\nlinear_solver: sparse-lu"), "float32 needs dense-lu: pendulum"),
         (("u-lambda", "u-lambda\nlinear_solver: [dense-lu, sparse-lu]"), "float32 needs dense-lu"),

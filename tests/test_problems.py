@@ -6,6 +6,7 @@ import mechanisms
 import numpy as np
 import oracles
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mechanisms import TWO_BODIES
@@ -40,7 +41,7 @@ def complex_terms(subject, u, v, multipliers, t=0.0):
     return force, phi
 
 
-@pytest.mark.parametrize("name", PLANAR)
+@each("name", PLANAR)
 @given(st.integers(0, 2**32 - 1))
 def test_tangents_are_derivatives(name, seed):
     """X, Y, G against complex-step differentiation, 1e-10 relative, at random states."""
@@ -65,7 +66,7 @@ def test_tangents_are_derivatives(name, seed):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * size)
 
 
-@pytest.mark.parametrize("name", REFERENCED)
+@each("name", REFERENCED)
 @given(st.integers(0, 2**32 - 1))
 def test_terms_against_mpmath(name, seed):
     """M, f + Gλ, Φ against the formulas typed again."""
@@ -211,7 +212,7 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "line", "words"), MISTAKES)
+@each("old, new, line, words", MISTAKES)
 def test_mistakes_are_located(tmp_path, old, new, line, words):
     """Each mistake is named with file, line and key."""
     path = tmp_path / "bad.yaml"
@@ -295,7 +296,7 @@ def test_assembled_positions_meet_the_constraints():
     np.testing.assert_allclose(subject.constraint_values(0.0, subject.u0), 0, atol=1e-16)
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@each("name", PROBLEMS)
 def test_starts_are_consistent(name):
     """Φ, Φ' and Φ'' vanish at the start of every shipped problem."""
     subject = problem(name)
@@ -324,9 +325,7 @@ bars:
 """
 
 
-@pytest.mark.parametrize(
-    ("change", "line", "words"),
-    [
+@each("change, line, words", [
         (
             ("gravity", "bars:\n", "bars:\n  one: {from: A, to: C, length: 2.23606797749979}\n"
              "  two: {from: B, to: D, length: 2.23606797749979}\n"),
@@ -357,8 +356,7 @@ bars:
         ),
         (("motion", "bars:", "motions:\n  m: {point: A, x: {}}\nbars:"), 7, "A is fixed"),
         (("bars", RECTANGLE[RECTANGLE.index("bars") :], ""), 1, "no constraint"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_inconsistent_starts_are_refused(tmp_path, change, line, words):
     """Singular mass, redundant bars, velocities and positions that do not fit."""
     _, old, new = change
@@ -455,8 +453,8 @@ _DEPENDENT = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("text", "said", "start"),
+@each(
+    "text, said, start",
     [(text, said, start) for text, said, starts in _DEPENDENT for start in starts],
 )
 def test_dependent_constraints_are_told_apart(tmp_path, text, said, start):

@@ -3,6 +3,7 @@
 import os
 
 import pytest
+from each import each
 
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.processors import usable
@@ -100,7 +101,7 @@ SYSTEMS = {
 }
 
 
-@pytest.mark.parametrize("system", SYSTEMS)
+@each("system", SYSTEMS)
 def test_quotas_count(tmp_path, system):
     """The least of all limits, rounded up to whole processors, and at least one."""
     files, expected = SYSTEMS[system]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import scipy
 from conftest import QUICK, CommandLine
+from each import each
 
 import newmark_cli
 from newmark_cli.errors import InputError
@@ -367,8 +368,8 @@ def test_info_of_an_older_record():
     assert records.config_text(record) == "{}\n"
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
+@each(
+    "content, words",
     [
         ("{", "quick.json: not JSON"),
         ("[]", "quick.json: not the record of quick.csv"),

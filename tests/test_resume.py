@@ -411,7 +411,7 @@ def test_workers_end_with_their_run(cli):
 
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal; one line, at every moment."""
-    moments = ((0, signal.SIGINT), (1, signal.SIGINT), (0, signal.SIGTERM), (1, signal.SIGTERM))
+    moments = ((0, signal.SIGINT), (1, signal.SIGTERM))
     require_interrupts_taken(cli, moments, "1 cell on 1 process\n")
 
 

@@ -38,7 +38,7 @@ def test_table_2(name, variant):
             assert factor(values) == pytest.approx(expected, rel=1e-14), (side, block)
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 def test_sensitivity_rule_gives_the_orders_of_table_2(name):
     """Scaling by ∂v/∂u and ∂a/∂u has the powers of h of Table 2, form by form."""
     by_rule = sensitivity(FORMS[name])
@@ -48,7 +48,7 @@ def test_sensitivity_rule_gives_the_orders_of_table_2(name):
         assert {b: f.order() for b, f in ours.items()} == {b: f.order() for b, f in paper.items()}
 
 
-@pytest.mark.parametrize("name", ["u-v-a-lambda", "u-v-lambda", "u-lambda", "a-lambda"])
+@each("name", ["u-v-a-lambda", "u-v-lambda", "u-lambda", "a-lambda"])
 def test_sensitivity_rule_is_table_2(name):
     """For forms that keep u, and (a, λ), the rule is Table 2 exactly."""
     by_rule = sensitivity(FORMS[name])
@@ -77,13 +77,13 @@ def test_labels_say_everything(left, right):
     assert "," not in own.label
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@each("variant", VARIANTS)
 def test_labels_of_variants(variant):
     """A variant's label is its name."""
     assert Preconditioning.parse(Preconditioning(variant).label) == Preconditioning(variant)
 
 
-@pytest.mark.parametrize("label", ["best", "x[up D=h]", "x[left D]", "x[", "[left D=h]"])
+@each("label", ["best", "x[up D=h]", "x[left D]", "x[", "[left D=h]"])
 def test_labels_refused(label):
     """What is no label is refused."""
     with pytest.raises(ScalingError):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tampering
 from click.shell_completion import CompletionItem
+from each import each
 from test_show import on_a_terminal
 
 import newmark_cli
@@ -188,9 +189,7 @@ NAMES = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "fits"), [*((name, True) for name in NAMES), ("$x^2$", False), (BAD, False)]
-)
+@each("name, fits", [*((name, True) for name in NAMES), ("$x^2$", False), (BAD, False)])
 def test_figures_write_names_as_they_are(name, fits):
     """In legends, titles and among the points; SVGs stay XML."""
     h = np.array([1e-3, 1e-2, 1e-1])
@@ -246,6 +245,7 @@ def test_the_page_shows_names_as_text(cli, committed_folder):
     """Neither markup nor a script, in texts, attributes and figures."""
     name = '"><script>alert(1)</script>' + "{{7*7}}"
     columns, rows = tampering.read(committed_folder / "pendulum-u.csv")
+    rows = [row for row in rows if row["measure"] == "condition"]
     rows = tampering.given(rows, problem=name, study="mine")
     tampering.write(cli.folder / "results/mine.csv", columns, rows)
     cli("report")

@@ -12,6 +12,7 @@ import termios
 
 import pytest
 import synthetic
+from each import each
 from test_slopes import power, series
 
 from newmark_cli.report import text
@@ -124,8 +125,8 @@ def test_recovered_fields_only_when_asked_for(cli, quick):
     assert "Δu" not in shown
 
 
-@pytest.mark.parametrize(
-    ("options", "names"),
+@each(
+    "options, names",
     [
         (["--integrator", "trapezoidal"], {("newmark beta=0.25 gamma=0.5", "andrews")}),
         (["--integrator", "generalized-alpha"], {(DAMPED, "swing.yaml")}),
@@ -252,7 +253,7 @@ WIDE = [
 ]
 
 
-@pytest.mark.parametrize("columns", ["40", "80", "120", "400"])
+@each("columns", ["40", "80", "120", "400"])
 def test_tables_are_folded_not_cut(monkeypatch, columns):
     """No line is wider than the terminal, and every character of every entry is there."""
     monkeypatch.setenv("COLUMNS", columns)

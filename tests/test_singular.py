@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from conftest import SWING
+from each import each
 from scipy.integrate import solve_ivp
 
 from newmark_cli import apart
@@ -128,8 +129,8 @@ CHANGE_POINT_BARS = """\
 """
 
 
-@pytest.mark.parametrize(
-    ("linkage", "bars", "t", "guess"),
+@each(
+    "linkage, bars, t, guess",
     [
         (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.0, 2.3),
         (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.9, 5.4),
@@ -137,7 +138,6 @@ CHANGE_POINT_BARS = """\
         (PARALLELOGRAM, PARALLELOGRAM_BARS, 1.0, 7.0),
         (CHANGE_POINT, CHANGE_POINT_BARS, 0.3, 4.3),
     ],
-    ids=["slider-crank", "slider-crank twice", "parallelogram", "parallelogram twice", "4-1-3-2"],
 )
 def test_motions_through_dead_centres(tmp_path, linkage, bars, t, guess):
     """They keep to their branch, to the accuracy that the reference says, which is high."""
@@ -223,7 +223,7 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("law", LAWS)
+@each("law", LAWS)
 def test_motions_that_do_not_get_through(tmp_path, law):
     """They end in a locked position, or may go on in two ways: time and reason are said."""
     linkage, bars, t, words = LAWS[law]
@@ -275,7 +275,7 @@ def test_large_problems_end_there(monkeypatch):
         solution(subject, 2.0)
 
 
-@pytest.mark.parametrize(("weight", "right"), [(9.81, True), (9.8, False)])
+@each("weight, right", [(9.81, True), (9.8, False)])
 def test_python_problem_through_its_dead_centre(tmp_path, monkeypatch, weight, right):
     """Plain functions, tangents by differences: the slider-crank in three coordinates.
 
@@ -327,7 +327,7 @@ def test_regular_motions_are_not_computed_anew(monkeypatch):
         assert solution(problem(name), t).u_error < 1e-11
 
 
-@pytest.mark.parametrize("nodes", [8, 10, 12])
+@each("nodes", [8, 10, 12])
 def test_collocation_alone(nodes):
     """On the pendulum: as good as rounding allows, whatever the number of nodes."""
     subject = problem("pendulum")
@@ -339,7 +339,7 @@ def test_collocation_alone(nodes):
     assert relative_error(found.v, exact.v) < 1e-12
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-6, 0.01, 0.3])
+@each("angle", [0.0, 1e-6, 0.01, 0.3])
 def test_smallest_singular_value(tmp_path, angle):
     """Of a slider-crank near its dead centre, where it is about the angle to it."""
     subject = built(tmp_path, mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1")))
@@ -364,8 +364,8 @@ def test_smallest_singular_value_of_large_problems():
 TIMES = np.array([-0.5, -0.3, -0.12, 0.07, 0.25, 0.41])
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
+@each(
+    "value, expected",
     [
         (lambda t: t, [(0.0, True)]),
         (lambda t: t - 0.07, [(0.07, True)]),

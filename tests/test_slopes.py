@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from each import each
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report import check
@@ -63,9 +64,9 @@ def found(folder, table, accept=None):
 # -- what theory says -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize(
-    ("evaluation", "orders"),
+@each("form", FORMS)
+@each(
+    "evaluation, orders",
     [
         ("direct", {"u": 0, "v": -1, "a": -2, "lambda": -2}),
         ("compensated", {"u": 1, "v": 0, "a": -1, "lambda": -1}),
@@ -99,8 +100,8 @@ def test_evaluation_does_not_change_condition_and_sensitivity(tmp_path):
         assert [s.expected for s in found(tmp_path, condition + sensitivity)] == [-4, 2]
 
 
-@pytest.mark.parametrize(
-    ("label", "order", "damped"),
+@each(
+    "label, order, damped",
     [
         ("newmark beta=0.25 gamma=0.5", 2, False),
         ("newmark beta=0.3025 gamma=0.6", 1, True),
@@ -134,8 +135,8 @@ def test_error_is_fitted_above_the_rounding_floor(tmp_path):
     np.testing.assert_array_equal(slope.values, list(values.values()))
 
 
-@pytest.mark.parametrize(
-    ("values", "verdict"),
+@each(
+    "values, verdict",
     [
         ((1e-2, 1e-3, 1e-4, 1e-5), MISS),
         ((1e-2, 1e-4, 1e-5, 1e-3), NOT_CONVERGING),
@@ -153,7 +154,7 @@ def test_verdicts_on_errors(tmp_path, values, verdict):
     assert slope.fails == (verdict != TOO_FEW)
 
 
-@pytest.mark.parametrize("accept", [None, ["not_converging"]])
+@each("accept", [None, ["not_converging"]])
 def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
     """Where theory predicts no order: the trapezoidal λ, not u, which has order 2."""
     table = series((2.1, 2.1, 2.1), measure="error", quantity="lambda")
@@ -166,7 +167,7 @@ def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
     assert [s.fails for s in found(tmp_path, table, accept)] == [True]
 
 
-@pytest.mark.parametrize("quantity", ["position", "velocity", "multiplier", "energy"])
+@each("quantity", ["position", "velocity", "multiplier", "energy"])
 def test_invariants(tmp_path, quantity):
     """Nothing is predicted; what falls with h, or is rounding, is shown; what does not, fails."""
     for values, verdict in (
@@ -220,8 +221,8 @@ def test_singular_positions_and_rest_are_told(tmp_path):
 # -- what it does not say -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("measure", "quantity"),
+@each(
+    "measure, quantity",
     [
         ("krylov_iterations", "jacobian"),
         ("krylov_residual", "jacobian"),
@@ -229,7 +230,7 @@ def test_singular_positions_and_rest_are_told(tmp_path):
         ("tolerance", "newton"),
     ],
 )
-@pytest.mark.parametrize("status", ["ok", "not_converged", "diverged"])
+@each("status", ["ok", "not_converged", "diverged"])
 def test_shown(tmp_path, measure, quantity, status):
     """No prediction, no tolerance; neither counted nor failed, whatever the cells' status."""
     table = series(
@@ -275,8 +276,8 @@ def test_stagnated_cells_show_the_limit(tmp_path):
     assert slope.statuses == ("ok", "stagnated")
 
 
-@pytest.mark.parametrize(
-    ("accept", "verdicts"),
+@each(
+    "accept, verdicts",
     [
         (None, [PASS, INCOMPLETE, INCOMPLETE]),
         ([], [PASS, INCOMPLETE, INCOMPLETE]),
@@ -306,8 +307,8 @@ def test_records_of_all_kinds_are_read(tmp_path):
 # -- completeness ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("column", "value"),
+@each(
+    "column, value",
     [
         ("integrator", "bdf2"),
         ("evaluation", "compensated"),
@@ -324,8 +325,8 @@ def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value):
     assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, TOO_FEW]
 
 
-@pytest.mark.parametrize(
-    ("columns", "order"),
+@each(
+    "columns, order",
     [
         ({"form": "v-lambda"}, -2),
         ({"preconditioning": "right"}, 0),

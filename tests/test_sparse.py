@@ -1,7 +1,5 @@
 """Sparse Jacobians and their march against the dense ones."""
 
-import itertools
-
 import numpy as np
 import pytest
 from conftest import QUICK
@@ -33,20 +31,18 @@ STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2, "damped": 1e-2}
 SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
 
 
-@pytest.mark.parametrize("name", SUBJECTS)
-@each("form, h", itertools.product(FORMS, [1e-1, 1e-7]))
-def test_same_jacobian(name, form, h):
-    """Every entry of J̄, bit by bit, in every variant."""
+@each("name, form, variant, h", covering(SUBJECTS, FORMS, VARIANTS, [1e-1, 1e-7]))
+def test_same_jacobian(name, form, variant, h):
+    """Every entry of J̄, bit by bit."""
     subject = SUBJECTS[name]
     state = in_motion(subject)
     values = subject.values(0.0, *state.fields[:2], state.multipliers)
-    for variant in VARIANTS:
-        scheme = scheme_of(form, variant, h)
-        system = SparseSystem(subject, scheme)
-        found = np.zeros((system.size, system.size))
-        found[system.rows, system.columns] = system.scaled_entries(values)
-        expected = scaled_jacobian(scheme, subject.dense(values), subject.M)
-        np.testing.assert_array_equal(found, expected)
+    scheme = scheme_of(form, variant, h)
+    system = SparseSystem(subject, scheme)
+    found = np.zeros((system.size, system.size))
+    found[system.rows, system.columns] = system.scaled_entries(values)
+    expected = scaled_jacobian(scheme, subject.dense(values), subject.M)
+    np.testing.assert_array_equal(found, expected)
 
 
 @each("name, form, variant", covering(STEPS, FORMS, VARIANTS))
@@ -62,7 +58,7 @@ def test_marches_agree_per_step(name, form, variant):
         assert_same_step(subject, scheme, ours, reference)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 @each("variant", VARIANTS)
 def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
     """LU of J̄ of a bent chain at h = 1e-7, in the units of each unknown.
@@ -87,8 +83,8 @@ def test_accurate_at_small_steps_whatever_the_scaling(form, variant):
     assert np.max(np.abs(found - exact) / units) < 1e-8
 
 
-@each("name, form, variant", covering(SUBJECTS, FORMS, VARIANTS))
-def test_condition_estimate(name, form, variant):
+@each("name, form, variant, h", covering(SUBJECTS, FORMS, VARIANTS, (1e-2, 1e-5, 1e-8)))
+def test_condition_estimate(name, form, variant, h):
     """Between a third of the exact 1-norm condition number and all of it; repeatable.
 
     ‖J̄‖ is exact; the estimate of ‖J̄⁻¹‖ is a lower bound, almost always within a factor
@@ -96,17 +92,16 @@ def test_condition_estimate(name, form, variant):
     """
     subject = SUBJECTS[name]
     state = in_motion(subject)
-    for h in (1e-2, 1e-5, 1e-8):
-        scheme = scheme_of(form, variant, h)
-        dense = BalancedJacobian(subject, scheme, 0.0, state)
-        exact = np.linalg.norm(dense.scaled, 1) * np.linalg.norm(dense.inverse(), 1)
-        system = SparseSystem(subject, scheme)
-        found = system.balanced(0.0, state).condition()
-        assert exact / 3 <= found <= exact * (1 + 1e-9), h
-        assert system.balanced(0.0, state).condition() == found
+    scheme = scheme_of(form, variant, h)
+    dense = BalancedJacobian(subject, scheme, 0.0, state)
+    exact = np.linalg.norm(dense.scaled, 1) * np.linalg.norm(dense.inverse(), 1)
+    system = SparseSystem(subject, scheme)
+    found = system.balanced(0.0, state).condition()
+    assert exact / 3 <= found <= exact * (1 + 1e-9)
+    assert system.balanced(0.0, state).condition() == found
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_same_sensitivities(form):
     """Columns of J̄⁻¹ through the sparse factors."""
     subject = SUBJECTS[CHAIN.label]
@@ -117,7 +112,7 @@ def test_same_sensitivities(form):
     assert found == pytest.approx(expected, rel=1e-9, abs=rounding)
 
 
-@pytest.mark.parametrize("name", STEPS)
+@each("name", STEPS)
 def test_consistent_starts_agree(name, monkeypatch):
     """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
     subject = SUBJECTS[name]

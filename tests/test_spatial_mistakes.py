@@ -1,6 +1,7 @@
 """Mistakes in spatial mechanism files: one line each, with file, line and key."""
 
 import pytest
+from each import each
 
 from newmark_cli.documents import DocumentError, parse
 from newmark_cli.mechanisms import loading
@@ -181,7 +182,7 @@ def test_it_is_right_as_it_stands():
     assert (subject.n, subject.m, subject.drawing.freedom) == (24, 21, 3)
 
 
-@pytest.mark.parametrize("name", MISTAKES)
+@each("name", MISTAKES)
 def test_mistake(name):
     """Each is refused in one line, which says where it is and what is allowed."""
     old, new, line, key, words = MISTAKES[name]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import spatial
+from each import each
 
 import newmark_cli as newmark
 from newmark_cli.documents import parse
@@ -55,8 +56,8 @@ def hung(kind, turned):
     return built(text.replace("AT", at))
 
 
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("kind", [kind for kind in JOINTS if kind != "rigid"])
+@each("turned", [False, True])
+@each("kind", [kind for kind in JOINTS if kind != "rigid"])
 def test_reactions_obey_newton_and_euler(kind, turned):
     """Force and moment of a joint are what its body's motion and weight ask for.
 
@@ -294,7 +295,7 @@ def in_plane(rods, fixed, moving):
 PLACES = {"A": (0.0, 0.0), "B": (0.2, 0.5), "C": (1.1, 0.9), "D": (1.0, 0.0)}
 
 
-@pytest.mark.parametrize("closed", [False, True])
+@each("closed", [False, True])
 def test_planar_mechanisms_in_space(closed):
     """A double pendulum, and a four-bar with three redundant rows, move as in the plane."""
     rods = {"one": ("A", "B", 1.0), "two": ("B", "C", 2.0)}

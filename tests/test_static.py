@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import copy, in_motion, march, scheme_of, start
@@ -66,7 +67,7 @@ def error(system, found, expected):
     )
 
 
-@pytest.mark.parametrize("name", SUBJECTS)
+@each("name", SUBJECTS)
 def test_solutions_are_right_whatever_the_scaling(name):
     """To rounding times the condition of the optimally scaled matrix, down to h = 1e-7.
 
@@ -97,8 +98,8 @@ def test_solutions_are_right_whatever_the_scaling(name):
             np.testing.assert_allclose(lists, found, rtol=1e-9, atol=0)
 
 
-@pytest.mark.parametrize("name", ["andrews", "bars"])
-@pytest.mark.parametrize("form", FORMS)
+@each("name", ["andrews", "bars"])
+@each("form", FORMS)
 def test_solves_what_the_engines_solve(name, form):
     """The matrix is the one that the dense and the sparse engine assemble."""
     subject = subject_of(name)
@@ -112,7 +113,7 @@ def test_solves_what_the_engines_solve(name, form):
             assert np.all(np.abs(ours - theirs) <= 8 * EPS * np.abs(theirs))
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_does_not_see_a_scaling_by_powers_of_two(form):
     """The solution is the same numbers, but for the scaling, bit by bit."""
     subject, form = problem("andrews"), FORMS[form]
@@ -131,8 +132,8 @@ def test_does_not_see_a_scaling_by_powers_of_two(form):
     np.testing.assert_array_equal(*found)
 
 
-@pytest.mark.parametrize(
-    ("name", "form", "variant", "integrator", "evaluation"),
+@each(
+    "name, form, variant, integrator, evaluation",
     [
         ("andrews", "u-lambda", "none", Newmark(), "direct"),
         ("andrews", "u-v-a-lambda", "optimal", GeneralizedAlpha(0.9), "compensated"),
@@ -142,7 +143,7 @@ def test_does_not_see_a_scaling_by_powers_of_two(form):
         ("bars", "u-a-lambda", "optimal", Newmark(), "compensated"),
     ],
 )
-@pytest.mark.parametrize("h", [1e-4, 1e-6])
+@each("h", [1e-4, 1e-6])
 def test_marches_like_partial_pivoting(name, form, variant, integrator, evaluation, h):
     """Positions agree to rounding, corrections saturate at the same size."""
     subject = subject_of(name)
@@ -179,8 +180,8 @@ def test_fill_is_that_of_the_elimination(size, seed, density):
         np.testing.assert_array_equal(lower, j + 1 + np.flatnonzero(filled[j + 1 :, j]))
 
 
-@pytest.mark.parametrize("name", ["andrews", "chain", "slider-crank"])
-@pytest.mark.parametrize("form", ["u-lambda", "u-v-lambda", "v-a-lambda"])
+@each("name", ["andrews", "chain", "slider-crank"])
+@each("form", ["u-lambda", "u-v-lambda", "v-a-lambda"])
 def test_multipliers_wait_for_their_coordinates(name, form):
     """Each row and unknown comes once; a multiplier after all coordinates of its constraint."""
     subject = subject_of(name)
@@ -247,8 +248,8 @@ def toppling(tmp_path):
     return loading.load(file, "toppling")
 
 
-@pytest.mark.parametrize("h", [0.02, 0.03])
-@pytest.mark.parametrize("form", ["u-lambda", "a-lambda", "u-v-a-lambda"])
+@each("h", [0.02, 0.03])
+@each("form", ["u-lambda", "a-lambda", "u-v-a-lambda"])
 def test_what_needs_pivoting_is_pivoted(toppling, form, h):
     """Where X makes pivots vanish or negative, the march is that of partial pivoting.
 
@@ -263,7 +264,7 @@ def test_what_needs_pivoting_is_pivoted(toppling, form, h):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
 
 
-@pytest.mark.parametrize("form", ["u-lambda", "v-lambda", "u-v-a-lambda"])
+@each("form", ["u-lambda", "v-lambda", "u-v-a-lambda"])
 def test_lists_refuse_what_code_refuses(toppling, form):
     """A negative pivot, and a positive one that is too small; nothing is overwritten."""
     refused = 0
@@ -369,8 +370,8 @@ def test_what_it_cannot_solve_is_refused():
         newmark.march("pendulum", h=1e-2, steps=1, linear_solver=STATIC, precision="float32")
 
 
-@pytest.mark.parametrize(
-    ("keys", "message"),
+@each(
+    "keys, message",
     [
         ({"formulation": "ggl"}, "solves index 3 without a projection only"),
         ({"projection": "velocity"}, "solves index 3 without a projection only"),

@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 
-import pytest
+from each import each
 from warm import SCRIPT
 
 A = """\
@@ -25,7 +25,7 @@ def shell(folder, command, **environment):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("command", ["list", "orders", "schema", "--help", "validate a.yaml"])
+@each("command", ["list", "orders", "schema", "--help", "validate a.yaml"])
 def test_a_full_disk_is_one_line(tmp_path, command):
     """Stdout on a device without space."""
     (tmp_path / "a.yaml").write_text(A)
@@ -34,14 +34,14 @@ def test_a_full_disk_is_one_line(tmp_path, command):
     assert done.returncode == 2
 
 
-@pytest.mark.parametrize("command", ["list", "orders", "schema", "--help"])
+@each("command", ["list", "orders", "schema", "--help"])
 def test_output_that_nobody_reads_ends_a_command_silently(tmp_path, command):
     """As other tools end in a pipe: with 141, and never 1."""
     done = shell(tmp_path, f"{command} | (exec <&-)")
     assert (done.returncode, done.stderr) == (141, "")
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@each("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_change_nothing(tmp_path, closed):
     """What cannot be printed is not; files that are written do not take the streams' places."""
     done = shell(tmp_path, f"list {closed}")
@@ -67,7 +67,7 @@ def test_messages_that_nobody_reads_do_not_end_a_run(cli, quick):
     assert done.returncode == 0
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "iso8859-15"])
+@each("encoding", ["latin-1", "cp1252", "iso8859-15"])
 def test_encodings_without_greek(cli, encoding):
     """λ is spelled; JSON stays JSON of the same values."""
     done = subprocess.run(

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 from conftest import QUICK, CommandLine
+from each import each
 
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.invariants import INVARIANTS
@@ -107,9 +108,7 @@ def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
     assert found["mine-pendulum-u-lambda-error-u"].curves[0].problem == "pendulum"
 
 
-@pytest.mark.parametrize(
-    ("values", "series", "panels", "columns"),
-    [
+@each("values, series, panels, columns", [
         ({}, ["optimal"], [""], 1),
         ({"integrator": [TRAPEZOIDAL, "bdf2"]}, ["trapezoidal", "BDF2"], [""], 1),
         (
@@ -130,8 +129,7 @@ def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
             ["trapezoidal", "BDF1", "generalized-α (ρ∞ = 0.9)"],
             ["none, direct", "none, compensated", "left, direct", "left, compensated"], 2,
         ),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_the_axis_with_most_values_is_the_series(tmp_path, values, series, panels, columns):
     """Then scaling, integrator, evaluation; what else varies tells panels apart."""
     ((_, figure),) = drawn(written(tmp_path, table(**values))).items()
@@ -465,7 +463,7 @@ FIGURE_MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("text", "told"), FIGURE_MISTAKES)
+@each("text, told", FIGURE_MISTAKES)
 def test_mistakes_in_figures_are_found(cli, text, told):
     """In one line, by file, line and key, with what is allowed."""
     cli.write("quick.yaml", f"{QUICK}figures:\n{text}\n")

@@ -9,6 +9,7 @@ import numpy as np
 import oracles
 import pytest
 from conftest import QUICK
+from each import each
 from marching import start
 from mpmath import mp
 
@@ -35,13 +36,13 @@ POWERS = {
 }
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 def test_derived_scaling_is_table_2(name):
     """The least powers that balance every block are those of Table 2."""
     assert derive_scaling(form_orders(FORMS[name])) == POWERS[name]
 
 
-@pytest.mark.parametrize("name", FORMS)
+@each("name", FORMS)
 def test_derived_scaling_is_least(name):
     """No power can be brought nearer to 0 alone, and every block is O(1)."""
     orders = form_orders(FORMS[name])
@@ -123,7 +124,7 @@ def test_derive_in_the_terminal(cli):
     assert {f["form"]: (f["left"], f["right"]) for f in found} == POWERS
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each("form", FORMS)
 def test_orders_of_compensated_evaluation(cli, form):
     """Physical corrections 1, 0, −1, −1 in every form; the matrix knows no evaluation."""
     direct, found = (
@@ -148,8 +149,8 @@ def test_orders_refuses(cli):
 # -- the perturbation theorem ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", oracles.REFERENCES)
+@each("form", FORMS)
+@each("name", oracles.REFERENCES)
 def test_sensitivities_are_columns_of_the_inverse(name, form):
     """‖δq̄‖/ε against J⁻¹ in 60 digits, also where J̄ is too uneven for plain elimination."""
     subject, h = problem(name), 1e-8

@@ -19,10 +19,8 @@ from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, Scheme, Tolerance
 from newmark_cli.study import config
 
-ENGINES = pytest.mark.parametrize(
-    "engine", [compiled_march, scipy_march], ids=lambda module: module.__name__.rpartition(".")[2]
-)
-EVERY_FORM = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+ENGINES = each("engine", [compiled_march, scipy_march])
+EVERY_FORM = each("form", FORMS.values())
 
 
 def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
@@ -81,7 +79,6 @@ def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
         [False, True],
         [(1e-3, 0.0), (1e-6, 0.0), (0.0, 1e-4), (0.0, 1e-7), (1e-5, 1e-5)],
         [2, 3, 20],
-        strength=3,
     ),
 )
 def test_rule(subject, field, scaled, tolerance, cap, engine):
@@ -149,8 +146,8 @@ def test_tolerance_is_met_at_every_step_size_only_when_unknowns_are_scaled(form)
 STOPPED = QUICK + "measure: [condition, tolerance]\nstop: {absolute: 1e-8}\n"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
+@each(
+    "old, new, line, words",
     [
         ("{absolute: 1e-8}", "{}", 8, "needs absolute or relative"),
         ("{absolute: 1e-8}", "{absolute: 0}", 8, "absolute: must be greater than 0"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from each import each
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -56,7 +57,7 @@ def written(path):
 # -- the rows of the library ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@each("name", PROBLEMS)
 def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkeypatch):
     """Of every shipped problem, to the bit: what `run` writes, `march` returns, `error` judges."""
     h = {"andrews": 1e-4, "pendulum": 1e-2}.get(name, 1e-3)
@@ -109,16 +110,13 @@ def test_the_error_in_the_csv_is_that_of_the_last_row(cli):
         assert float(found[kind]) == relative_error(state, np.array(reference[kind]))
 
 
-@pytest.mark.parametrize(
-    ("given", "how", "keep"),
-    [
+@each("given, how, keep", [
         ("{every: 30}", {"every": 30}, None),
         ("{every: 1000, keep: lambda}", {"every": 1000}, ["lambda["]),
         ("{at: [0.998, 0, 0.504, 0.5], keep: [u, energy]}",
          {"at": [0, 0.5, 0.504, 0.998]}, ["u[", "energy"]),
         ("{keep: energy}", {}, ["energy"]),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_what_is_kept_is_what_the_library_keeps(cli, given, how, keep):
     """Every so many steps and the last, or the nearest to times; whole columns or few."""
     cli.write("swing.yaml", STUDY.replace("{every: 30}", given))
@@ -354,8 +352,8 @@ def test_the_frame_of_a_run_has_its_trajectories(ran):
     assert newmark.slopes(frame)["measure"].tolist().count("trajectory") == 10
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
+@each(
+    "call, words",
     [
         (lambda: newmark.trajectories(pd.DataFrame()), "frame has no trajectories"),
         (lambda: newmark.trajectories(3), "give rows of run or a results folder, given 3"),
@@ -383,9 +381,7 @@ def test_a_damaged_csv_is_named_by_line(ran):
 # -- what is refused --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
+@each("given, words", [
         ("{every: 0}", "trajectory.every: must be greater than or equal to 1, given 0"),
         ("{every: -3}", "trajectory.every: must be greater than or equal to 1"),
         ("{every: 1.5}", "trajectory.every"),
@@ -399,8 +395,7 @@ def test_a_damaged_csv_is_named_by_line(ran):
         ("{keep: []}", "trajectory.keep"),
         ("{evry: 2}", "trajectory.evry: unknown key; did you mean 'every'?"),
         ("3", "trajectory"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_what_does_not_fit_is_refused(cli, given, words):
     """In one line with file, line and key."""
     cli.write("swing.yaml", STUDY.replace("{every: 30}", given))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from conftest import SWING
+from each import each
 
 from newmark_cli.mechanisms.spec import PythonFactory, pinned, portable
 from newmark_cli.problems.problem import ProblemError
@@ -69,7 +70,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_imports(tmp_path, kind):
     """From beside the file, whatever the current folder; nothing is left behind."""
     made = folder(tmp_path, "here", KINDS[kind])
@@ -80,7 +81,7 @@ def test_imports(tmp_path, kind):
     assert not list(made.rglob("__pycache__"))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_travelling(tmp_path, kind):
     """To where the files are not: the same problem, by its content."""
     made = folder(tmp_path, "here", KINDS[kind])
@@ -91,7 +92,7 @@ def test_travelling(tmp_path, kind):
     assert carried.load().content == content
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_each_its_own(tmp_path, kind):
     """Two problems whose modules have the same names."""
     for name, size in (("a", "2.0"), ("b", "3.0")):
@@ -99,7 +100,7 @@ def test_each_its_own(tmp_path, kind):
         assert length(factory(folder(tmp_path, name, files))) == float(size)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each("kind", KINDS)
 def test_file_times_do_not_matter(tmp_path, monkeypatch, kind):
     """A text of the same length and time as one before it; Python's bytecode would be stale."""
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
@@ -196,8 +197,8 @@ def test_string_annotations(tmp_path):
     assert length(factory(made)) == 2.0
 
 
-@pytest.mark.parametrize(
-    ("sizes", "words"),
+@each(
+    "sizes, words",
     [
         ({}, "mine.py, line 5: ModuleNotFoundError: No module named 'sizes'"),
         ({"sizes.py": "LENGTH =\n"}, "mine.py, line 5: sizes.py, line 1: SyntaxError"),
@@ -267,7 +268,7 @@ def swing(force):
 """
 
 
-@pytest.mark.parametrize("options", [(), ("--executor", "dask")], ids=["local", "dask"])
+@each("options", [(), ("--executor", "dask")])
 def test_failures_name_the_line(cli, options):
     """The innermost of the user's own, by the names that the user knows; in one line each.
 

@@ -5,6 +5,7 @@ import time
 
 import pytest
 from conftest import QUICK
+from each import each
 from test_own_problems import EXAMPLES
 
 from newmark_cli import documents
@@ -202,8 +203,8 @@ def test_an_error_of_many_mistakes_travels():
     assert len(copy.mistakes) == 9
 
 
-@pytest.mark.parametrize(
-    ("old", "key", "value"),
+@each(
+    "old, key, value",
     [
         ("h: [1e-1, 1e-2]", "h", "1e-2, 1e-3"),
         ("form: u-lambda", "form", "u-lambda, v-lambda"),
@@ -237,9 +238,7 @@ def test_a_comma_in_a_file_name(tmp_path):
     assert study.cases[0].problem[0].spelled == "a, b.yaml"
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
+@each("given, said", [
         (
             "{method: generalized_alpha, rho_inf: 0.9}",
             ["method: unknown method 'generalized_alpha'; did you mean 'generalized-alpha'?",
@@ -279,8 +278,7 @@ def test_a_comma_in_a_file_name(tmp_path):
              "{method: generalized-alpha, rho: 0.9}"],
         ),
         ("{method: HHT, alpha: 0.1}", ["method: unknown method 'HHT'; did you mean 'hht'?"]),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_integrators_are_spelled_in_the_answer(given, said):
     """Whatever is wrong: what was given, what was meant, and an example that is right."""
     with pytest.raises(DocumentError) as caught:
@@ -293,7 +291,7 @@ def test_integrators_are_spelled_in_the_answer(given, said):
         assert rest.lstrip(".: ").startswith(words), text
 
 
-@pytest.mark.parametrize("method", INTEGRATORS)
+@each("method", INTEGRATORS)
 def test_examples_of_integrators_are_right(method):
     """The spelling that errors offer is one that a config accepts."""
     text = QUICK + f"integrator: {keys._example(method)}\n"
@@ -302,15 +300,12 @@ def test_examples_of_integrators_are_right(method):
     assert parse(cell.integrator.label) == cell.integrator
 
 
-@pytest.mark.parametrize(
-    ("key", "given", "meant"),
-    [
+@each("key, given, meant", [
         ("form", "u_lambda", "u-lambda"), ("form", "U-V-A_Lambda", "u-v-a-lambda"),
         ("preconditioning", "Optimal_printed", "optimal-printed"),
         ("measure", "Krylov", "krylov"), ("linear_solver", "dense_lu", "dense-lu"),
         ("problem", "double_pendulum", "double-pendulum"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_hyphens_and_capitals_are_seen_through(key, given, meant):
     """Underscores for hyphens and capital letters do not keep a name from being recognised."""
     lines = [line for line in QUICK.splitlines() if not line.startswith(f"{key}:")]
@@ -318,7 +313,7 @@ def test_hyphens_and_capitals_are_seen_through(key, given, meant):
         config.parse(documents.parse("\n".join([*lines, f"{key}: {given}"]), "c.yaml"))
 
 
-@pytest.mark.parametrize("name", ["motion.mp4", "motion", "motion.gif.png"])
+@each("name", ["motion.mp4", "motion", "motion.gif.png"])
 def test_animations_are_gifs(cli, name):
     """Another suffix would promise another format."""
     line = cli.refused("draw", "pendulum", "--at", "0.1", "--animate", name)

@@ -81,7 +81,11 @@ def weights() -> Iterator[Mutation]:
 
 def signs() -> Iterator[Mutation]:
     """Every sign in the literal assembler, in the kernel's and in the sparse one."""
-    engines = ("tests/test_engines.py", "-k", "converge_alike or quadratic or per_step")
+    engines = (
+        "tests/test_engines.py",
+        "-k",
+        "assembled or converge_alike or quadratic or per_step",
+    )
     for file, start, stop, tests, changes in (
         (CORE / "jacobian.py", "def four_field", "def form_blocks", ("tests/test_condition.py",
          "-k", "assembled"), (
@@ -353,7 +357,7 @@ def rows() -> Iterator[Mutation]:
 def formulations() -> Iterator[Mutation]:
     """Signs, weights and factors of formulations, projections and what is reported."""
     own = "tests/test_formulations.py"
-    literal = (own, "-k", "(equations and general) or weights or least or directions")
+    literal = (own, "-k", "equations or weights or least or directions")
     python = (own, "-k", "python_runs")
     carried, total = (own, "-k", "carried_sums"), (own, "-k", "records_total")
     stopping = (own, "-k", "until_it_grows")
@@ -516,7 +520,7 @@ def formulations() -> Iterator[Mutation]:
         ("multipliers + self.state", "multipliers - self.state"),
     ))  # fmt: skip
     yield from _changes(CORE / "march.py", "def advance", "def _marched", (
-        own, "-k", "same_bits and dense and recovered",
+        own, "-k", "same_bits",
     ), (("looks[k] * self.scheme", "begin * self.scheme"),))  # fmt: skip
     yield from _changes(Path("newmark_cli/problems/index_1.py"), "def accelerations", "def rate", (
         own, "-k", "reported",
@@ -528,7 +532,7 @@ def formulation_orders() -> Iterator[Mutation]:
     own = "tests/test_formulation_orders.py"
     derived = (own, "-k", "derived")
     file = CORE / "orders.py"
-    blocks = (own, "-k", "(test_blocks and u-v-a) or test_corrections or fixed")
+    blocks = (own, "-k", "test_blocks or test_corrections or fixed")
     text = (ROOT / file).read_text()
     begin, end = text.index("INVERSES: "), text.index("def min_plus")
     table, pattern = "", re.compile(r'"([\w-]+(?: \w+)?)": (?:_inverse|"([-\d ]+)")')
@@ -556,7 +560,7 @@ def formulation_orders() -> Iterator[Mutation]:
         ("rate = -1.0 if", "rate = 0.0 if"), ("2 * rate + position", "rate + position"),
     ))  # fmt: skip
     yield from _changes(file, "def form_orders", "def derive_scaling", (
-        own, "-k", "test_blocks and (ggl or index-2)",
+        own, "-k", "test_blocks",
     ), (
         ("_RATE_ORDERS, _INF)\n        weights", "0, _INF)\n        weights"),
         ("else min(0.0, v)\n", "else 0.0\n"),
