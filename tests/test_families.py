@@ -94,6 +94,10 @@ def assert_same(found, expected, name):
     if isinstance(expected, np.ndarray):
         assert (found.dtype, found.shape) == (expected.dtype, expected.shape), name
         assert found.tobytes() == expected.tobytes(), name
+    elif isinstance(expected, tuple):
+        assert type(found) is type(expected), name
+        for ours, theirs in zip(found, expected, strict=True):
+            assert_same(ours, theirs, name)
     else:
         assert found == expected, name
 
