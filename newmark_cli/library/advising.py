@@ -207,9 +207,11 @@ def advise(
             ``lambda``.
         h: Step size, or several (s).
         form: Name of a form, such as ``"v-lambda"``.
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it.
-        formulation, evaluation: As of `march`.
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it.
+        formulation: As of `march`.
+        evaluation: As of `march`.
         scaling: The scaling in use, as of `march`, for the tolerances on scaled unknowns and
             for the diagnosis.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves

@@ -127,8 +127,9 @@ def advise_jacobian(
         blocks: Unknown → size, in the order of the columns; rows in the order D, V, K, C. As
             text ``"u=8,lambda=7"``.
         h: Step size (s) of each.
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it.
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it.
 
     Returns:
         The advice.

@@ -270,9 +270,10 @@ def march(
             trajectory tells which they are.  Without ``t_end`` the march ends at the last.
         keep: Which of ``"u"``, ``"v"``, ``"a"``, ``"lambda"``; ``()`` keeps only the
             ``state`` at the end.
-        u0, v0: Start of one's own: (n,) coordinates (m) and velocities (m/s), or a dict of
-            points, ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is
-            not given is the problem's.
+        u0: Coordinates of a start of your own, (n,) (m), or a dict of points,
+            ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is not given is
+            the problem's.
+        v0: Velocities of the start (m/s), given likewise.
         project: Replace a start that misses the constraints by the nearest that meets
             them: first the coordinates, then the velocities, in the norm of M.
         state: Go on from a `Step` in place of the start.  With the same integrator and
@@ -368,13 +369,16 @@ def steps(
     """A march that is stepped: the same as `march` with ``steps=True``.
 
     Args:
-        problem, h, t_end, **options: As of `march`; without ``t_end`` it has no end.
+        problem: As of `march`.
+        h: Step size (s).
+        t_end: As of `march`; without it the march has no end.
+        **options: Further arguments of `march`.
 
     Returns:
         An iterator over the steps that are kept.
 
     Raises:
-        ArgumentError and others: As `march`.
+        NewmarkError: As `march`.
 
     Examples:
         >>> import newmark_cli as newmark

@@ -68,8 +68,9 @@ def scaling(
     Args:
         form: Name of a form, such as ``"v-lambda"``.
         h: Step size (s).
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it; its β and γ are then
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it; its β and γ are then
             those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
         preconditioning: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``,
             ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and

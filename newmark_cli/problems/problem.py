@@ -314,7 +314,9 @@ class Problem:
 
         Args:
             t: Time (s).
-            u, v, w: (n,) coordinates, velocities and accelerations.
+            u: (n,) coordinates.
+            v: (n,) velocities.
+            w: (n,) accelerations.
         """
         entries = len(self.pattern.g_rows)
         rows = ConstraintRows(

@@ -66,6 +66,21 @@ COLUMNS = axes.appended(
         *((3, name) for name in ("h_from", "h_to", "local_orders", "reason")),
     )
 )
+#: What each column holds.
+ABOUT: Mapping[str, str] = {
+    **{each.name: each.shows or each.about for each in axes.series_axes() if each.column},
+    "figure": "figures that draw the series",
+    "slope": "fitted slope",
+    "stderr": "its standard error",
+    "points": "how many step sizes the fit is for",
+    "expected": "predicted order; empty where theory predicts none",
+    "tolerance": "largest |slope − expected| that passes",
+    "verdict": "see the verdicts in “Reading results”",
+    "h_from": "largest step size of the fit",
+    "h_to": "smallest step size of the fit",
+    "local_orders": "orders between successive step sizes",
+    "reason": "why the verdict is not a plain pass",
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,6 +64,7 @@ class Axis:
             is not the config's.
         default: What a config that lacks the key means.
         about: What the key means, for JSON Schema and the docs.
+        shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
         many: Whether a config may give several values, which then span a grid.
         value: Value of a cell from one of the config's.
     """
@@ -82,6 +83,7 @@ class Axis:
     config: Callable[[], Any] | None = None
     default: Any = ...
     about: str = ""
+    shows: str = ""
     many: bool = True
     value: Callable[[Any], Any] = lambda given: given
 
@@ -133,6 +135,7 @@ class Cell:
         since=(0, 1),
         config=lambda: _keys().Problems,
         about="name of a problem, mechanism file, family with its size, Python factory, or a list",
+        shows="the problem, as the config names it",
     )
     integrator: Integrator = axis(
         write=lambda cell: cell.integrator.label,
@@ -141,6 +144,7 @@ class Cell:
         config=lambda: _keys().Integrators,
         default=lambda: (_keys().IntegratorConfig(),),
         about="an integrator or a list; default: trapezoidal",
+        shows="method and parameters",
         value=lambda given: given.integrator(),
     )
     form: str = axis(
@@ -148,6 +152,7 @@ class Cell:
         inner=True,
         config=lambda: _keys().Forms,
         about="name of a form, or a list",
+        shows="the form, by the unknowns that it keeps",
     )
     preconditioning: Preconditioning = axis(
         write=lambda cell: cell.preconditioning.label,
@@ -156,6 +161,7 @@ class Cell:
         inner=True,
         config=lambda: _keys().Variants,
         about="variant or scaling of one's own, or a list",
+        shows="variant, or a scaling of one's own with its factors: `name[left D=…; right lambda=…]`",
         value=lambda given: _keys().scaling_of(given),
     )
     evaluation: str = axis(
@@ -165,6 +171,7 @@ class Cell:
         config=lambda: _keys().Evaluations,
         default=(DIRECT,),
         about="in the unknowns themselves, or in compensated increments",
+        shows="how residuals are evaluated: `direct` or `compensated`",
     )
     precision: str = axis(
         usual="float64",
@@ -183,6 +190,8 @@ class Cell:
         config=lambda: _keys().LinearSolvers,
         default=(AUTO,),
         about="who solves for the corrections; auto: by size",
+        shows="what solves for the corrections; with `sparse-lu`, and above 300 unknowns with "
+        "`static-lu`, `condition` is estimated in the 1-norm",
     )
     formulation: Formulation = axis(
         write=lambda cell: cell.formulation.label,
@@ -192,6 +201,7 @@ class Cell:
         config=lambda: _keys().Formulations,
         default=lambda: (_keys().FormulationConfig(),),
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
+        shows="which constraint rows are solved, with the parameter",
         value=lambda given: given.formulation(),
     )
     projection: Projection = axis(
@@ -202,6 +212,7 @@ class Cell:
         config=lambda: _keys().Projections,
         default=lambda: (_keys().ProjectionConfig(),),
         about="what is projected after each step, a name or a mapping, or a list",
+        shows="what is projected after each step",
         value=lambda given: given.projection(),
     )
     multipliers: str = axis(
@@ -212,6 +223,7 @@ class Cell:
         config=lambda: _keys().Reported,
         default=(AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
+        shows="which λ is reported: `newton`, `recovered` or `total`",
     )
     start: str = axis(
         usual=CONSISTENT,
@@ -230,6 +242,7 @@ class Cell:
         config=lambda: _keys().StopConfig | None,
         default=None,
         about="tolerance on the scaled correction; default: where rounding stops it",
+        shows="what stops Newton: `saturation`, which is rounding, or a tolerance",
         value=lambda given: given.tolerance() if given else None,
     )
     h: float = axis(
@@ -238,15 +251,18 @@ class Cell:
         inner=True,
         config=lambda: _keys().StepSizes,
         about="step sizes (s)",
+        shows="step size (s; without unit for the pendulum)",
     )
     t_end: float = setting(
         "end of the march, from 0 (s)",
+        shows="end of the march as configured (s)",
         since=(0, 0),
         config=lambda: _keys().Positive | None,
         default=None,
     )
     steps: int = setting(
         "steps to take, in place of t_end; 0: measure at the initial state",
+        shows="steps taken: whole steps up to `t_end`; 0: measured at the initial state",
         since=(0, 0),
         config=lambda: _keys().StepCount | None,
         default=None,
@@ -321,16 +337,40 @@ class Cell:
 class RowAxes:
     """What tells the rows of one cell apart; the attributes of a `Measurement`."""
 
-    quantity: str = axis(since=(0, 0), cell=False, computed=False)
-    measure: str = axis(since=(0, 0), cell=False, computed=False)
-    role: str = axis(since=(0, 0), series=False, cell=False, computed=False)
+    quantity: str = axis(
+        since=(0, 0),
+        cell=False,
+        computed=False,
+        shows="what the row is about: `u`, `v`, `a`, `lambda`, `eta`, `jacobian`, `newton`, or the "
+        "name of an invariant or an output",
+    )
+    measure: str = axis(
+        since=(0, 0), cell=False, computed=False, shows="what was measured, see the measures"
+    )
+    role: str = axis(
+        since=(0, 0),
+        series=False,
+        cell=False,
+        computed=False,
+        shows="`primary`: an unknown; `recovered`: an eliminated field, whose correction follows by "
+        "the form's weights",
+    )
     row_block: str = axis(
-        "row block", usual="", since=(1, 1), cell=False, computed=False, initial=""
+        "row block",
+        usual="",
+        since=(1, 1),
+        cell=False,
+        computed=False,
+        initial="",
+        shows="perturbed row `D`, `V`, `K` or `C` of a sensitivity; empty otherwise",
     )
 
 
 #: The study, which every row names first.
-STUDY = Axis("study", "study", lambda study: study, since=(0, 0), cell=False, computed=False)
+STUDY = Axis(
+    "study", "study", lambda study: study, since=(0, 0), cell=False, computed=False,
+    shows="name of the study",
+)  # fmt: skip
 #: Whether a series was measured at the initial state, or along a run: the steps say.
 INITIAL = Axis(
     "initial", "start", lambda steps: "start" if steps == 0 else "", usual="", column=False,
