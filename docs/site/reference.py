@@ -17,11 +17,13 @@ import newmark_cli
 from newmark_cli.cli.commands import cli
 from newmark_cli.report import slopes
 from newmark_cli.report.kinds import Figure
-from newmark_cli.study import axes, catalogue, results, schema
+from newmark_cli.study import catalogue, results, schema
 from newmark_cli.study.measures import MEASURES, Record
 
 _HUGE = 1e29
 _TINY = 1e-29
+#: Keyword of JSON Schema → the sign of its bound.
+_BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -80,7 +82,7 @@ class _Keys:
         match part.get("type"):
             case "array":
                 return self._list(part)
-            case "object" if "additionalProperties" in part and part["additionalProperties"]:
+            case "object" if part.get("additionalProperties"):
                 return f"mapping of names to {self.allowed(part['additionalProperties'])}"
             case "object" if part.get("properties"):
                 return f"mapping with {', '.join(f'`{key}`' for key in part['properties'])}"
@@ -101,7 +103,7 @@ class _Keys:
     def _either(self, parts: Iterable[Mapping[str, Any]]) -> str:
         found = [self.allowed(one) for one in parts if one.get("type") != "null"]
         single = next(iter(found), "")
-        told = [f"a list of them" if text == f"list of {single}" else text for text in found]
+        told = ["a list of them" if text == f"list of {single}" else text for text in found]
         return " or ".join(dict.fromkeys(text for text in told if text))
 
     def _list(self, part: Mapping[str, Any]) -> str:
@@ -115,9 +117,7 @@ class _Keys:
     @staticmethod
     def _number(part: Mapping[str, Any], kind: str) -> str:
         bounds = []
-        for key, sign in (
-            ("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"),
-        ):  # fmt: skip
+        for key, sign in _BOUNDS.items():
             value = part.get(key)
             if value is not None and (_TINY < abs(value) < _HUGE or value == 0):
                 bounds.append(f"{sign} {value:g}")
@@ -166,7 +166,7 @@ def config_page() -> str:
         if key not in case["properties"]
     }
     top = table(heads, keys.rows({"properties": own, "required": ["study"]}))
-    needed = {"required": [key for key in ("problem", "form", "preconditioning", "h")]}
+    needed = {"required": ["problem", "form", "preconditioning", "h"]}
     of_case = table(heads, keys.rows({**case, **needed}))
     others = [name for name in keys.sections if name not in ("Case", "Study")]
     parts = "\n".join(keys.section(name) for name in others)
@@ -249,9 +249,9 @@ def measures_page() -> str:
     return (
         "# Measures\n\n"
         "The key `measure` of a [study](config.md) names what is recorded. Each measure gives one "
-        "or more kinds of rows of the [CSV](csv.md). Of every row one statistic is drawn and fitted; "
-        "where theory predicts its order in h, `check` compares the two within a tolerance.\n\n"
-        + "\n".join(parts)
+        "or more kinds of rows of the [CSV](csv.md). Of every row one statistic is drawn and "
+        "fitted; where theory predicts its order in h, `check` compares the two within a "
+        "tolerance.\n\n" + "\n".join(parts)
     )
 
 
@@ -273,8 +273,8 @@ def csv_page() -> str:
             ((f"`{name}`", slopes.ABOUT[name]) for name in slopes.COLUMNS),
         )
         + "\n\n## Values over time\n\n"
-        "`history/<study>.csv`, `drift/<study>.csv` and `trajectory/<study>.csv` have a row for each "
-        "cell and recorded step: first the columns "
+        "`history/<study>.csv`, `drift/<study>.csv` and `trajectory/<study>.csv` have a row for "
+        "each cell and recorded step: first the columns "
         + ", ".join(f"`{name}`" for name in results.HISTORY_COLUMNS)
         + ", and of "
         + ", ".join(f"`{name}`" for name in results.HISTORY_MAY_HAVE)
@@ -299,8 +299,8 @@ def names_page() -> str:
     ]
     figures = ((f"`{name}`", _title(figure)) for name, figure in FIGURES.items())
     return (
-        "# Names\n\nAll that a config and the command line can name, as `newmark-study list` prints "
-        "it. n is the number of coordinates, m that of constraints.\n\n"
+        "# Names\n\nAll that a config and the command line can name, as `newmark-study list` "
+        "prints it. n is the number of coordinates, m that of constraints.\n\n"
         + "\n\n".join(parts)
         + f"\n\n## Figures\n\n{table(('name', 'what it shows'), figures)}\n"
     )
@@ -372,8 +372,10 @@ def api_page() -> str:
             kinds["Errors"].append(name)
         else:
             kinds["Classes" if isinstance(found, type) else "Functions"].append(name)
-    parts = ["# The API\n\n`import newmark_cli as newmark`. [The Python library](../python.md) shows "
-             "how the names work together; everything that is not here is private."]  # fmt: skip
+    parts = [
+        "# The API\n\n`import newmark_cli as newmark`. [The Python library](../python.md) shows "
+        "how the names work together; everything that is not here is private."
+    ]
     for kind, names in kinds.items():
         parts.append(f"## {kind}")
         parts += [f"::: newmark_cli.{name}\n    options:\n      heading_level: 3" for name in names]

@@ -161,7 +161,8 @@ class Cell:
         inner=True,
         config=lambda: _keys().Variants,
         about="variant or scaling of one's own, or a list",
-        shows="variant, or a scaling of one's own with its factors: `name[left D=…; right lambda=…]`",
+        shows="variant, or a scaling of your own with its factors: "
+        "`name[left D=…; right lambda=…]`",
         value=lambda given: _keys().scaling_of(given),
     )
     evaluation: str = axis(
@@ -352,8 +353,8 @@ class RowAxes:
         series=False,
         cell=False,
         computed=False,
-        shows="`primary`: an unknown; `recovered`: an eliminated field, whose correction follows by "
-        "the form's weights",
+        shows="`primary`: an unknown; `recovered`: an eliminated field, whose correction follows "
+        "by the form's weights",
     )
     row_block: str = axis(
         "row block",
