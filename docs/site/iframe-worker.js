@@ -11,6 +11,7 @@ if (location.protocol === "file:") {
       frame.title = "search";
       document.body.append(frame);
       const inside = frame.contentWindow;
+      const base = new URL(address, location.href);
       // What a script may call in a worker, before the script is there.
       inside.postMessage = (data) => {
         const event = new MessageEvent("message", { data });
@@ -20,7 +21,7 @@ if (location.protocol === "file:") {
       const loaded = (source) =>
         new Promise((done, failed) => {
           const script = inside.document.createElement("script");
-          script.src = new URL(source, address);
+          script.src = new URL(source, base);
           script.onload = done;
           script.onerror = failed;
           inside.document.body.append(script);
@@ -28,7 +29,7 @@ if (location.protocol === "file:") {
       inside.importScripts = (...sources) =>
         sources.reduce((before, source) => before.then(() => loaded(source)), Promise.resolve());
       this.inside = inside;
-      this.ready = loaded(address);
+      this.ready = loaded(base);
     }
 
     postMessage(data) {

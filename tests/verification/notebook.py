@@ -16,7 +16,6 @@ import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError
 
-
 #: Notebook → least number of tables and of figures that it shows.
 SHOWN = {"library.ipynb": (4, 2), "paper.ipynb": (3, 2), "cures.ipynb": (1, 1)}
 

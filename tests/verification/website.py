@@ -1,6 +1,6 @@
 """Open every page of the built documentation in headless Chromium and look for faults.
 
-    mkdocs build && python tests/verification/site.py build/site [--shots FOLDER]
+    mkdocs build && python tests/verification/website.py build/site [--shots FOLDER]
 
 Pages are opened as files, without a server.  Checks, at widths of 400 and 1400 px, light and
 dark: no message on the console, no request but for files of the site, nothing wider than the
@@ -42,11 +42,12 @@ LOOK = """({
 
 SEARCH = """(() => {
   const field = document.querySelector('[data-md-component=search-query]');
-  document.querySelector('#__search').checked = true;
+  document.querySelector('#__search').click();
   field.focus();
   field.value = WORD;
   field.dispatchEvent(new KeyboardEvent('keyup', {bubbles: true}));
   field.dispatchEvent(new Event('input', {bubbles: true}));
+  return field.value;
 })()"""
 FOUND = """[...document.querySelectorAll('.md-search-result__link')].map(e => e.href)"""
 
@@ -129,6 +130,8 @@ def main():
     pages = sorted(page for page in site.rglob("*.html") if page.name != "404.html")
     failed = 0
     with chromium() as browser:
+        # The choice of colours that one page has stored is not for the next.
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source="localStorage.clear()")
         for page in pages:
             for width in WIDTHS:
                 for scheme in SCHEMES:
