@@ -126,7 +126,7 @@ class Reader:
                 continue
             assert program == "newmark-study", command
             done = self.cli.warm.run(rest, self.cli.folder)
-            printed = re.sub(r" \(\d+ kept\)", "", done.stdout + done.stderr)
+            printed = re.sub(r" \(\d+ cached\)", "", done.stdout + done.stderr)
             refused = bool(command.shown) and command.shown[0].startswith("newmark-study: ")
             codes = (0, 1) if command.may_fail else (2 if refused else 0,)
             assert done.returncode in codes, (command.words, printed)

@@ -261,7 +261,7 @@ def test_a_forced_run_promises_nothing(cli):
     wait_for_cells(cli.folder / "results", 2)
     run.send_signal(signal.SIGINT)
     _, errors = run.communicate(timeout=60)
-    assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are kept\n"
+    assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are cached\n"
     assert run.returncode == 130
 
 
@@ -352,8 +352,8 @@ def test_the_cursor_comes_back(cli):
     count = kept(cli)
     assert f"{count} done, 0 failed, {24 - count} left" in display.decode()
     assert last.decode().split("\r\n")[-2] == (
-        f"newmark-study: interrupted; {count} of 24 cells are kept, "
-        "run the same command again to go on"
+        f"newmark-study: interrupted; {count} of 24 cells are cached, "
+        "run the same command again to continue"
     )
 
 

@@ -63,7 +63,7 @@ def test_a_second_run_computes_nothing(cli, quick):
     assert cli("run", "quick.yaml").stdout == "quick: 4 ok -> results/quick.csv\n"
     first = csv(cli.folder / "results")
     assert reasons(cli) == (["done, ok"] * 4, "0 of 4 cells to run")
-    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
     assert csv(cli.folder / "results") == first
     assert reasons(cli, "--force") == (["to run: forced"] * 4, "4 of 4 cells to run")
     assert cli("run", "quick.yaml", "--force").stdout == "quick: 4 ok -> results/quick.csv\n"
@@ -78,7 +78,7 @@ def test_only_what_is_new_runs(cli, quick):
     assert found == ["done, ok", "done, ok", "to run: not run yet"] * 2
     assert last == "2 of 6 cells to run"
     cli.write("other.yaml", QUICK.replace("study: quick", "study: other"))
-    assert "(4 kept)" in cli("run", "other.yaml").stdout
+    assert "(4 cached)" in cli("run", "other.yaml").stdout
 
 
 def test_dry_runs_say_why(cli):
@@ -113,11 +113,11 @@ def test_dry_runs_say_why(cli):
             record.pop("sha256")
             sealed.write(file, record)
     found = sorted(reasons(cli)[0])
-    assert found[:2] == ["to run: kept result is damaged"] * 2
+    assert found[:2] == ["to run: cached result is damaged"] * 2
     assert found[2].startswith("to run: numba 0.1 -> ")
     assert found[3] == "to run: the numerical core has changed"
     before = csv(cli.folder / "results")
-    assert "(4 kept)" not in cli("run", "quick.yaml").stdout
+    assert "(4 cached)" not in cli("run", "quick.yaml").stdout
     assert csv(cli.folder / "results") == before
 
 
@@ -218,7 +218,7 @@ def test_failures_replace_no_results(cli, quick):
     cli("run", "quick.yaml")
     first = csv(cli.folder / "results")
     assert "4 failed" in cli("run", "quick.yaml", "--force", "--timeout", "1e-9", code=1).stdout
-    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
     assert csv(cli.folder / "results") == first
 
 
@@ -231,7 +231,7 @@ def test_failed_cells_are_merged(cli, quick):
     cli(*run, "--shard", "1/2", "--results", "one", code=1)
     cli(*run, "--shard", "2/2", "--results", "two")
     done = cli(*merge, "--results", "all", code=1)
-    assert done.stdout.endswith("swings: 1 failed, 1 ok (2 kept) -> all/swings.csv\n")
+    assert done.stdout.endswith("swings: 1 failed, 1 ok (2 cached) -> all/swings.csv\n")
     assert csv(cli.folder / "all", "swings") == csv(cli.folder / "whole", "swings")
 
     cli("run", "quick.yaml", "--results", "bad", "--timeout", "1e-9", code=1)
@@ -323,7 +323,7 @@ def test_references_that_come_at_last(cli):
     run = ("run", "errors.yaml", "--allow-code")
     complaint = cli(*run, code=1).stderr
     done = cli(*run, code=1)
-    assert done.stdout == "errors: 2 ok (2 kept) -> results/errors.csv\n"
+    assert done.stdout == "errors: 2 ok (2 cached) -> results/errors.csv\n"
     assert done.stderr == complaint
     assert "2 of 2 cells measured no error: " in complaint
     cli.write("ready", "")
@@ -337,7 +337,7 @@ def test_references_that_come_at_last(cli):
     for file in (cli.folder / "results/references").iterdir():
         file.unlink()
     cli(*run, "--force", code=1)
-    assert cli(*run).stdout == "errors: 2 ok (2 kept) -> results/errors.csv\n"
+    assert cli(*run).stdout == "errors: 2 ok (2 cached) -> results/errors.csv\n"
     assert measured(cli.folder) == (errors, {"ok"})
 
 
@@ -385,7 +385,7 @@ def test_what_is_accepted_is_not_part_of_a_cell(cli):
     ]
     assert rows[0] == rows[1] == rows[2]
     cli.write("one.yaml", CAPPED.replace("quick", "one") + "accept: not_converged\n")
-    assert cli("run", "one.yaml").stdout == "one: 4 not_converged (4 kept) -> results/one.csv\n"
+    assert cli("run", "one.yaml").stdout == "one: 4 not_converged (4 cached) -> results/one.csv\n"
 
 
 def test_workers_end_with_their_run(cli):

@@ -218,7 +218,7 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
     path = ran.folder / "results/trajectory/swing.csv"
     before = path.read_bytes()
     path.unlink()
-    assert "4 kept" in ran("run", "swing.yaml").stdout
+    assert "4 cached" in ran("run", "swing.yaml").stdout
     assert path.read_bytes() == before
     for part in ("1", "2"):
         ran("run", "swing.yaml", "--shard", f"{part}/2", "--results", f"part{part}")

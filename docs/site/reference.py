@@ -41,6 +41,18 @@ def _named(reference: str) -> str:
     return reference.rpartition("/")[2]
 
 
+def _as_yaml(value: Any) -> str:
+    """A default as one would write it in a file."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case list():
+            return f"[{', '.join(map(_as_yaml, value))}]"
+        case dict():
+            return f"{{{', '.join(f'{key}: {_as_yaml(part)}' for key, part in value.items())}}}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 class _Keys:
     """Tables of the keys of one JSON Schema, a section for each model."""
 
@@ -131,7 +143,7 @@ class _Keys:
         for key, given in model["properties"].items():
             part = self.resolved(given)
             default = part.get("default")
-            shown = f"`{default}`" if default is not None else ""
+            shown = f"`{_as_yaml(default)}`" if default is not None else ""
             yield (
                 f"`{key}`",
                 part.get("description", ""),

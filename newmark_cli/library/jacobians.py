@@ -114,7 +114,7 @@ def advise_jacobian(
     gamma: float | None = None,
     integrator: Any = None,
 ) -> JacobianAdvice:
-    """Which scaling is in a Jacobian of one's own, and what to multiply it by.
+    """Find the scaling that is in a Jacobian of your own, and what to multiply it by.
 
     With one Jacobian the answer is an inference: the blocks of G and Gᵀ, and of V and K, say
     which sides are scaled, and only the sizes of M and G can tell what they leave open.  With
@@ -459,8 +459,8 @@ def _findings(
         yield f"the scaling in it is {found}: the orders of its blocks in h are measured"
     elif not implied:
         yield (
-            "the scaling in it is none of the four: its blocks of G and Gᵀ do not fit. The factors "
-            "bring its blocks to one size; a second Jacobian at another h would tell their powers"
+            "the scaling in it is not one of the four: its blocks of G and Gᵀ do not fit. The "
+            "factors bring its blocks to one size; a second Jacobian at another h would tell their powers"
         )
     else:
         sizes = "; ".join(

@@ -100,7 +100,7 @@ class Steps(Iterator[Step]):
 
     @property
     def trajectory(self) -> Trajectory:
-        """What was kept so far; usable at any time."""
+        """The steps kept so far; usable at any time."""
         return self._recorder.trajectory("" if self._over else "stopped")
 
 
@@ -314,7 +314,7 @@ def march(
         >>> later.t.round(3).tolist(), later.u.shape
         ([0.04], (1, 8))
 
-        A start of one's own, brought onto the constraints:
+        A start of your own, brought onto the constraints:
 
         >>> thrown = newmark.march(
         ...     "pendulum", h=1e-2, t_end=1.0, u0={"P": (2.0, 0.0)}, v0=[0.5, 1.0], project=True

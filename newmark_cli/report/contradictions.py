@@ -251,8 +251,8 @@ def _outcome(row: _Row) -> Iterator[str]:
         total = round(mean * steps) if math.isfinite(mean) else 0
         if total < steps or total / steps != mean:
             yield (
-                f"newton_iterations is {row.texts['newton_iterations']!r}, which is no mean over "
-                f"{steps:.0f} steps"
+                f"newton_iterations is {row.texts['newton_iterations']!r}, which is not a mean "
+                f"over {steps:.0f} steps"
             )
     elif status in _COMPLETED and not math.isnan(mean):
         yield "newton_iterations without steps"
@@ -303,7 +303,7 @@ def _statistics(row: _Row) -> Iterator[str]:
     if measure == "condition" and row.texts["linear_solver"] == DENSE and min(values) < 1 - 1e-6:
         yield f"a condition number of {min(values):g} is below 1"
     if measure in ("tolerance", "krylov_iterations") and (largest % 1 or last % 1 or median % 0.5):
-        yield "iterations are no whole numbers"
+        yield "iterations are not whole numbers"
     if measure == "tolerance" and row["newton_iterations"] > rms * (1 + _SLACK):
         mean = f"{row['newton_iterations']:g}"
         yield f"{mean} newton_iterations on average are above their rms {rms:g}"

@@ -154,7 +154,9 @@ class Apart:
                 with self._guard:
                     self._running.discard(process)
         if not isinstance(done, Done):
-            return Done(failed("gave back what is no result"), time.perf_counter() - start)
+            return Done(
+                failed("returned something that is not a result"), time.perf_counter() - start
+            )
         return done
 
     def end(self) -> None:

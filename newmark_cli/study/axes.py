@@ -160,7 +160,7 @@ class Cell:
         since=(0, 0),
         inner=True,
         config=lambda: _keys().Variants,
-        about="variant or scaling of one's own, or a list",
+        about="variant, scaling of your own, or a list",
         shows="variant, or a scaling of your own with its factors: "
         "`name[left D=…; right lambda=…]`",
         value=lambda given: _keys().scaling_of(given),
@@ -190,7 +190,7 @@ class Cell:
         since=(0, 2),
         config=lambda: _keys().LinearSolvers,
         default=(AUTO,),
-        about="who solves for the corrections; auto: by size",
+        about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; with `sparse-lu`, and above 300 unknowns with "
         "`static-lu`, `condition` is estimated in the 1-norm",
     )
@@ -289,7 +289,7 @@ class Cell:
         default=32,
     )
     krylov: Krylov | None = setting(
-        "how far gmres and minres go",
+        "when gmres and minres stop",
         column=False,
         initial=None,
         config=lambda: _keys().KrylovConfig,
@@ -303,7 +303,7 @@ class Cell:
         default=None,
     )
     accept: tuple[str, ...] = setting(
-        "statuses of cells that are what the study is about, not failures; not_converging: series",
+        "statuses that the study is about, which are then no failures; not_converging: of series",
         column=False,
         computed=False,
         compare=False,

@@ -190,7 +190,7 @@ def _blocks(*names: str) -> Shown:
 
 
 class OwnScaling(StrictModel):
-    """A scaling of one's own; blocks that are not named keep factor 1."""
+    """A scaling of your own; blocks that are not named keep the factor 1."""
 
     name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
         description="name in CSVs and figures"
@@ -618,7 +618,7 @@ def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonS
             {"type": "string", "enum": list(PROBLEMS)},
             {
                 "type": "string",
-                "description": "mechanism file, looked for beside the config",
+                "description": "mechanism file; its path is relative to the config",
                 "pattern": r"[^/]\.ya?ml/*$",
             },
             *(
