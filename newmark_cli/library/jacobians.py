@@ -460,7 +460,8 @@ def _findings(
     elif not implied:
         yield (
             "the scaling in it is not one of the four: its blocks of G and Gᵀ do not fit. The "
-            "factors bring its blocks to one size; a second Jacobian at another h would tell their powers"
+            "factors bring its blocks to one size; a second Jacobian at another h would tell "
+            "their powers"
         )
     else:
         sizes = "; ".join(
