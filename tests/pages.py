@@ -39,28 +39,48 @@ def pages():
 
 
 def blocks(path):
-    """Fenced blocks of a page; what is indented like code is a mistake."""
+    """Blocks of a page: fenced ones, and indented ones, whose language their first line tells."""
     found, begin, lines, reason = [], None, [], ""
-    before = ""
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        if begin is None:
-            assert not (line.startswith("    ") and not before.strip()), f"{path.name}:{number}"
+    indented, before = [], ""
+
+    def end_indented():
+        text = "".join(f"{line[4:]}\n" for line in indented).rstrip("\n") + "\n"
+        if indented:
+            found.append(Block(number - len(indented), _guessed(text), "", text, reason))
+        indented.clear()
+
+    for number, line in enumerate([*path.read_text(encoding="utf-8").splitlines(), "."], start=1):
+        if begin is not None and line != "```":
+            lines.append(line)
+        elif begin is not None:
+            found.append(Block(*begin, "".join(f"{each}\n" for each in lines), reason))
+            begin, reason = None, ""
+        elif (line.startswith("    ") and (indented or not before.strip())) or (
+            indented and not line
+        ):
+            indented.append(line)
+        else:
+            end_indented()
             if marked := _NOT_RUN.match(line):
                 reason = marked[1]
             elif line.startswith("```"):
                 fence = _FENCE.match(line)
                 assert fence, f"{path.name}, line {number}: {line}"
                 begin, lines = (number, fence[1], fence[2] or ""), []
-            elif line.strip():
+            elif line:
                 reason = ""
-        elif line == "```":
-            found.append(Block(*begin, "".join(f"{each}\n" for each in lines), reason))
-            begin, reason = None, ""
-        else:
-            lines.append(line)
         before = line
     assert begin is None, f"{path.name}: a block does not end"
     return found
+
+
+def _guessed(text):
+    """Language of an indented block."""
+    if text.startswith("$ "):
+        return "console"
+    if text.startswith(("newmark-study ", "python ")):
+        return "bash"
+    return "yaml" if "…" in text else "text"
 
 
 def inline(path):
