@@ -34,7 +34,7 @@ class Interrupt(KeyboardInterrupt):
 
 
 class _State:
-    """What has arrived, and how the process stands."""
+    """Signals that have arrived, and how the process stands."""
 
     def __init__(self) -> None:
         self.before: dict[int, Any] = {}
@@ -70,7 +70,7 @@ def release() -> None:
 
 
 def note(told: Callable[[], str]) -> None:
-    """What the line of an interrupt says besides that there was one."""
+    """Text that the message of an interrupt ends with."""
     _state.note = told
 
 

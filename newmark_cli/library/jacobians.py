@@ -35,7 +35,7 @@ _MUCH = 100.0
 
 @dataclass(frozen=True)
 class JacobianAdvice:
-    """What is known of Jacobians of which only the blocks are.
+    """Facts about Jacobians of which only the blocks are known.
 
     Attributes:
         form: Name of the form.
@@ -375,7 +375,7 @@ def _measured(
 def _formulas(
     form: Form, found: str, powers: tuple[Array, Array] | None, blocks: list[list[Array]]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """What takes the blocks from the scaling that is in them to the optimal one."""
+    """Factors from the scaling that is in the blocks to the optimal one."""
     optimal = named_scaling("optimal", form)
     if found != OTHER:
         present: Scaling = named_scaling(found, form)

@@ -429,7 +429,7 @@ def _krylov(given: Any) -> Krylov | None:
 
 
 def _require_fit(problem: Problem, scheme: Scheme, linear_solver: str) -> None:
-    """What the problem must be for the scheme."""
+    """Refuse a scheme that the problem is not fit for."""
     if scheme.evaluation == COMPENSATED and not problem.quadratic:
         raise ArgumentError(
             "evaluation: compensated needs constraints that are quadratic in u and do not "

@@ -1,4 +1,4 @@
-"""What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
+"""Problems as the core needs them: M v' = f + Gλ, u' = v, 0 = Φ."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -41,7 +41,7 @@ class Pattern(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What a problem's function produces at one state; matrices as values at the pattern."""
+    """Values of a problem's function at one state; matrices as values at the pattern."""
 
     force: Array  #: (n,) f + Gλ
     phi: Array  #: (m,) Φ
@@ -81,7 +81,7 @@ class Terms(NamedTuple):
 
 
 class Outputs(Protocol):
-    """What follows from a state besides coordinates and multipliers, by name."""
+    """Outputs that follow from a state besides coordinates and multipliers, by name."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -185,7 +185,7 @@ class Problem:
     # Made when they are asked for: a mechanism may have a million points.
     @cached_property
     def drawing(self) -> Any:
-        """What a figure of the problem is drawn from; None if it has none."""
+        """Data that a figure of the problem is drawn from; None if it has none."""
         return self.drawing_given() if callable(self.drawing_given) else self.drawing_given
 
     @cached_property

@@ -34,7 +34,7 @@ _WITHOUT_TICKS = {"xtick.top": False, "ytick.right": False}
 
 
 class Drawable(Protocol):
-    """What is asked of a problem that is drawn."""
+    """Properties of a problem that drawings need."""
 
     @property
     def drawing(self) -> Any:
@@ -76,7 +76,7 @@ class MechanismScene:
         draw_mechanism(axes, self.problem, self.u, factor, self.labelled)
 
     def handles(self) -> list[Line2D]:
-        """What the symbols mean."""
+        """Meanings of the symbols."""
         if not self.labelled:
             return []
         if is_spatial(self.problem):
@@ -211,7 +211,7 @@ def draw_mechanism(
 
 
 def _key(mechanism: Mechanism) -> list[Line2D]:
-    """What the symbols mean, as handles of a legend."""
+    """Meanings of the symbols, as handles of a legend."""
 
     def symbol(label: str, marker: str, face: str, edge: str) -> Line2D:
         return Line2D(

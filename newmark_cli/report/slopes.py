@@ -1,4 +1,4 @@
-"""Fitted slopes beside predicted orders, with verdicts: what `check` asserts.
+"""Fitted slopes next to predicted orders, with verdicts: what `check` asserts.
 
 One `Slope` for each series in the CSVs: the rows of one study that differ in
 the step size alone.  Predictions come from exponent arithmetic
@@ -139,7 +139,7 @@ class Slope:
 
     @property
     def record(self) -> Record:
-        """What there is to know of its measure."""
+        """The record of its measure."""
         return RECORDS[self.key.measure]
 
     def row(self) -> dict[str, Any]:

@@ -105,12 +105,12 @@ def perform(
 
 
 def overtime(timeout: float) -> Outcome:
-    """What becomes of a cell that takes longer than it may (s)."""
+    """Outcome of a cell that takes longer than it may (s)."""
     return failed(f"took longer than {timeout:g} s")
 
 
 def failed(reason: str) -> Outcome:
-    """What becomes of a cell that does not end by itself."""
+    """Outcome of a cell that does not end by itself."""
     return Outcome([], 0, np.nan, "failed", reason)
 
 

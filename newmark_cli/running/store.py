@@ -69,7 +69,7 @@ def file_name(cell: Cell) -> str:
 
 
 def opened(file: Path) -> Kept | None:
-    """What a file of a finished cell holds; None when it is damaged."""
+    """Content of a file of a finished cell; None if it is damaged."""
     record = sealed.read(file)
     try:
         if record is None or _Key(**record["key"]).file != file.name:

@@ -128,7 +128,7 @@ def _keys() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """What one cell computes; steps = 0 measures at the consistent initial state."""
+    """One cell's computation; steps = 0 measures at the consistent initial state."""
 
     problem: "ProblemSpec" = axis(
         write=lambda cell: cell.problem.label,
@@ -336,7 +336,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class RowAxes:
-    """What tells the rows of one cell apart; the attributes of a `Measurement`."""
+    """Axes that tell the rows of one cell apart; the attributes of a `Measurement`."""
 
     quantity: str = axis(
         since=(0, 0),
@@ -405,7 +405,7 @@ def series_axes() -> tuple[Axis, ...]:
 
 
 def labels(cell: Cell) -> dict[str, Any]:
-    """What tells a cell from others of its study, by column."""
+    """Labels that tell a cell from others of its study, by column."""
     return {each.name: each.write(cell) for each in cell_axes() if each.cell}
 
 
@@ -461,7 +461,7 @@ def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
 
 
 def kept_of(case: Any) -> Kept | None:
-    """What a case keeps of its marches; None where it measures no trajectory."""
+    """The part of its marches that a case keeps; None if it measures no trajectory."""
     if "trajectory" not in case.measure:
         return None
     return Kept() if case.trajectory is None else case.trajectory.kept()
@@ -469,7 +469,7 @@ def kept_of(case: Any) -> Kept | None:
 
 @dataclass(frozen=True)
 class SeriesKey:
-    """What tells a series from all others; every axis of `series_axes` is an attribute.
+    """Labels that tell a series from all others; every axis of `series_axes` is an attribute.
 
     Attributes:
         values: In the order of `series_axes`; all spellings of one value are the same.

@@ -100,7 +100,7 @@ class Choice:
 
 @dataclass
 class Exported:
-    """What an export has come to.
+    """The result of an export.
 
     Attributes:
         systems, marches: How many were written.
@@ -313,7 +313,7 @@ def _write_system(
 
 
 def _entry(name: str, cell: Cell, system: NewtonSystem) -> dict[str, Any]:
-    """What the index says of a system."""
+    """The index's entry of a system."""
 
     def blocks(
         names: Sequence[str], factors: dict[str, float], formulas: Any
@@ -345,7 +345,7 @@ def _entry(name: str, cell: Cell, system: NewtonSystem) -> dict[str, Any]:
 
 
 def _comment(entry: dict[str, Any]) -> str:
-    """What a matrix says of itself, for those who have it without its record."""
+    """Comment of a matrix, for those who have it without its record."""
 
     def spelled(blocks: list[dict[str, Any]]) -> str:
         return " ".join(f"{block['name']}:{block['size']}" for block in blocks)

@@ -1,4 +1,4 @@
-"""What each key of a study config may be, as types that pydantic checks."""
+"""Types of the keys of a study config, which pydantic checks."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -497,7 +497,7 @@ def _preconditioning(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a config's meaning depends on besides its text.
+    """Context on which a config's meaning depends besides its text.
 
     Attributes:
         folder: Where files that it names are looked for.
