@@ -34,7 +34,7 @@ _WITHOUT_TICKS = {"xtick.top": False, "ytick.right": False}
 
 
 class Drawable(Protocol):
-    """Properties of a problem that drawings need."""
+    """What is asked of a problem that is drawn."""
 
     @property
     def drawing(self) -> Any:
@@ -76,7 +76,7 @@ class MechanismScene:
         draw_mechanism(axes, self.problem, self.u, factor, self.labelled)
 
     def handles(self) -> list[Line2D]:
-        """Meanings of the symbols."""
+        """What the symbols mean."""
         if not self.labelled:
             return []
         if is_spatial(self.problem):
@@ -211,7 +211,7 @@ def draw_mechanism(
 
 
 def _key(mechanism: Mechanism) -> list[Line2D]:
-    """Meanings of the symbols, as handles of a legend."""
+    """What the symbols mean, as handles of a legend."""
 
     def symbol(label: str, marker: str, face: str, edge: str) -> Line2D:
         return Line2D(
