@@ -373,6 +373,6 @@ def test_interrupted_and_resumed_again_and_again(cli):
         require_ended(started, ending, errors, kept(cli), CELLS)
         assert errors.count("\n") == 1, errors
     done = cli(*run).stdout
-    assert re.fullmatch(r"mixed: 24 ok \(\d+ kept\) -> results/mixed.csv\n", done)
+    assert re.fullmatch(r"mixed: 24 ok \(\d+ cached\) -> results/mixed.csv\n", done)
     mine, whole = (cli.folder / name / "mixed.csv" for name in ("results", "whole"))
     assert mine.read_bytes() == whole.read_bytes()

@@ -169,7 +169,7 @@ def test_shards_and_merge(cli, quick):
     """Two parts in two folders, put together: the bytes of one run; a missing part is told."""
     cli("run", "quick.yaml", "--results", "whole")
     first = cli("run", "quick.yaml", "--shard", "1/2", "--results", "one").stdout
-    assert first == "quick: 2 ok kept in one/cells\n"
+    assert first == "quick: 2 ok cached in one/cells\n"
     assert not (cli.folder / "one/quick.csv").exists()
     done = cli("merge", "quick.yaml", "--from", "one", "--results", "all", code=1)
     assert done.stderr == "newmark-study: quick: 2 of 4 cells are missing\n"
@@ -208,7 +208,7 @@ def test_fail_fast_skips_the_rest(cli):
     done = cli("run", "long.yaml", "--fail-fast", "--jobs", 1, code=1)
     assert " not_converged" in done.stdout
     assert " skipped" in done.stdout
-    assert "kept in results/cells" in done.stdout
+    assert "cached in results/cells" in done.stdout
     assert not (cli.folder / "results/long.csv").exists()
     assert "12 not_converged, 12 ok (" in cli("run", "long.yaml", code=1).stdout
 
@@ -428,7 +428,7 @@ def test_fail_fast_minds_what_is_kept(cli):
     first, again = (re.findall(r"\d+ [a-z_]+", cli(*arguments, code=1).stdout) for _ in range(2))
     assert "1 not_converged" in first
     assert first == again[: len(first)]
-    assert again[-1].endswith(" kept")
+    assert again[-1].endswith(" cached")
 
 
 def test_quiet_and_verbose(cli, quick):

@@ -77,7 +77,7 @@ def test_merging_says_why_cells_do_not_count(cli, other_kernel):
     started(cli, *shard, "2/2", "--results", "two", OPENBLAS_CORETYPE=other_kernel)
     merge = ("merge", "quick.yaml", "--from", "one", "--from", "two", "--results", "all")
     assert cli(*merge, code=1).stderr == (
-        "newmark-study: quick: 2 of 4 cells are missing; 2 kept otherwise: "
+        "newmark-study: quick: 2 of 4 cells are missing; 2 cached otherwise: "
         f"BLAS kernel {other_kernel} -> {provenance.blas_kernel()}\n"
     )
 

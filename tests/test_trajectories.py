@@ -234,7 +234,7 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
 def test_other_steps_are_other_cells(ran):
     """What is kept is part of what is computed; without the measure it is not."""
     ran.write("swing.yaml", STUDY.replace("every: 30", "every: 31"))
-    assert "kept" not in ran("run", "swing.yaml").stdout
+    assert "cached" not in ran("run", "swing.yaml").stdout
     plain = config.load(ran.write("plain.yaml", WITHOUT + "samples: 5\n"))
     assert {cell.trajectory for cell in plain.cells()} == {None}
 

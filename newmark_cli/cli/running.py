@@ -116,7 +116,7 @@ def merge(
         screen.line(f"{source}: {count} cells")
     for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
         if count:
-            why = "".join(f"; {n} kept otherwise: {how}" for how, n in merged.why[i].items())
+            why = "".join(f"; {n} cached otherwise: {how}" for how, n in merged.why[i].items())
             total = len(study.cells())
             screen.complain(f"{study.study}: {count} of {total} cells are missing{why}")
     if any(merged.missing):
