@@ -119,7 +119,9 @@ class Process:
         try:
             well, found = pickle.loads(given)
         except Exception as error:
-            raise ApartError(f"gave back what cannot be read: {described(error)}") from None
+            raise ApartError(
+                f"returned something that cannot be read: {described(error)}"
+            ) from None
         if well:
             return found
         raise found if isinstance(found, InputError) else ApartError(str(found))

@@ -92,7 +92,7 @@ def _sealed(data: bytes) -> bytes:
 
 
 def _opened(path: Path) -> bytes:
-    """What was sealed in a file; raises _Damaged where it is something else."""
+    """Content that was sealed in a file; raises _Damaged if it is something else."""
     content = path.read_bytes()
     digest, data = content[:_DIGEST], content[_DIGEST:]
     if hashlib.sha256(data).digest() != digest:
@@ -104,7 +104,7 @@ class _Files(IndexDataCacheFile):
     """The files of one function."""
 
     def load(self, key: Any) -> Any:
-        """What was kept; None where there is nothing, or where it is damaged."""
+        """The cached code; None if there is none, or if it is damaged."""
         try:
             return super().load(key)
         except OSError:

@@ -268,7 +268,7 @@ class StrictModel(BaseModel):
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
-        """What an error says of a key that is not allowed here."""
+        """Message for a key that is not allowed here."""
         return f"unknown key{nearest(key, cls.keys())}"
 
 
@@ -590,7 +590,7 @@ def _place(
 
 
 def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
-    """What there is to say of one pydantic error, in one line or several."""
+    """Messages for one pydantic error, in one line or several."""
     value, context = detail["input"], detail.get("ctx", {})
     message = detail["msg"].removeprefix("Value error, ")
     for theirs, ours in _WORDED:

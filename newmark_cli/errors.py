@@ -49,7 +49,7 @@ class ResultsError(InputError):
 
 
 class ExecutorError(Exception):
-    """What runs the cells is gone; what had finished is kept."""
+    """The executor is lost; finished cells are cached."""
 
 
 _LONGEST = 1_000

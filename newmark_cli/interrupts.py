@@ -37,7 +37,7 @@ class Interrupt(KeyboardInterrupt):
 
 
 class _State:
-    """What has arrived, and how the process stands."""
+    """Signals that have arrived, and how the process stands."""
 
     def __init__(self) -> None:
         self.before: dict[int, Any] = {}
@@ -73,7 +73,7 @@ def release() -> None:
 
 
 def note(told: Callable[[], str]) -> None:
-    """What the line of an interrupt says besides that there was one."""
+    """Text that the message of an interrupt ends with."""
     _state.note = told
 
 

@@ -38,7 +38,7 @@ class Shown:
 
 
 def also(**keywords: Any) -> Shown:
-    """What the type says anyway, and these keywords, ``not_`` for ``not``.
+    """The type's own schema with these keywords, ``not_`` for ``not``.
 
     For what a validator beside it checks.
     """

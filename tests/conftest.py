@@ -193,7 +193,7 @@ def wait_until(holds):
 
 
 def wait_for_cells(folder, count):
-    """Until so many cells are kept."""
+    """Until so many cells are cached."""
     wait_until(lambda: len(list(folder.glob("cells/*.json"))) >= count)
 
 
@@ -201,8 +201,8 @@ def require_ended(run, ending, errors, kept, cells):
     """A run that a signal has ended says so in one line, last on stderr, and by its code."""
     *_, line = errors.splitlines()
     assert line == (
-        f"newmark-study: {ENDINGS[ending]}; {kept} of {cells} cells are kept, "
-        "run the same command again to go on"
+        f"newmark-study: {ENDINGS[ending]}; {kept} of {cells} cells are cached, "
+        "run the same command again to continue"
     )
     assert run.returncode == 128 + ending
 

@@ -191,7 +191,7 @@ def test_a_new_axis_touches_one_file(cli, quick, changed, committed_folder):
     record = json.loads((cli.folder / "results/quick.json").read_text())
     assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
     # Kept cells know it, and so do slopes.
-    assert "12 kept" in again
+    assert "12 cached" in again
     assert [row["repeat"] for row in json.loads(checked)] == ["1", "1", "second", "second"]
     # A CSV that lacks the column has the value that goes without saying.
     assert {row["repeat"] for row in json.loads(older)} == {"1"}

@@ -156,7 +156,7 @@ def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
     assert line.startswith(f"newmark-study: the dask scheduler at {address} is lost")
     assert not (cli.folder / "dask/spread.csv").exists()
     done = cli("run", "spread.yaml", "--results", "dask")
-    assert re.search(r"24 ok \(\d+ kept\)", done.stdout)
+    assert re.search(r"24 ok \(\d+ cached\)", done.stdout)
     assert (cli.folder / "dask/spread.csv").read_bytes() == study
 
 

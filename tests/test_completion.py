@@ -18,7 +18,7 @@ from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import config
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+EDITORS = (Path(__file__).parents[1] / "docs/editors.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_the_line_of_the_readme(shell):
     variables = {**os.environ, "_NEWMARK_STUDY_COMPLETE": f"{shell}_source"}
     done = subprocess.run([SCRIPT], env=variables, capture_output=True, text=True)
     assert done.returncode == 0
-    assert f"_NEWMARK_STUDY_COMPLETE={shell}_source newmark-study" in README
+    assert f"_NEWMARK_STUDY_COMPLETE={shell}_source newmark-study" in EDITORS
     assert f"_NEWMARK_STUDY_COMPLETE={shell}_complete" in done.stdout
     if shell == "bash" and shutil.which("bash"):
         command = (

@@ -116,7 +116,7 @@ ALONE = {
         "krylov",
         lambda rows: times(rows, 1.001, lambda row: row["measure"] == "krylov_iterations",
                            STATISTICS),
-        "2: iterations are no whole numbers",
+        "2: iterations are not whole numbers",
     ),
     "neighbours swapped": (
         "andrews-u", lambda rows: swapped(rows, 1, 2), "3: rows of correction are in another order",
@@ -157,7 +157,7 @@ ALONE = {
     ),
     "iterations on average": (
         "pendulum-u", lambda rows: given(rows, newton_iterations="4.97"),
-        "2: newton_iterations is '4.97', which is no mean over 30 steps",
+        "2: newton_iterations is '4.97', which is not a mean over 30 steps",
     ),
     "zeros": (
         "pendulum-u", lambda rows: given(rows, lambda row: row["zeros"] == "21", zeros="11"),

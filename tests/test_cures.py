@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
-import yaml
 from each import each
 
 from newmark_cli.errors import ResultsError
@@ -255,25 +254,6 @@ def test_measure_of_drift(cli):
     file = cli.folder / "results/drift/mine.csv"
     file.write_text(file.read_text().replace("e-0", "e-1", 1))
     cli("verify", "--results", "results", code=1)
-
-
-BLOCKS = [
-    "\n".join(line[4:] for line in block.group(0).splitlines())
-    for block in re.finditer(
-        r"(?:^    .*\n)+", (ROOT / "docs/formulations.md").read_text(encoding="utf-8"), re.M
-    )
-]
-
-
-@each("block", BLOCKS)
-def test_studies_of_the_docs(cli, block):
-    """Every config of docs/formulations.md is run, at its largest step, to the end."""
-    given = yaml.safe_load(block)
-    h = max(float(each) for each in given["h"])
-    given |= {"h": h, "t_end": 10 * h}
-    given["measure"] = [m for m in given.get("measure", ["correction"]) if m != "error"]
-    (cli.folder / "docs.yaml").write_text(yaml.safe_dump(given))
-    cli("run", "docs.yaml")
 
 
 def test_docs_have_the_table():

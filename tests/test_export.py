@@ -332,7 +332,7 @@ def test_a_study_is_exported_twice_alike(cli):
     assert done.stdout == "4 systems of 1 march -> once/index.json\n"
     assert done.stderr == (
         "newmark-study: warning: 1 cells left out: marches in float32 are solved inside the "
-        "compiled kernel, whose systems are not to be had\n"
+        "compiled kernel, whose systems cannot be exported\n"
     )
     cli("export", "two.yaml", *chosen, "--out", "twice")
     one, other = (contents(cli.folder / name) for name in ("once", "twice"))

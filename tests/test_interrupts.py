@@ -269,7 +269,7 @@ def test_a_forced_run_promises_nothing(cli):
     wait_for_cells(cli.folder / "results", 2)
     run.send_signal(signal.SIGINT)
     _, errors = run.communicate(timeout=60)
-    assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are kept\n"
+    assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are cached\n"
     assert run.returncode == 130
 
 
@@ -360,8 +360,8 @@ def test_the_cursor_comes_back(cli):
     count = kept(cli)
     assert f"{count} done, 0 failed, {24 - count} left" in display.decode()
     assert last.decode().split("\r\n")[-2] == (
-        f"newmark-study: interrupted; {count} of 24 cells are kept, "
-        "run the same command again to go on"
+        f"newmark-study: interrupted; {count} of 24 cells are cached, "
+        "run the same command again to continue"
     )
 
 
@@ -381,6 +381,6 @@ def test_interrupted_and_resumed_again_and_again(cli):
         require_ended(started, ending, errors, kept(cli), CELLS)
         assert errors.count("\n") == 1, errors
     done = cli(*run).stdout
-    assert re.fullmatch(r"mixed: 24 ok \(\d+ kept\) -> results/mixed.csv\n", done)
+    assert re.fullmatch(r"mixed: 24 ok \(\d+ cached\) -> results/mixed.csv\n", done)
     mine, whole = (cli.folder / name / "mixed.csv" for name in ("results", "whole"))
     assert mine.read_bytes() == whole.read_bytes()

@@ -52,6 +52,12 @@ def test_a_mechanism_of_ones_own(cli, hoist):
     assert (cli.folder / "results/figures/hoist.png").stat().st_size > 5000
 
 
+def test_advice_names_the_file(cli, hoist):
+    """A mechanism is called by its file, not by one of its bodies."""
+    told = cli("advise", "hoist.yaml", "--h", "1e-3").stdout
+    assert told.startswith("hoist.yaml: n = 4 coordinates, m = 3 constraints, ")
+
+
 def test_files_are_found_beside_the_config(cli, hoist):
     """A mechanism is looked for in the folder of the config that names it."""
     (cli.folder / "studies").mkdir()

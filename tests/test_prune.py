@@ -79,7 +79,7 @@ def test_what_studies_need_stays(cli, two):
     before = snapshot(cli)
     assert sizes(cli("prune").stdout) == ["nothing to remove", "8 cells stay"]
     assert snapshot(cli) == before
-    assert "(4 kept)" in cli("run", "quick.yaml").stdout
+    assert "(4 cached)" in cli("run", "quick.yaml").stdout
 
 
 def test_what_no_study_needs_goes(cli, two):

@@ -64,7 +64,7 @@ def test_a_second_run_computes_nothing(cli, quick):
     assert cli("run", "quick.yaml").stdout == "quick: 4 ok -> results/quick.csv\n"
     first = csv(cli.folder / "results")
     assert reasons(cli) == (["done, ok"] * 4, "0 of 4 cells to run")
-    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
     assert csv(cli.folder / "results") == first
     assert reasons(cli, "--force") == (["to run: forced"] * 4, "4 of 4 cells to run")
     assert cli("run", "quick.yaml", "--force").stdout == "quick: 4 ok -> results/quick.csv\n"
@@ -79,7 +79,7 @@ def test_only_what_is_new_runs(cli, quick):
     assert found == ["done, ok", "done, ok", "to run: not run yet"] * 2
     assert last == "2 of 6 cells to run"
     cli.write("other.yaml", QUICK.replace("study: quick", "study: other"))
-    assert "(4 kept)" in cli("run", "other.yaml").stdout
+    assert "(4 cached)" in cli("run", "other.yaml").stdout
 
 
 def test_dry_runs_say_why(cli):
@@ -114,11 +114,11 @@ def test_dry_runs_say_why(cli):
             record.pop("sha256")
             sealed.write(file, record)
     found = sorted(reasons(cli)[0])
-    assert found[:2] == ["to run: kept result is damaged"] * 2
+    assert found[:2] == ["to run: cached result is damaged"] * 2
     assert found[2].startswith("to run: numba 0.1 -> ")
     assert found[3] == "to run: the numerical core has changed"
     before = csv(cli.folder / "results")
-    assert "(4 kept)" not in cli("run", "quick.yaml").stdout
+    assert "(4 cached)" not in cli("run", "quick.yaml").stdout
     assert csv(cli.folder / "results") == before
 
 
@@ -170,7 +170,7 @@ def test_shards_and_merge(cli, quick):
     """Two parts in two folders, put together: the bytes of one run; a missing part is told."""
     cli("run", "quick.yaml", "--results", "whole")
     first = cli("run", "quick.yaml", "--shard", "1/2", "--results", "one").stdout
-    assert first == "quick: 2 ok kept in one/cells\n"
+    assert first == "quick: 2 ok cached in one/cells\n"
     assert not (cli.folder / "one/quick.csv").exists()
     done = cli("merge", "quick.yaml", "--from", "one", "--results", "all", code=1)
     assert done.stderr == "newmark-study: quick: 2 of 4 cells are missing\n"
@@ -209,7 +209,7 @@ def test_fail_fast_skips_the_rest(cli):
     done = cli("run", "long.yaml", "--fail-fast", "--jobs", 1, code=1)
     assert " not_converged" in done.stdout
     assert " skipped" in done.stdout
-    assert "kept in results/cells" in done.stdout
+    assert "cached in results/cells" in done.stdout
     assert not (cli.folder / "results/long.csv").exists()
     assert "12 not_converged, 12 ok (" in cli("run", "long.yaml", code=1).stdout
 
@@ -219,7 +219,7 @@ def test_failures_replace_no_results(cli, quick):
     cli("run", "quick.yaml")
     first = csv(cli.folder / "results")
     assert "4 failed" in cli("run", "quick.yaml", "--force", "--timeout", "1e-9", code=1).stdout
-    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
     assert csv(cli.folder / "results") == first
 
 
@@ -232,7 +232,7 @@ def test_failed_cells_are_merged(cli, quick):
     cli(*run, "--shard", "1/2", "--results", "one", code=1)
     cli(*run, "--shard", "2/2", "--results", "two")
     done = cli(*merge, "--results", "all", code=1)
-    assert done.stdout.endswith("swings: 1 failed, 1 ok (2 kept) -> all/swings.csv\n")
+    assert done.stdout.endswith("swings: 1 failed, 1 ok (2 cached) -> all/swings.csv\n")
     assert csv(cli.folder / "all", "swings") == csv(cli.folder / "whole", "swings")
 
     cli("run", "quick.yaml", "--results", "bad", "--timeout", "1e-9", code=1)
@@ -324,7 +324,7 @@ def test_references_that_come_at_last(cli):
     run = ("run", "errors.yaml", "--allow-code")
     complaint = cli(*run, code=1).stderr
     done = cli(*run, code=1)
-    assert done.stdout == "errors: 2 ok (2 kept) -> results/errors.csv\n"
+    assert done.stdout == "errors: 2 ok (2 cached) -> results/errors.csv\n"
     assert done.stderr == complaint
     assert "2 of 2 cells measured no error: " in complaint
     cli.write("ready", "")
@@ -338,7 +338,7 @@ def test_references_that_come_at_last(cli):
     for file in (cli.folder / "results/references").iterdir():
         file.unlink()
     cli(*run, "--force", code=1)
-    assert cli(*run).stdout == "errors: 2 ok (2 kept) -> results/errors.csv\n"
+    assert cli(*run).stdout == "errors: 2 ok (2 cached) -> results/errors.csv\n"
     assert measured(cli.folder) == (errors, {"ok"})
 
 
@@ -386,7 +386,7 @@ def test_what_is_accepted_is_not_part_of_a_cell(cli):
     ]
     assert rows[0] == rows[1] == rows[2]
     cli.write("one.yaml", CAPPED.replace("quick", "one") + "accept: not_converged\n")
-    assert cli("run", "one.yaml").stdout == "one: 4 not_converged (4 kept) -> results/one.csv\n"
+    assert cli("run", "one.yaml").stdout == "one: 4 not_converged (4 cached) -> results/one.csv\n"
 
 
 def test_workers_end_with_their_run(cli):
@@ -429,7 +429,7 @@ def test_fail_fast_minds_what_is_kept(cli):
     first, again = (re.findall(r"\d+ [a-z_]+", cli(*arguments, code=1).stdout) for _ in range(2))
     assert "1 not_converged" in first
     assert first == again[: len(first)]
-    assert again[-1].endswith(" kept")
+    assert again[-1].endswith(" cached")
 
 
 def test_quiet_and_verbose(cli, quick):

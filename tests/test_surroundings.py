@@ -66,7 +66,7 @@ def test_another_kernel_computes_anew(cli, other_kernel):
     assert last == "4 of 4 cells to run"
     output, _ = started(cli, "run", "quick.yaml", OPENBLAS_CORETYPE=other_kernel)
     assert output == "quick: 4 ok -> results/quick.csv\n"
-    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 kept) -> results/quick.csv\n"
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
 
 
 def test_merging_says_why_cells_do_not_count(cli, other_kernel):
@@ -77,7 +77,7 @@ def test_merging_says_why_cells_do_not_count(cli, other_kernel):
     started(cli, *shard, "2/2", "--results", "two", OPENBLAS_CORETYPE=other_kernel)
     merge = ("merge", "quick.yaml", "--from", "one", "--from", "two", "--results", "all")
     assert cli(*merge, code=1).stderr == (
-        "newmark-study: quick: 2 of 4 cells are missing; 2 kept otherwise: "
+        "newmark-study: quick: 2 of 4 cells are missing; 2 cached otherwise: "
         f"BLAS kernel {other_kernel} -> {provenance.blas_kernel()}\n"
     )
 

@@ -216,7 +216,7 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
     path = ran.folder / "results/trajectory/swing.csv"
     before = path.read_bytes()
     path.unlink()
-    assert "4 kept" in ran("run", "swing.yaml").stdout
+    assert "4 cached" in ran("run", "swing.yaml").stdout
     assert path.read_bytes() == before
     for part in ("1", "2"):
         ran("run", "swing.yaml", "--shard", f"{part}/2", "--results", f"part{part}")
@@ -232,7 +232,7 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
 def test_other_steps_are_other_cells(ran):
     """What is kept is part of what is computed; without the measure it is not."""
     ran.write("swing.yaml", STUDY.replace("every: 30", "every: 31"))
-    assert "kept" not in ran("run", "swing.yaml").stdout
+    assert "cached" not in ran("run", "swing.yaml").stdout
     plain = config.load(ran.write("plain.yaml", WITHOUT + "samples: 5\n"))
     assert {cell.trajectory for cell in plain.cells()} == {None}
 

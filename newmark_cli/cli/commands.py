@@ -114,7 +114,7 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 def _told(error: BaseException) -> int:
-    """Print what went wrong; the exit code.  What is nobody's mistake but ours is raised."""
+    """Print an error and return the exit code.  An error of the program itself is raised."""
     match error:
         case click.exceptions.NoArgsIsHelpError():
             screen.lines(error.ctx.get_help())
@@ -123,7 +123,9 @@ def _told(error: BaseException) -> int:
         case InputError():
             screen.complain(str(error))
         case ExecutorError():
-            screen.complain(f"{error}; what was finished is kept, run again to go on")
+            screen.complain(
+                f"{error}; finished cells are cached, run the same command again to continue"
+            )
             return 1
         case OutputError():
             if error.unread:

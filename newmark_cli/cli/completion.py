@@ -18,7 +18,7 @@ Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]
 
 
 def complete(*sections: str, files: bool = False) -> Completer:
-    """What a parameter may be.
+    """Values that a parameter may have.
 
     Args:
         sections: Sections of `newmark-study list` whose names it may be.

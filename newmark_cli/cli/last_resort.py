@@ -1,4 +1,4 @@
-"""What becomes of an error that nobody expected: one line, a kept traceback, a code of its own.
+"""Unexpected errors: one line, a traceback in a file, an exit code of their own.
 
 Nothing here may fail: whatever goes wrong on the way is left out.
 """

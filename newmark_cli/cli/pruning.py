@@ -1,4 +1,4 @@
-"""The command that takes away kept cells which nobody needs."""
+"""The command that removes cached cells that no study needs."""
 
 from pathlib import Path
 
@@ -14,13 +14,13 @@ from newmark_cli.cli.options import allow_code_option, complete_config, results_
 @click.option("--dry-run", is_flag=True, help="Say what would be removed, and remove nothing.")
 @allow_code_option
 def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: bool) -> int:
-    """Remove kept cells that no study needs.
+    """Remove cached cells that no study needs.
 
-    Cells stay in DIR/cells that a CSV in DIR was made from, or that belong to a
-    study which is not finished.  With a CONFIG, what it needs now takes the place
-    of what its CSV was made from.  Removes besides: damaged cells, cells of
-    another version of the numerical core that no CSV was made from, and temporary
-    files of runs that were killed.  CSVs and figures are not touched.
+    Keeps the cells in DIR/cells from which a CSV in DIR was made, and those of
+    studies that are not finished.  With a CONFIG, keeps the cells that it needs
+    now instead of those of its CSV.  Also removes damaged cells, cells of another
+    version of the numerical core from which no CSV was made, and temporary files
+    of runs that were killed.  Does not touch CSVs and figures.
 
     \b
     Example:

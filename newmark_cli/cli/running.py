@@ -116,7 +116,7 @@ def merge(
         screen.line(f"{source}: {count} cells")
     for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
         if count:
-            why = "".join(f"; {n} kept otherwise: {how}" for how, n in merged.why[i].items())
+            why = "".join(f"; {n} cached otherwise: {how}" for how, n in merged.why[i].items())
             total = len(study.cells())
             screen.complain(f"{study.study}: {count} of {total} cells are missing{why}")
     if any(merged.missing):
@@ -185,11 +185,11 @@ def _run(
 
 
 def _kept(counts: "Counts", force: bool) -> str:
-    """What the line of an interrupt says of a run, once it is known what there is to do."""
+    """The end of an interrupt's message: how many cells of the run are cached."""
     if not counts.total:
         return ""
-    kept = f"; {counts.kept} of {counts.total} cells are kept"
-    return kept if force else f"{kept}, run the same command again to go on"
+    kept = f"; {counts.kept} of {counts.total} cells are cached"
+    return kept if force else f"{kept}, run the same command again to continue"
 
 
 def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
@@ -197,8 +197,8 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
     for done in runs:
         counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
         spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
-        kept = f" ({done.kept} kept)" if done.kept else ""
-        where = f"-> {done.path}" if done.path else "kept in " + str(folder / "cells")
+        kept = f" ({done.kept} cached)" if done.kept else ""
+        where = f"-> {done.path}" if done.path else "cached in " + str(folder / "cells")
         if not quiet:
             screen.line(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
     for done in runs:

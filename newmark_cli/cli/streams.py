@@ -86,7 +86,7 @@ def _stream(given: IO[str] | None, number: int, needed: bool) -> io.TextIOWrappe
 
 
 def _spelled(error: UnicodeError) -> tuple[str | bytes, int]:
-    """What an encoding has not, in letters that it has."""
+    """Text that an encoding lacks, in letters that it has."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = error.object[error.start : error.end]

@@ -1,4 +1,4 @@
-"""What a run tells while it goes on: counts for everybody, a display on a terminal only."""
+"""Progress of a run: counts for everybody, a display only on a terminal."""
 
 import contextlib
 import sys

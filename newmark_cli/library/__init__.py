@@ -1,1 +1,1 @@
-"""What `newmark_cli` makes public; import its names from there."""
+"""Functions behind the public names of `newmark_cli`; import them from there."""

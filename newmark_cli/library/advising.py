@@ -115,7 +115,7 @@ class Equilibration:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to set in one's own code, in numbers.
+    """Numbers to set in your own code.
 
     ``print`` shows it as text; `to_dict` gives plain values for JSON.
 
@@ -198,7 +198,7 @@ def advise(
     residual_tested: str = "after",
     precision: str = "float64",
 ) -> Advice:
-    """What to set for a mechanism, or for matrices of another code, before anything is run.
+    """Say what to set for a mechanism, or for matrices of another code, before anything is run.
 
     Args:
         subject: What `problem` takes; or matrices: the path of an .npz file or of a folder of
@@ -207,17 +207,19 @@ def advise(
             ``lambda``.
         h: Step size, or several (s).
         form: Name of a form, such as ``"v-lambda"``.
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it.
-        formulation, evaluation: As of `march`.
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it.
+        formulation: As of `march`.
+        evaluation: As of `march`.
         scaling: The scaling in use, as of `march`, for the tolerances on scaled unknowns and
             for the diagnosis.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
-        tolerance: A tolerance of one's own on Newton's correction, to be diagnosed: on its
+        tolerance: A tolerance of your own on Newton's correction, to be diagnosed: on its
             whole norm, or unknown → tolerance.
         tested: Whether it is tested on ``"scaled"`` or on ``"physical"`` unknowns.
-        residual_tolerance: A tolerance of one's own on the residual's norm.
+        residual_tolerance: A tolerance of your own on the residual's norm.
         residual_tested: Whether the residual is tested ``"before"`` or ``"after"`` its rows are
             scaled.
         precision: ``"float64"`` or ``"float32"``, for the diagnosis and the noise of λ.

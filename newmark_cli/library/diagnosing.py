@@ -94,7 +94,7 @@ def diagnosed(
     schemes: Mapping[float, Scheme],
     floors: Mapping[float, Sequence[Floor]],
 ) -> Iterator[str]:
-    """What is wrong, or right, with each of the tests, in a sentence.
+    """Say what is wrong, or right, with each of the tests, in a sentence.
 
     Args:
         tests: The tests.
@@ -212,7 +212,7 @@ def _verdict(
 
 
 def one_sided(scheme: Scheme, order: float, condition: Mapping[str, float]) -> Iterable[str]:
-    """What a scaling other than the optimal one leaves undone.
+    """Say what a scaling other than the optimal one leaves undone.
 
     Args:
         scheme: With the scaling.

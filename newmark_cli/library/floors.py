@@ -33,9 +33,13 @@ def floor(
         subject: What `problem` takes, or matrices at one state, as `advise` takes them.
         h: Step size (s).
         form: Name of a form, such as ``"v-lambda"``.
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it.
-        formulation, evaluation, precision, preconditioning: As of `march`.
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it.
+        formulation: As of `march`.
+        evaluation: As of `march`.
+        precision: As of `march`.
+        preconditioning: As ``scaling`` of `march`.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
 

@@ -35,7 +35,7 @@ _MUCH = 100.0
 
 @dataclass(frozen=True)
 class JacobianAdvice:
-    """What is known of Jacobians of which only the blocks are.
+    """Facts about Jacobians of which only the blocks are known.
 
     Attributes:
         form: Name of the form.
@@ -114,7 +114,7 @@ def advise_jacobian(
     gamma: float | None = None,
     integrator: Any = None,
 ) -> JacobianAdvice:
-    """Which scaling is in a Jacobian of one's own, and what to multiply it by.
+    """Find the scaling that is in a Jacobian of your own, and what to multiply it by.
 
     With one Jacobian the answer is an inference: the blocks of G and Gᵀ, and of V and K, say
     which sides are scaled, and only the sizes of M and G can tell what they leave open.  With
@@ -127,8 +127,9 @@ def advise_jacobian(
         blocks: Unknown → size, in the order of the columns; rows in the order D, V, K, C. As
             text ``"u=8,lambda=7"``.
         h: Step size (s) of each.
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it.
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it.
 
     Returns:
         The advice.
@@ -374,7 +375,7 @@ def _measured(
 def _formulas(
     form: Form, found: str, powers: tuple[Array, Array] | None, blocks: list[list[Array]]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """What takes the blocks from the scaling that is in them to the optimal one."""
+    """Factors from the scaling that is in the blocks to the optimal one."""
     optimal = named_scaling("optimal", form)
     if found != OTHER:
         present: Scaling = named_scaling(found, form)
@@ -458,8 +459,9 @@ def _findings(
         yield f"the scaling in it is {found}: the orders of its blocks in h are measured"
     elif not implied:
         yield (
-            "the scaling in it is none of the four: its blocks of G and Gᵀ do not fit. The factors "
-            "bring its blocks to one size; a second Jacobian at another h would tell their powers"
+            "the scaling in it is not one of the four: its blocks of G and Gᵀ do not fit. The "
+            "factors bring its blocks to one size; a second Jacobian at another h would tell "
+            "their powers"
         )
     else:
         sizes = "; ".join(

@@ -1,4 +1,4 @@
-"""What advice is about: a problem at states of its motion, or matrices at one state."""
+"""The subject of advice: a problem at states of its motion, or matrices at one state."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -270,7 +270,7 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
 
 
 def subject_of(given: Any, t_end: float | None = None) -> Subject:
-    """What advice is about, from whatever describes it.
+    """Find the subject of advice, from whatever describes it.
 
     Args:
         given: What `problem` takes; a path of matrices; a mapping with M and G.

@@ -102,7 +102,7 @@ class Steps(Iterator[Step]):
 
     @property
     def trajectory(self) -> Trajectory:
-        """What was kept so far; usable at any time."""
+        """The steps kept so far; usable at any time."""
         return self._recorder.trajectory("" if self._over else "stopped")
 
 
@@ -272,9 +272,10 @@ def march(
             trajectory tells which they are.  Without ``t_end`` the march ends at the last.
         keep: Which of ``"u"``, ``"v"``, ``"a"``, ``"lambda"``; ``()`` keeps only the
             ``state`` at the end.
-        u0, v0: Start of one's own: (n,) coordinates (m) and velocities (m/s), or a dict of
-            points, ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is
-            not given is the problem's.
+        u0: Coordinates of a start of your own, (n,) (m), or a dict of points,
+            ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is not given is
+            the problem's.
+        v0: Velocities of the start (m/s), given likewise.
         project: Replace a start that misses the constraints by the nearest that meets
             them: first the coordinates, then the velocities, in the norm of M.
         state: Go on from a `Step` in place of the start.  With the same integrator and
@@ -315,7 +316,7 @@ def march(
         >>> later.t.round(3).tolist(), later.u.shape
         ([0.04], (1, 8))
 
-        A start of one's own, brought onto the constraints:
+        A start of your own, brought onto the constraints:
 
         >>> thrown = newmark.march(
         ...     "pendulum", h=1e-2, t_end=1.0, u0={"P": (2.0, 0.0)}, v0=[0.5, 1.0], project=True
@@ -376,13 +377,16 @@ def steps(
     """A march that is stepped: the same as `march` with ``steps=True``.
 
     Args:
-        problem, h, t_end, **options: As of `march`; without ``t_end`` it has no end.
+        problem: As of `march`.
+        h: Step size (s).
+        t_end: As of `march`; without it the march has no end.
+        **options: Further arguments of `march`.
 
     Returns:
         An iterator over the steps that are kept.
 
     Raises:
-        ArgumentError and others: As `march`.
+        NewmarkError: As `march`.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -433,7 +437,7 @@ def _krylov(given: Any) -> Krylov | None:
 
 
 def _require_fit(problem: Problem, scheme: Scheme, linear_solver: str) -> None:
-    """What the problem must be for the scheme."""
+    """Refuse a scheme that the problem is not fit for."""
     if scheme.evaluation == COMPENSATED and not problem.quadratic:
         raise ArgumentError(
             "evaluation: compensated needs constraints that are quadratic in u and do not "

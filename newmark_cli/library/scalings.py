@@ -16,7 +16,7 @@ from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 
 @dataclass(frozen=True)
 class Factors:
-    """What a form's equations and unknowns are multiplied by: (D_L J D_R) q̄ = −D_L b, eq. 9.
+    """Factors of a form's equations and unknowns: (D_L J D_R) q̄ = −D_L b, eq. 9.
 
     Attributes:
         form: Name of the form.
@@ -63,13 +63,14 @@ def scaling(
     preconditioning: Any = "optimal",
     formulation: Any = INDEX_3,
 ) -> Factors:
-    """The scaling of a form: Table 2 of the paper, or one of one's own, in numbers.
+    """The scaling of a form: Table 2 of the paper, or one of your own, in numbers.
 
     Args:
         form: Name of a form, such as ``"v-lambda"``.
         h: Step size (s).
-        beta, gamma: Parameters of Newmark's scheme; 1/4 and 1/2 when omitted.
-        integrator: In their place an integrator, as `march` takes it; its β and γ are then
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it; its β and γ are then
             those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
         preconditioning: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``,
             ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
@@ -82,7 +83,7 @@ def scaling(
     Raises:
         ArgumentError: For an unknown form or variant, or a step size that is not positive.
         IntegratorError: For β, γ that give no usable scheme.
-        DocumentError, ScalingError: For a scaling of one's own that cannot be used.
+        DocumentError, ScalingError: If a scaling of your own cannot be used.
 
     Examples:
         >>> import newmark_cli as newmark

@@ -42,7 +42,7 @@ def run(
 ) -> "pd.DataFrame":
     """Run a study; the rows of its CSV.
 
-    Cells that do not end well are no exception: the column ``status`` says how each ended,
+    Cells that do not end well raise nothing: the column ``status`` says how each ended,
     as in the CSV.
 
     Args:
@@ -106,7 +106,7 @@ def _read(folder: Path, study: str) -> "pd.DataFrame":
 
 
 def trajectories(given: Any, study: str | None = None) -> "pd.DataFrame":
-    """What the cells of a study kept of their marches, with ``measure: trajectory``.
+    """Trajectories that the cells of a study kept, with ``measure: trajectory``.
 
     Args:
         given: Rows as `run` returns them, or a results folder.
@@ -205,7 +205,7 @@ def plot(
         A figure of matplotlib, which a notebook shows and ``savefig`` writes.
 
     Raises:
-        ArgumentError: When there is no such figure; says which there are.
+        ArgumentError: If there is no such figure; names those there are.
         InputError: When nothing can be drawn.
 
     Examples:

@@ -26,7 +26,8 @@ def linear_systems(
     stands; the command ``export`` writes them.  When the march ends early, so do they.
 
     Args:
-        problem, h: As of `march`.
+        problem: As of `march`.
+        h: Step size (s).
         steps: In which steps, the first being 1.
         every_iteration: Systems of all iterations, not of the first and the last of a step.
         **options: Further arguments of `march`, such as ``form``, ``scaling``,
@@ -39,9 +40,9 @@ def linear_systems(
         ``solution()`` to 60 digits.
 
     Raises:
-        ArgumentError: For steps that are no numbers from 1 on, and as `march`.
-        InputError: In single precision, whose systems are not to be had.
-        ProblemError, DocumentError, IntegratorError, ScalingError: As `march`.
+        ArgumentError: If steps are not whole numbers from 1 on, and as `march`.
+        InputError: In single precision, whose systems cannot be exported.
+        NewmarkError: As `march`.
 
     Examples:
         >>> import newmark_cli as newmark

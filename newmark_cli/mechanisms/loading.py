@@ -68,9 +68,9 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
             if key in document.data:
                 raise document.error((key,), message)
         bodies = document.data.get("bodies")
-        for name, body in bodies.items() if isinstance(bodies, dict) else ():
+        for key, body in bodies.items() if isinstance(bodies, dict) else ():
             if isinstance(body, dict) and "position" in body:
-                raise document.error(("bodies", name, "position"), message)
+                raise document.error(("bodies", key, "position"), message)
     return planar.built(name, document, code)
 
 

@@ -1,4 +1,4 @@
-"""What a mechanism file may say: points, two-point bodies, springs, torques, gravity.
+"""Keys of a mechanism file: points, two-point bodies, springs, torques, gravity.
 
 Nothing is built here, and what compiles is not imported; see `newmark_cli.mechanisms.planar`.
 """

@@ -236,7 +236,9 @@ def _described(spec: PythonFactory) -> Problem:
     except apart.ApartError as error:
         raise ProblemError(f"{spec.spelled}: cannot be loaded: {error}") from None
     if not isinstance(found, Problem):
-        raise ProblemError(f"{spec.spelled}: cannot be loaded: gave back what is no problem")
+        raise ProblemError(
+            f"{spec.spelled}: cannot be loaded: returned something that is not a problem"
+        )
     return found
 
 

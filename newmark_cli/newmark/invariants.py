@@ -1,4 +1,4 @@
-"""What an exact motion keeps: constraints, their rates, the multipliers, the energy."""
+"""Invariants of an exact motion: constraints, their rates, the multipliers, the energy."""
 
 from typing import NamedTuple
 

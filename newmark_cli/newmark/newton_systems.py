@@ -177,7 +177,7 @@ def newton_systems(
     """
     if march.scheme.precision != "float64":
         raise InputError(
-            f"precision {march.scheme.precision}: only systems of marches in float64 are to be "
+            f"precision {march.scheme.precision}: only systems of marches in float64 can be "
             "had; others are assembled and solved inside the compiled kernel"
         )
     return _observed(march, steps, every_iteration, on_steps)

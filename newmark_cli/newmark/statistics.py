@@ -1,4 +1,4 @@
-"""What a cell reports: quantities, and their statistics over its steps."""
+"""Quantities that a cell reports, and their statistics over its steps."""
 
 from dataclasses import dataclass
 

@@ -43,7 +43,7 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class _Carried:
-    """What a march needs to go on from a step to the same bits.
+    """All that a march needs to continue from a step to the same bits.
 
     Attributes:
         state: A copy of the march's state.
@@ -305,7 +305,7 @@ class Trajectory:
             name: One of `output_names`.
 
         Raises:
-            ArgumentError: When there is no such output, or u, v or λ were not kept.
+            ArgumentError: If there is no such output, or u, v or λ were not kept.
 
         Examples:
             How fast the heavy top spins about the vertical axis of its disc:
@@ -325,7 +325,7 @@ class Trajectory:
             field: ``"u"``, ``"v"`` or ``"a"``.
 
         Raises:
-            ArgumentError: When there is no such coordinate, or it was not kept.
+            ArgumentError: If there is no such coordinate, or it was not kept.
 
         Examples:
             >>> import newmark_cli as newmark
@@ -346,7 +346,7 @@ class Trajectory:
             name: One of `constraint_names`.
 
         Raises:
-            ArgumentError: When there is no such constraint, or λ was not kept.
+            ArgumentError: If there is no such constraint, or λ was not kept.
 
         Examples:
             A pendulum that was released from the horizontal: λ = 3 y, here with y = −1.
@@ -364,7 +364,7 @@ class Trajectory:
         return self._array(name)
 
     def to_frame(self) -> "pd.DataFrame":
-        """What was kept as a table, a row for each step.
+        """The kept steps as a table, a row for each.
 
         Returns:
             Columns ``t``, ``u[A.x]`` …, ``v[A.x]`` …, ``a[A.x]`` …, ``lambda[bars.link]`` …

@@ -1,4 +1,4 @@
-"""What the core asks of a problem: M v' = f + Gλ, u' = v, 0 = Φ."""
+"""Problems as the core needs them: M v' = f + Gλ, u' = v, 0 = Φ."""
 
 import hashlib
 import math
@@ -42,7 +42,7 @@ class Pattern(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What a problem's function produces at one state; matrices as values at the pattern."""
+    """Values of a problem's function at one state; matrices as values at the pattern."""
 
     force: Array  #: (n,) f + Gλ
     phi: Array  #: (m,) Φ
@@ -82,7 +82,7 @@ class Terms(NamedTuple):
 
 
 class Outputs(Protocol):
-    """What follows from a state besides coordinates and multipliers, by name."""
+    """Outputs that follow from a state besides coordinates and multipliers, by name."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -208,7 +208,7 @@ class Problem:
     # Made when they are asked for: a mechanism may have a million points.
     @cached_property
     def drawing(self) -> Any:
-        """What a figure of the problem is drawn from; None if it has none."""
+        """Data that a figure of the problem is drawn from; None if it has none."""
         return self.drawing_given() if callable(self.drawing_given) else self.drawing_given
 
     @cached_property
@@ -341,7 +341,9 @@ class Problem:
 
         Args:
             t: Time (s).
-            u, v, w: (n,) coordinates, velocities and accelerations.
+            u: (n,) coordinates.
+            v: (n,) velocities.
+            w: (n,) accelerations.
         """
         entries = len(self.pattern.g_rows)
         rows = ConstraintRows(

@@ -1,1 +1,1 @@
-"""Reports: fits, verdicts and figures, from the CSVs alone."""
+"""Reports: fits, verdicts and figures, from the CSVs only."""

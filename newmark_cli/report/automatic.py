@@ -449,7 +449,7 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
 
 
 def _told(where: Mapping[str, str], kind: str, spelled: "_Slugs") -> list[str]:
-    """What a file's name says of a figure, in the order in which people look for it."""
+    """Parts of a figure's file name, in the order in which people look for them."""
     order = ("problem", "form", "measure", "quantity", "initial")
     told = []
     for axis in (*order, *(axis for axis in where if axis not in order)):

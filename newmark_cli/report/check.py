@@ -1,4 +1,4 @@
-"""What `check` says: slopes beside predictions, and the claims of the figures."""
+"""Output of `check`: slopes next to predictions, and the claims of the figures."""
 
 import math
 from collections import Counter
@@ -68,7 +68,7 @@ class Floors:
 
 
 def _floors(slopes: Sequence[Slope]) -> list[Floors]:
-    """What is claimed of each study that has both corrections and their predicted floors.
+    """Claims about each study that has both corrections and their predicted floors.
 
     Nine in ten of a few points would mean all of them; and where a Krylov solver stops,
     rounding is not what is left.
@@ -277,7 +277,7 @@ def format_verdict(slope: Slope) -> str:
 
 
 def warning(slopes: Iterable[Slope]) -> str:
-    """What a check that passes must still say: how many series it could not judge."""
+    """Warning of a check that passes: how many series it could not judge."""
     counted = Counter(slope.verdict for slope in slopes if not slope.accepted)
     parts = [f"{counted[word]} {word}" for word in UNDECIDED if counted[word]]
     return f"warning: not judged: {', '.join(parts)}" if parts else ""

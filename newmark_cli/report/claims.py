@@ -1,4 +1,4 @@
-"""What figures past the paper must show, as data: a kind of claim for each idea.
+"""Claims about figures past the paper, as data: a kind of claim for each idea.
 
 A claim reads series of the CSVs alone and comes to a `Finding`.
 """
@@ -18,7 +18,7 @@ from newmark_cli.study.measures import RECORDS
 
 
 class Series(Protocol):
-    """What a claim reads of a series; see `newmark_cli.report.slopes.Slope`."""
+    """The part of a series that a claim reads; see `newmark_cli.report.slopes.Slope`."""
 
     @property
     def h(self) -> Array:
@@ -39,7 +39,7 @@ Find = Callable[[Curve], Series | None]
 
 @dataclass(frozen=True)
 class Finding:
-    """What a claim comes to.
+    """The result of a claim.
 
     Attributes:
         measured: As text.

@@ -51,7 +51,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two results folders have in common, and what not.
+    """Differences between two results folders, and what they have in common.
 
     Attributes:
         folders: The two.
@@ -91,7 +91,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class _Folder:
-    """What is read of one results folder."""
+    """The content of one results folder, as far as it is compared."""
 
     path: Path
     frames: Mapping[str, pd.DataFrame]

@@ -1,4 +1,4 @@
-"""What a study's CSV says that no run has written: found without computing anything again.
+"""Contradictions in a study's CSV, which no run writes: found without recomputing anything.
 
 A CSV says many things twice.  Steps follow from h and t_end; a mean over N steps is a
 multiple of 1/N; rms, max and median bound each other; physical corrections are scaled
@@ -91,7 +91,7 @@ class Contradiction:
 def _cell(
     texts: Mapping[str, str], numbers: Mapping[str, float], known: dict[CellKey, CellKey]
 ) -> CellKey:
-    """What tells the cell of a row from others; one object for all its rows.
+    """Labels that tell the cell of a row from others; one object for all its rows.
 
     Args:
         texts, numbers: Of the row.
@@ -142,7 +142,7 @@ class _Row:
 
     @property
     def name(self) -> tuple[str, str, str, str]:
-        """What tells it from the other rows of its cell."""
+        """Labels that tell it from the other rows of its cell."""
         return tuple(self.texts[c] for c in ("measure", "quantity", "role", "row_block"))  # type: ignore[return-value]
 
 
@@ -160,7 +160,7 @@ class _Segment:
 
 
 def contradictions(path: Path, texts: Table, record: Mapping[str, Any]) -> list[Contradiction]:
-    """What a CSV says that no run has written.
+    """Find what a CSV says that no run writes.
 
     Args:
         path: The CSV.
@@ -251,8 +251,8 @@ def _outcome(row: _Row) -> Iterator[str]:
         total = round(mean * steps) if math.isfinite(mean) else 0
         if total < steps or total / steps != mean:
             yield (
-                f"newton_iterations is {row.texts['newton_iterations']!r}, which is no mean over "
-                f"{steps:.0f} steps"
+                f"newton_iterations is {row.texts['newton_iterations']!r}, which is not a mean "
+                f"over {steps:.0f} steps"
             )
     elif status in _COMPLETED and not math.isnan(mean):
         yield "newton_iterations without steps"
@@ -303,7 +303,7 @@ def _statistics(row: _Row) -> Iterator[str]:
     if measure == "condition" and row.texts["linear_solver"] == DENSE and min(values) < 1 - 1e-6:
         yield f"a condition number of {min(values):g} is below 1"
     if measure in ("tolerance", "krylov_iterations") and (largest % 1 or last % 1 or median % 0.5):
-        yield "iterations are no whole numbers"
+        yield "iterations are not whole numbers"
     if measure == "tolerance" and row["newton_iterations"] > rms * (1 + _SLACK):
         mean = f"{row['newton_iterations']:g}"
         yield f"{mean} newton_iterations on average are above their rms {rms:g}"
@@ -489,7 +489,7 @@ def _of_sensitivities(rows: Iterable[_Row]) -> Iterator[tuple[int, str]]:
 
 
 def _factor(row: _Row, quantity: str, block: str, scaling: str) -> float:
-    """What a scaling divides a sensitivity by; 0 where that is not known."""
+    """Factor by which a scaling divides a sensitivity; 0 if it is not known."""
     words = (row.texts[column] for column in ("integrator", "form", "formulation"))
     scheme = _scheme(*words, scaling, row["h"])
     if scheme is None or quantity not in scheme.form.unknowns or block not in scheme.form.rows:
@@ -543,7 +543,7 @@ def _of_record(rows: Sequence[_Row], record: Mapping[str, Any]) -> Iterator[tupl
 
 
 def _listed(cell: Mapping[str, Any]) -> tuple[CellKey, str]:
-    """What tells a cell of the record from others, and how it ended."""
+    """Labels that tell a cell of the record from others, and how it ended."""
     named = [
         float(cell["h"]) if axis.name == "h" else axis.same(str(cell.get(axis.name, axis.usual)))
         for axis in _AXES
@@ -574,7 +574,7 @@ def _grid(config: Any) -> Iterator[tuple[CellKey, tuple[str, ...]]]:
 
 
 def _several(case: Mapping[str, Any], axis: axes.Axis) -> Sequence[Any]:
-    """What a case gives for an axis; older configs do not have all of them."""
+    """Values that a case gives for an axis; older configs lack some axes."""
     if axis.name in case:
         return case[axis.name] if axis.many else (case[axis.name],)
     if axis.name == "stop":

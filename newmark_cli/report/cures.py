@@ -80,13 +80,13 @@ class Cure:
 
     @property
     def on(self) -> "Cure":
-        """What of it remains in the matrix of Newton's iteration."""
+        """The part of it that remains in the matrix of Newton's iteration."""
         of_matrix = ("preconditioning", "formulation")
         return Cure(self.name, {k: v for k, v in self.axes.items() if k in of_matrix})
 
     @property
     def needs(self) -> str:
-        """What a problem or a user must supply besides what index 3 takes."""
+        """Inputs that a problem or a user must supply besides those of index 3."""
         formulation = Formulation.parse(self.axes.get("formulation", "index-3"))
         projection = Projection.parse(self.axes.get("projection", "none"))
         found = []

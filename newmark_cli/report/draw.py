@@ -168,7 +168,7 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
 
 
 def _write(axes: Any, panel: Panel) -> None:
-    """What is written among the traces."""
+    """Texts among the traces."""
     for line in panel.references:
         if line.text:
             axes.annotate(

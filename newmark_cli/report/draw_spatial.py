@@ -153,7 +153,7 @@ def _mark(axes: Any, place: complex, marker: str, color: str) -> None:
 
 
 def _ends(model: "SpatialModel", name: str) -> Iterator[str]:
-    """What a body reaches from its centre: its joints and points."""
+    """Points that a body is drawn to from its centre: its joints and points."""
     number = model.bodies.index(name)
     for joint, made in model.joints.items():
         for k, side in enumerate(made.sides):
@@ -292,7 +292,7 @@ def _labels(axes: Any, model: "SpatialModel", at: Mapping[str, complex], size: f
 
 
 def symbols(model: "SpatialModel") -> Symbols:
-    """What a key explains."""
+    """Entries of a key."""
     mechanism = model.mechanism
     dot = {"linestyle": "none", "color": "black", "markersize": 4}
     found: dict[str, Mapping[str, Any]] = {

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Results:
-    """What a figure is made from.
+    """The data that a figure is made from.
 
     Attributes:
         folder: Results folder.
@@ -79,7 +79,7 @@ def _lacks(path: Path, figure: "Figure", missing: Iterable[str]) -> ResultsError
 
 
 class Figure(Protocol):
-    """What every kind of figure says by itself."""
+    """Members of every kind of figure."""
 
     @property
     def name(self) -> str:
@@ -87,7 +87,7 @@ class Figure(Protocol):
 
     @property
     def title(self) -> str:
-        """What it shows."""
+        """The curves or cells that it shows."""
 
     @property
     def study(self) -> str:
@@ -99,7 +99,7 @@ class Figure(Protocol):
 
     @property
     def claims(self) -> tuple[Claim, ...]:
-        """What they must show."""
+        """Claims that they must meet."""
 
     @property
     def tolerance(self) -> float | None:

@@ -1,4 +1,4 @@
-"""Tables 1 and 2 of the paper: every entry predicted beside measured.
+"""Tables 1 and 2 of the paper: every entry predicted next to measured.
 
 Measured values come from the slopes of the study `all-forms`:
 

@@ -17,7 +17,7 @@ class Part:
 
 @dataclass(frozen=True)
 class OfParts:
-    """What figures of a study share that nobody has drawn up by hand; they claim nothing.
+    """The parts that automatic figures of a study share; they claim nothing.
 
     Attributes:
         name: Of its files.

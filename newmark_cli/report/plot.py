@@ -197,7 +197,7 @@ def enough(results: Results) -> tuple[list[Figure], list[Figure]]:
 
 
 def how_to_get(lacking: Sequence[Figure]) -> str:
-    """What to run for figures, in one line."""
+    """The studies to run for figures, in one line."""
     studies = dict.fromkeys(figure.study for figure in lacking)
     names = ", ".join(figure.name for figure in lacking)
     return (

@@ -1,4 +1,4 @@
-"""Reading provenance back: what stands beside CSVs, for people, and their checksums."""
+"""Reading provenance back: the records next to CSVs, for people, and their checksums."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -59,7 +59,7 @@ def known(path: Path, content: bytes | OSError | None = None) -> dict[str, Any]:
 
 
 def environment(record: Mapping[str, Any]) -> dict[str, str]:
-    """What results were computed with, by name; without what the record lacks."""
+    """Versions that results were computed with, by name, as far as the record has them."""
     source, blas, machine = (_mapping(record, key) for key in ("source", "blas", "platform"))
     threads = {name: count for name, count in _mapping(blas, "threads").items() if count}
     facts = {
@@ -78,7 +78,7 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
 
 
 def facts(record: Mapping[str, Any]) -> dict[str, str]:
-    """What a record says of a run, by name, its environment included."""
+    """Entries of a record about a run, by name, its environment included."""
     return {
         "finished": str(record.get("finished", UNKNOWN)),
         "cells": _counted(cells_of(record)),
@@ -141,7 +141,7 @@ def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]
 
 
 def description(record: Mapping[str, Any]) -> str:
-    """What the config says of the study in one line; empty where it says nothing."""
+    """The config's description of the study in one line; empty if there is none."""
     return str(_mapping(record, "config").get("description") or "")
 
 

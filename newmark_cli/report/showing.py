@@ -66,7 +66,7 @@ class Shown:
 
     @property
     def measures(self) -> list[str]:
-        """What was measured."""
+        """The measure."""
         return list(dict.fromkeys(slope.measure for slope in self.slopes if slope.measure))
 
     @property
@@ -226,12 +226,12 @@ def _table(slopes: Sequence[Slope]) -> str:
 
 
 def _own(slope: Slope) -> list[str]:
-    """What tells a series from others of its table, without what goes without saying."""
+    """Labels that tell a series from others of its table, without usual values."""
     return slope.key.besides(*_TABLE)
 
 
 def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
-    """What all series of a table have in common, and what tells each from the others."""
+    """Labels that all series of a table share, and those that tell each from the others."""
     common: list[str] = []
     names: list[list[str]] = [[] for _ in slopes]
     for axis in axes.series_axes():

@@ -1,4 +1,4 @@
-"""Fitted slopes beside predicted orders, with verdicts: what `check` asserts.
+"""Fitted slopes next to predicted orders, with verdicts: what `check` asserts.
 
 One `Slope` for each series in the CSVs: the rows of one study that differ in
 the step size alone.  Predictions come from exponent arithmetic
@@ -68,6 +68,21 @@ COLUMNS = axes.appended(
         *((3, name) for name in ("h_from", "h_to", "local_orders", "reason")),
     )
 )
+#: What each column holds.
+ABOUT: Mapping[str, str] = {
+    **{each.name: each.shows or each.about for each in axes.series_axes() if each.column},
+    "figure": "figures that draw the series",
+    "slope": "fitted slope",
+    "stderr": "its standard error",
+    "points": "how many step sizes the fit is for",
+    "expected": "predicted order; empty where theory predicts none",
+    "tolerance": "largest |slope − expected| that passes",
+    "verdict": "see the verdicts in “Reading results”",
+    "h_from": "largest step size of the fit",
+    "h_to": "smallest step size of the fit",
+    "local_orders": "orders between successive step sizes",
+    "reason": "why the verdict is not a plain pass",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +144,7 @@ class Slope:
 
     @property
     def record(self) -> Record:
-        """What there is to know of its measure."""
+        """The record of its measure."""
         return RECORDS[self.key.measure]
 
     def row(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def predict(
 
     Args:
         form: Name of a form.
-        preconditioning: Variant or scaling of one's own.
+        preconditioning: Variant, or a scaling of your own.
         evaluation: How residuals are evaluated.
         formulation: Label of a formulation.
 
@@ -132,7 +132,7 @@ def as_text(found: Mapping[str, Any]) -> str:
             f"({names}: a lower bound of the order; differences in rows V and K are often exact)"
         )
     if "lambda" not in found["inverse"]:
-        lines.append("(λ is no unknown of the linear system: each iteration updates it by −pΦ)")
+        lines.append("(λ is not an unknown of the linear system: each iteration updates it by −pΦ)")
     return "\n".join(lines)
 
 

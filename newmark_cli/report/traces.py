@@ -208,7 +208,7 @@ def in_words(name: str, slope: "Slope") -> str:
 
 
 def quantity(series: "Slope | Curve") -> str:
-    """What a series measures, in the field's symbols."""
+    """The quantity that a series measures, in the field's symbols."""
     return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"
 
 
@@ -226,7 +226,7 @@ def _linear_limits(slopes: Sequence["Slope"]) -> tuple[float, float] | None:
 
 
 def _solver_limits(slopes: Sequence["Slope"]) -> tuple[Level, ...]:
-    """What the open markers of cells that stagnated are: as many iterations as were allowed."""
+    """Meaning of the open markers of cells that stagnated: as many iterations as were allowed."""
     found = [
         float(value)
         for slope in slopes

@@ -55,7 +55,7 @@ def _of_cells(record: Mapping[str, Any]) -> dict[tuple[Any, ...], float]:
 
 
 def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
-    """What tells a cell from others besides its step size, from its record or a series."""
+    """Labels that tell a cell from others besides its step size, from its record or a series."""
     return tuple(
         each.same(str(given.get(each.name, each.usual)))
         for each in axes.cell_axes()

@@ -1,1 +1,1 @@
-"""Running studies: planning, executors, kept cells, locks, merging."""
+"""Running studies: planning, executors, cached cells, locks, merging."""

@@ -129,7 +129,7 @@ def cluster(
 
 @dataclass(frozen=True)
 class _Core:
-    """What the numbers come from; see `newmark_cli.running.store`.
+    """Sources of the numbers; see `newmark_cli.running.store`.
 
     Attributes:
         digest: Of the numerical core.
@@ -192,7 +192,7 @@ def _as_done(
 
 
 def _result(future: Any, address: str | None) -> Done | None:
-    """What a cell found; None when the workers that it was given to have died."""
+    """Outcome of a cell; None if the workers that it was given to have died."""
     import distributed
     from distributed.scheduler import NoWorkerError
 

@@ -105,12 +105,12 @@ def perform(
 
 
 def overtime(timeout: float) -> Outcome:
-    """What becomes of a cell that takes longer than it may (s)."""
+    """Outcome of a cell that takes longer than it may (s)."""
     return failed(f"took longer than {timeout:g} s")
 
 
 def failed(reason: str) -> Outcome:
-    """What becomes of a cell that does not end by itself."""
+    """Outcome of a cell that does not end by itself."""
     return Outcome([], 0, np.nan, "failed", reason)
 
 
@@ -154,7 +154,9 @@ class Apart:
                 with self._guard:
                     self._running.discard(process)
         if not isinstance(done, Done):
-            return Done(failed("gave back what is no result"), time.perf_counter() - start)
+            return Done(
+                failed("returned something that is not a result"), time.perf_counter() - start
+            )
         return done
 
     def end(self) -> None:

@@ -226,7 +226,7 @@ def _among(described: Iterable[Mapping[str, Any]], kept: store.Kept) -> bool:
 
 
 def _told(kept: store.Kept) -> set[str]:
-    """What a record and a kept cell say in the same words."""
+    """Labels that a record and a cached cell have in common."""
     return set(kept.labels) - {"stop"}
 
 

@@ -102,7 +102,7 @@ class Watcher:
     """Told what happens while studies run; this one does nothing."""
 
     def planned(self, plan: Sequence[Planned]) -> None:
-        """What is to be done and what is kept."""
+        """Cells to compute, and cells that are cached."""
 
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
@@ -533,5 +533,5 @@ def _quiet_facts(problem: Problem, t_end: float, h: float, amplified: bool) -> m
 
 
 def weight(planned: Sequence[Planned]) -> int:
-    """What `Watcher.steps` is told in all when a plan is carried out."""
+    """Total of the steps that `Watcher.steps` is told of when a plan is carried out."""
     return sum(one.cell.weight for one in planned if one.done is None)

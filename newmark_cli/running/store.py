@@ -69,7 +69,7 @@ def file_name(cell: Cell) -> str:
 
 
 def opened(file: Path) -> Kept | None:
-    """What a file of a finished cell holds; None when it is damaged."""
+    """Content of a file of a finished cell; None if it is damaged."""
     record = sealed.read(file)
     try:
         if record is None or _Key(**record["key"]).file != file.name:
@@ -137,9 +137,9 @@ class Store:
         if record is not None:
             outcome = record.get("outcome")
             reason = outcome.get("reason") if isinstance(outcome, dict) else None
-            return f"failed before: {reason}" if reason else "kept result is damaged"
+            return f"failed before: {reason}" if reason else "cached result is damaged"
         if os.path.lexists(self._folder / key.file):
-            return "kept result is damaged"
+            return "cached result is damaged"
         others = [
             other
             for file in self._of_cell(key)

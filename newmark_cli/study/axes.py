@@ -64,6 +64,7 @@ class Axis:
             is not the config's.
         default: What a config that lacks the key means.
         about: What the key means, for JSON Schema and the docs.
+        shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
         many: Whether a config may give several values, which then span a grid.
         value: Value of a cell from one of the config's.
     """
@@ -82,6 +83,7 @@ class Axis:
     config: Callable[[], Any] | None = None
     default: Any = ...
     about: str = ""
+    shows: str = ""
     many: bool = True
     value: Callable[[Any], Any] = lambda given: given
 
@@ -126,13 +128,14 @@ def _keys() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """What one cell computes; steps = 0 measures at the consistent initial state."""
+    """One cell's computation; steps = 0 measures at the consistent initial state."""
 
     problem: "ProblemSpec" = axis(
         write=lambda cell: cell.problem.label,
         since=(0, 1),
         config=lambda: _keys().Problems,
         about="name of a problem, mechanism file, family with its size, Python factory, or a list",
+        shows="the problem, as the config names it",
     )
     integrator: Integrator = axis(
         write=lambda cell: cell.integrator.label,
@@ -141,6 +144,7 @@ class Cell:
         config=lambda: _keys().Integrators,
         default=lambda: (_keys().IntegratorConfig(),),
         about="an integrator or a list; default: trapezoidal",
+        shows="method and parameters",
         value=lambda given: given.integrator(),
     )
     form: str = axis(
@@ -148,6 +152,7 @@ class Cell:
         inner=True,
         config=lambda: _keys().Forms,
         about="name of a form, or a list",
+        shows="the form, by the unknowns that it keeps",
     )
     preconditioning: Preconditioning = axis(
         write=lambda cell: cell.preconditioning.label,
@@ -155,7 +160,9 @@ class Cell:
         since=(0, 0),
         inner=True,
         config=lambda: _keys().Variants,
-        about="variant or scaling of one's own, or a list",
+        about="variant, scaling of your own, or a list",
+        shows="variant, or a scaling of your own with its factors: "
+        "`name[left D=…; right lambda=…]`",
         value=lambda given: _keys().scaling_of(given),
     )
     evaluation: str = axis(
@@ -165,6 +172,7 @@ class Cell:
         config=lambda: _keys().Evaluations,
         default=(DIRECT,),
         about="in the unknowns themselves, or in compensated increments",
+        shows="how residuals are evaluated: `direct` or `compensated`",
     )
     precision: str = axis(
         usual="float64",
@@ -182,7 +190,9 @@ class Cell:
         since=(0, 2),
         config=lambda: _keys().LinearSolvers,
         default=(AUTO,),
-        about="who solves for the corrections; auto: by size",
+        about="what solves for the corrections; auto: by size",
+        shows="what solves for the corrections; with `sparse-lu`, and above 300 unknowns with "
+        "`static-lu`, `condition` is estimated in the 1-norm",
     )
     formulation: Formulation = axis(
         write=lambda cell: cell.formulation.label,
@@ -192,6 +202,7 @@ class Cell:
         config=lambda: _keys().Formulations,
         default=lambda: (_keys().FormulationConfig(),),
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
+        shows="which constraint rows are solved, with the parameter",
         value=lambda given: given.formulation(),
     )
     projection: Projection = axis(
@@ -202,6 +213,7 @@ class Cell:
         config=lambda: _keys().Projections,
         default=lambda: (_keys().ProjectionConfig(),),
         about="what is projected after each step, a name or a mapping, or a list",
+        shows="what is projected after each step",
         value=lambda given: given.projection(),
     )
     multipliers: str = axis(
@@ -212,6 +224,7 @@ class Cell:
         config=lambda: _keys().Reported,
         default=(AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
+        shows="which λ is reported: `newton`, `recovered` or `total`",
     )
     start: str = axis(
         usual=CONSISTENT,
@@ -230,6 +243,7 @@ class Cell:
         config=lambda: _keys().StopConfig | None,
         default=None,
         about="tolerance on the scaled correction; default: where rounding stops it",
+        shows="what stops Newton: `saturation`, which is rounding, or a tolerance",
         value=lambda given: given.tolerance() if given else None,
     )
     h: float = axis(
@@ -238,15 +252,18 @@ class Cell:
         inner=True,
         config=lambda: _keys().StepSizes,
         about="step sizes (s)",
+        shows="step size (s; without unit for the pendulum)",
     )
     t_end: float = setting(
         "end of the march, from 0 (s)",
+        shows="end of the march as configured (s)",
         since=(0, 0),
         config=lambda: _keys().Positive | None,
         default=None,
     )
     steps: int = setting(
         "steps to take, in place of t_end; 0: measure at the initial state",
+        shows="steps taken: whole steps up to `t_end`; 0: measured at the initial state",
         since=(0, 0),
         config=lambda: _keys().StepCount | None,
         default=None,
@@ -272,7 +289,7 @@ class Cell:
         default=32,
     )
     krylov: Krylov | None = setting(
-        "how far gmres and minres go",
+        "when gmres and minres stop",
         column=False,
         initial=None,
         config=lambda: _keys().KrylovConfig,
@@ -286,7 +303,7 @@ class Cell:
         default=None,
     )
     accept: tuple[str, ...] = setting(
-        "statuses of cells that are what the study is about, not failures; not_converging: series",
+        "statuses that the study is about, which are then no failures; not_converging: of series",
         column=False,
         computed=False,
         compare=False,
@@ -319,18 +336,42 @@ class Cell:
 
 @dataclass(frozen=True)
 class RowAxes:
-    """What tells the rows of one cell apart; the attributes of a `Measurement`."""
+    """Axes that tell the rows of one cell apart; the attributes of a `Measurement`."""
 
-    quantity: str = axis(since=(0, 0), cell=False, computed=False)
-    measure: str = axis(since=(0, 0), cell=False, computed=False)
-    role: str = axis(since=(0, 0), series=False, cell=False, computed=False)
+    quantity: str = axis(
+        since=(0, 0),
+        cell=False,
+        computed=False,
+        shows="what the row is about: `u`, `v`, `a`, `lambda`, `eta`, `jacobian`, `newton`, or the "
+        "name of an invariant or an output",
+    )
+    measure: str = axis(
+        since=(0, 0), cell=False, computed=False, shows="what was measured, see the measures"
+    )
+    role: str = axis(
+        since=(0, 0),
+        series=False,
+        cell=False,
+        computed=False,
+        shows="`primary`: an unknown; `recovered`: an eliminated field, whose correction follows "
+        "by the form's weights",
+    )
     row_block: str = axis(
-        "row block", usual="", since=(1, 1), cell=False, computed=False, initial=""
+        "row block",
+        usual="",
+        since=(1, 1),
+        cell=False,
+        computed=False,
+        initial="",
+        shows="perturbed row `D`, `V`, `K` or `C` of a sensitivity; empty otherwise",
     )
 
 
 #: The study, which every row names first.
-STUDY = Axis("study", "study", lambda study: study, since=(0, 0), cell=False, computed=False)
+STUDY = Axis(
+    "study", "study", lambda study: study, since=(0, 0), cell=False, computed=False,
+    shows="name of the study",
+)  # fmt: skip
 #: Whether a series was measured at the initial state, or along a run: the steps say.
 INITIAL = Axis(
     "initial", "start", lambda steps: "start" if steps == 0 else "", usual="", column=False,
@@ -364,7 +405,7 @@ def series_axes() -> tuple[Axis, ...]:
 
 
 def labels(cell: Cell) -> dict[str, Any]:
-    """What tells a cell from others of its study, by column."""
+    """Labels that tell a cell from others of its study, by column."""
     return {each.name: each.write(cell) for each in cell_axes() if each.cell}
 
 
@@ -420,7 +461,7 @@ def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
 
 
 def kept_of(case: Any) -> Kept | None:
-    """What a case keeps of its marches; None where it measures no trajectory."""
+    """The part of its marches that a case keeps; None if it measures no trajectory."""
     if "trajectory" not in case.measure:
         return None
     return Kept() if case.trajectory is None else case.trajectory.kept()
@@ -428,7 +469,7 @@ def kept_of(case: Any) -> Kept | None:
 
 @dataclass(frozen=True)
 class SeriesKey:
-    """What tells a series from all others; every axis of `series_axes` is an attribute.
+    """Labels that tell a series from all others; every axis of `series_axes` is an attribute.
 
     Attributes:
         values: In the order of `series_axes`; all spellings of one value are the same.

@@ -1,4 +1,4 @@
-"""What a cell of a study found, and how it ended."""
+"""Outcome of a cell of a study: measurements and status."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ DRIFTS = ("position", "velocity")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a cell found.
+    """Measurements of a cell, and how it ended.
 
     Attributes:
         measurements: In the order of the CSV's rows.

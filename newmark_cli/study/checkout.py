@@ -40,7 +40,7 @@ def asked(package: Path) -> Source | None:
 
 
 def stamped(package: Path) -> Source | None:
-    """What was stamped into a package when it was built; None without a stamp."""
+    """The commit stamped into a package when it was built; None without a stamp."""
     try:
         stamp = json.loads((package / STAMP).read_text(encoding="utf-8"))
         return Source(commit=str(stamp["commit"]), modified=stamp["modified"])

@@ -100,7 +100,7 @@ class Choice:
 
 @dataclass
 class Exported:
-    """What an export has come to.
+    """The result of an export.
 
     Attributes:
         systems, marches: How many were written.
@@ -128,7 +128,7 @@ class Watcher(Protocol):
 
 
 def marches(cells: Sequence[Cell], exported: Exported) -> list[Cell]:
-    """Cells whose systems are to be had, those of equal systems once.
+    """Cells whose systems can be exported, those of equal systems once.
 
     Args:
         cells: Of a study.
@@ -145,7 +145,7 @@ def marches(cells: Sequence[Cell], exported: Exported) -> list[Cell]:
         elif cell.precision != "float64":
             reason = (
                 f"marches in {cell.precision} are solved inside the compiled kernel, whose "
-                "systems are not to be had"
+                "systems cannot be exported"
             )
         else:
             # What is measured and reported changes no system.
@@ -177,7 +177,7 @@ def write(
         watcher: Told how it goes on.
 
     Raises:
-        InputError: When there is nothing to export, or steps are not to be had.
+        InputError: When there is nothing to export, or the march has no such steps.
         ResultsError: When the folder holds other files or cannot be written.
     """
     exported = Exported()
@@ -313,7 +313,7 @@ def _write_system(
 
 
 def _entry(name: str, cell: Cell, system: NewtonSystem) -> dict[str, Any]:
-    """What the index says of a system."""
+    """The index's entry of a system."""
 
     def blocks(
         names: Sequence[str], factors: dict[str, float], formulas: Any
@@ -345,7 +345,7 @@ def _entry(name: str, cell: Cell, system: NewtonSystem) -> dict[str, Any]:
 
 
 def _comment(entry: dict[str, Any]) -> str:
-    """What a matrix says of itself, for those who have it without its record."""
+    """Comment of a matrix, for those who have it without its record."""
 
     def spelled(blocks: list[dict[str, Any]]) -> str:
         return " ".join(f"{block['name']}:{block['size']}" for block in blocks)

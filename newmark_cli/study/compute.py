@@ -15,7 +15,7 @@ from newmark_cli.study.redundancy import REDUNDANT, Watch
 
 
 def scheme_of(cell: Cell) -> Scheme:
-    """What a cell marches its problem with."""
+    """The scheme with which a cell marches its problem."""
     form = cell.formulated
     return Scheme(
         cell.integrator,

@@ -88,7 +88,7 @@ _MOST_RECORDED = 5_000_000
 
 
 class _Rules(StrictModel):
-    """What ties the keys of a case together; the keys are the axes of `Cell`."""
+    """Rules that tie the keys of a case together; the keys are the axes of `Cell`."""
 
     if TYPE_CHECKING:
 

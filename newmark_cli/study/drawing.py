@@ -1,4 +1,4 @@
-"""What may be said of the figures of a study: in its config, and on the command line.
+"""Choices about the figures of a study: in its config, and on the command line.
 
 Plain values, without pydantic: those who read a study's record need them too.
 """

@@ -1,4 +1,4 @@
-"""What each key of a study config may be, as types that pydantic checks."""
+"""Types of the keys of a study config, which pydantic checks."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -198,7 +198,7 @@ def _blocks(*names: str) -> Shown:
 
 
 class OwnScaling(StrictModel):
-    """A scaling of one's own; blocks that are not named keep factor 1."""
+    """A scaling of your own; blocks that are not named keep the factor 1."""
 
     name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
         description="name in CSVs and figures"
@@ -505,7 +505,7 @@ def _preconditioning(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a config's meaning depends on besides its text.
+    """Context on which a config's meaning depends besides its text.
 
     Attributes:
         folder: Where files that it names are looked for.
@@ -637,7 +637,7 @@ def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonS
             {"type": "string", "enum": list(PROBLEMS)},
             {
                 "type": "string",
-                "description": "mechanism file, looked for beside the config",
+                "description": "mechanism file; its path is relative to the config",
                 "pattern": r"[^/]\.ya?ml/*$",
             },
             *(

@@ -1,4 +1,4 @@
-"""What stands beside a CSV: config, code, versions, machine, wall times, checksums."""
+"""The record next to a CSV: config, code, versions, machine, wall times, checksums."""
 
 import hashlib
 import importlib
@@ -156,7 +156,7 @@ def _told(found: Iterable[str]) -> str:
 
 @cache
 def _loaded() -> list[dict[str, Any]]:
-    """What is known of each BLAS in this process."""
+    """Facts about each BLAS in this process."""
     importlib.import_module("scipy.linalg")  # brings its own
     from threadpoolctl import threadpool_info
 

@@ -33,6 +33,27 @@ COLUMNS = axes.appended(
         *_OUTCOME,
     )
 )
+#: What each column holds.
+ABOUT: Mapping[str, str] = {
+    **{
+        each.name: each.shows or each.about
+        for each in (axes.STUDY, *axes.cell_axes(), *axes.row_axes())
+        if each.column
+    },
+    "rms": "root of the mean square over the steps that count (the sampled ones, for `condition` "
+    "and `sensitivity`); what figures and slopes of corrections use",
+    "max": "largest value over these steps",
+    "median": "median over these steps; what figures and slopes of condition numbers use",
+    "last": "value at the last of these steps",
+    "zeros": "how many values are exactly zero; a log axis cannot show them",
+    "not_converged": "steps that reached the cap of iterations above the terminal-phase threshold; "
+    "they are left out of the statistics",
+    "newton_iterations": "corrections computed per step, mean",
+    "status": "how the cell ended: `ok`, `not_converged`, `stagnated` (a Krylov solver), "
+    "`singular`, `diverged`, `redundant` (in space: a row that was released as redundant is needed "
+    "after all) or `failed`",
+    "met": "steps that met the tolerance; empty where rounding stops Newton",
+}
 #: Columns that hold numbers.
 NUMBERS = frozenset(
     ("h", "t_end", "steps", *(name for _, name in (*_STATISTICS, *_OUTCOME) if name != "status"))

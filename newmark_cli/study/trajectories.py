@@ -44,7 +44,7 @@ def require_parquet() -> None:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What the cells of a study kept of their marches.
+    """Trajectories that the cells of a study kept.
 
     Attributes:
         study: Its name.
@@ -93,7 +93,7 @@ class Table:
 
 
 def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Table | None:
-    """What cells kept; None where they kept nothing.
+    """Trajectories of cells; None if they kept nothing.
 
     Args:
         study: Name of the study.

@@ -6,7 +6,7 @@
 Signals go to all processes of a run, as a terminal or a batch system sends them; with
 ``--one`` only to the one that was started.  Cells run on threads and, in plain Python, in
 processes.  After TERM and INT, which ``mixed`` alternates at random, the exit code and
-the line on stderr must be right: how many cells are kept is counted.  Exits with 1 when
+the line on stderr must be right: how many cells are cached is counted.  Exits with 1 when
 they are not, when anything else is on stderr (such as of semaphores), when the CSVs
 differ, or when a cell ran again that was not in flight when a run was ended.
 
@@ -133,7 +133,7 @@ def wrong(process, folder, ending, new):
     code, word = ENDINGS[ending]
     kept = len(list((folder / "results/cells").glob("*.json")))
     lines = (folder / "stderr").read_text().splitlines()
-    told = f"; {kept} of {CELLS} cells are kept, run the same command again to go on"
+    told = f"; {kept} of {CELLS} cells are cached, run the same command again to continue"
     allowed = [[f"newmark-study: {word}{told}"]] if word else [[]]
     if word and "start " not in new:
         allowed.append([f"newmark-study: {word}"])  # before it knew what there is to do

@@ -12,6 +12,7 @@ something is found.
 
 import argparse
 import base64
+import contextlib
 import json
 import os
 import shutil
@@ -162,6 +163,37 @@ class DevTools:
         return data
 
 
+@contextlib.contextmanager
+def chromium():
+    """A tab of a headless Chromium, with its page, console and network watched."""
+    names = (os.environ.get("CHROMIUM", ""), "chromium", "chromium-browser", "google-chrome")
+    program = next(filter(None, map(shutil.which, filter(None, names))), None)
+    if program is None:
+        sys.exit("no Chromium on the path; set CHROMIUM")
+    with tempfile.TemporaryDirectory() as profile:
+        process = subprocess.Popen(
+            [program, "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
+             f"--user-data-dir={profile}", "about:blank"],
+            stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+        try:
+            noted = Path(profile, "DevToolsActivePort")
+            for _ in range(300):
+                if noted.exists() and noted.read_text().count("\n"):
+                    break
+                time.sleep(0.1)
+            port = noted.read_text().split()[0]
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
+                tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
+            browser = DevTools(tabs[0]["webSocketDebuggerUrl"])
+            for domain in ("Page", "Runtime", "Log", "Network"):
+                browser.call(f"{domain}.enable")
+            yield browser
+        finally:
+            process.terminate()
+            process.wait()
+
+
 def value_of(browser, expression):
     """What an expression comes to on the page."""
     answer = browser.call("Runtime.evaluate", expression=expression, returnByValue=True)
@@ -225,40 +257,16 @@ def main():
     page = arguments.page.resolve(strict=True)
     if arguments.shots:
         arguments.shots.mkdir(parents=True, exist_ok=True)
-    names = (os.environ.get("CHROMIUM", ""), "chromium", "chromium-browser", "google-chrome")
-    program = next(filter(None, map(shutil.which, filter(None, names))), None)
-    if program is None:
-        sys.exit("no Chromium on the path; set CHROMIUM")
-    with tempfile.TemporaryDirectory() as profile:
-        process = subprocess.Popen(
-            [program, "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
-             f"--user-data-dir={profile}", "about:blank"],
-            stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-        )  # fmt: skip
-        try:
-            noted = Path(profile, "DevToolsActivePort")
-            for _ in range(300):
-                if noted.exists() and noted.read_text().count("\n"):
-                    break
-                time.sleep(0.1)
-            port = noted.read_text().split()[0]
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
-                tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
-            browser = DevTools(tabs[0]["webSocketDebuggerUrl"])
-            for domain in ("Page", "Runtime", "Log", "Network"):
-                browser.call(f"{domain}.enable")
-            failed = False
-            for width in WIDTHS:
-                for scheme in SCHEMES:
-                    found = list(faults(browser, page, width, scheme, arguments.shots))
-                    failed |= bool(found)
-                    print(f"{width} px, {scheme}: {'; '.join(found) or 'ok'}")
-            if arguments.shots:
-                printed = browser.call("Page.printToPDF", preferCSSPageSize=True)
-                (arguments.shots / "page.pdf").write_bytes(base64.b64decode(printed["data"]))
-        finally:
-            process.terminate()
-            process.wait()
+    with chromium() as browser:
+        failed = False
+        for width in WIDTHS:
+            for scheme in SCHEMES:
+                found = list(faults(browser, page, width, scheme, arguments.shots))
+                failed |= bool(found)
+                print(f"{width} px, {scheme}: {'; '.join(found) or 'ok'}")
+        if arguments.shots:
+            printed = browser.call("Page.printToPDF", preferCSSPageSize=True)
+            (arguments.shots / "page.pdf").write_bytes(base64.b64decode(printed["data"]))
     sys.exit(1 if failed else 0)
 
 

@@ -1,0 +1,107 @@
+"""Hooks of mkdocs: pages from declarations, notebooks with outputs, and figures of the results.
+
+Links that are right in the repository are made right in the site: figures of ``results/`` are
+copied next to the pages, and CONTRIBUTING.md and CHANGELOG.md become pages.
+"""
+
+import base64
+import os
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+sys.path.insert(0, str(Path(__file__).parent))
+import reference
+
+ROOT = Path(__file__).parents[2]
+#: Files of the repository that are pages of the site.
+PROJECT = {"contributing.md": "CONTRIBUTING.md", "changes.md": "CHANGELOG.md"}
+_FIGURE = re.compile(r"\]\((?:\.\./)+results/figures/([\w.-]+)\)")
+_PLAIN = re.compile("\x1b\\[[0-9;]*m")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add what is generated."""
+    for path, written in reference.PAGES.items():
+        files.append(File.generated(config, path, content=written()))
+    for path, name in PROJECT.items():
+        text = (ROOT / name).read_text(encoding="utf-8")
+        text = text.replace("](docs/", "](")
+        files.append(File.generated(config, path, content=text))
+    shown = set()
+    for page in Path(config.docs_dir).rglob("*.md"):
+        shown |= set(_FIGURE.findall(page.read_text(encoding="utf-8")))
+    for name in sorted(shown):
+        source = ROOT / "results/figures" / name
+        files.append(File.generated(config, f"figures/{name}", abs_src_path=str(source)))
+    for notebook in sorted(Path(config.docs_dir, "examples").glob("*.ipynb")):
+        for path, content in _executed(notebook).items():
+            files.append(File.generated(config, f"examples/{path}", content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Links to figures of the results, from a page anywhere."""
+    up = "../" * page.file.src_uri.count("/")
+    return _FIGURE.sub(rf"]({up}figures/\1)", markdown)
+
+
+# -- notebooks ------------------------------------------------------------------------------------
+
+
+def _executed(path: Path) -> dict[str, str | bytes]:
+    """A notebook as a page with the outputs of a run, and its figures.
+
+    With NOTEBOOKS=no in the environment nothing is run, and there are no outputs.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(path, as_version=4)
+    if os.environ.get("NOTEBOOKS") != "no":
+        with tempfile.TemporaryDirectory() as away:
+            resources = {"metadata": {"path": away}}
+            NotebookClient(notebook, timeout=240, resources=resources).execute()
+    found: dict[str, str | bytes] = {}
+    parts = []
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            parts.append(cell.source)
+            continue
+        parts.append(f"```python\n{cell.source}\n```")
+        for output in cell.outputs:
+            shown, image = _shown(output)
+            if image:
+                name = f"{path.stem}-{len(found) + 1}.png"
+                found[name] = image
+                shown = f"![{_alternative(cell.source)}]({name})"
+            if shown:
+                parts.append(shown)
+    source = f"[The notebook]({path.name}), without outputs, can be run anywhere."
+    title, _, rest = "\n\n".join(parts).partition("\n")
+    return {f"{path.stem}.md": f"{title}\n\n{source}\n{rest}\n", **found}
+
+
+def _shown(output: Any) -> tuple[str, bytes]:
+    """Markdown of an output, or an image."""
+    data = output.get("data", {})
+    if "image/png" in data:
+        return "", base64.b64decode(data["image/png"])
+    if "text/html" in data:
+        html = re.sub(r"<style.*?</style>", "", data["text/html"], flags=re.DOTALL)
+        return re.sub(r"\n\s*", "", html), b""
+    text = data.get("text/plain", output.get("text", ""))
+    return (f'<div class="output" markdown>\n\n```text\n{_PLAIN.sub("", text).rstrip()}\n```\n\n'
+            "</div>", b"") if text else ("", b"")  # fmt: skip
+
+
+def _alternative(source: str) -> str:
+    """Text of a figure: the first comment of its cell."""
+    first = source.strip().partition("\n")[0]
+    return first.lstrip("# ") if first.startswith("#") else "figure of the cell above"

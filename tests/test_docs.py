@@ -1,0 +1,368 @@
+"""The documentation: every block of code in it is run, and its tables are those of the code."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+
+import click
+import pytest
+import yaml
+from pages import ROOT, blocks, commands, inline, pages
+
+import newmark_cli as newmark
+from newmark_cli import documents
+from newmark_cli.cli.commands import cli as group
+from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.mechanisms.models import Mechanism
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spatial_model import SpatialMechanism
+from newmark_cli.report import check, slopes
+from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.slopes import collect
+from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, TOO_FEW
+from newmark_cli.study import config, results
+from newmark_cli.study.axes import TRAPEZOIDAL
+from newmark_cli.study.keys import FigureConfig
+from newmark_cli.study.measures import MEASURES, RECORDS
+
+PAGES = pages()
+DOCS = ROOT / "docs"
+README = PAGES["README.md"].read_text(encoding="utf-8")
+SPATIAL = PAGES["spatial.md"].read_text(encoding="utf-8")
+
+#: Commands of a shell or of an installation, which the tests do not run.
+FOREIGN = ("python3", "pip", ".", "sbatch", "mkdocs")
+#: What a job array of two tasks sets.
+JOBS = [
+    {"SLURM_ARRAY_TASK_ID": number, "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_CPUS_PER_TASK": "1"}
+    for number in "1234"
+]
+#: Studies and mechanisms that single keys of a page are tried in.
+STUDY = {
+    "study": "fragment", "problem": "pendulum", "form": "u-lambda", "preconditioning": "none",
+    "measure": ["correction", "condition", "error"], "h": [0.1, 0.05], "t_end": 1.0,
+}  # fmt: skip
+TESTS = "python3 -m venv .venv && .venv/bin/pip install -e '.[test]' && .venv/bin/pytest\n"
+COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
+
+
+def agrees(shown, printed):
+    """Whether output is what a page shows, where … stands for any lines.
+
+    How many of the slopes pass may depend on the processor, by what rounding does on it; the
+    number of slopes, and all that is said besides, may not.
+    """
+    pattern = []
+    for line in shown:
+        counted = COUNTED.match(line)
+        if line == "…":
+            pattern.append(r"(?:.*\n)*?")
+        elif counted:
+            pattern.append(rf"\d+ of {counted[2]} slopes as predicted.*\n")
+        else:
+            pattern.append(re.escape(line) + r"\n")
+    printed = "".join(f"{line}\n" for line in printed.splitlines() if line)
+    return re.fullmatch("".join(pattern), printed) is not None
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """Cells and references that one page has computed and another may need."""
+    return tmp_path_factory.mktemp("cache")
+
+
+class Reader:
+    """Somebody who does all that a page says, in a folder without results."""
+
+    def __init__(self, cli, cache):
+        self.cli, self.names = cli, {}
+        shutil.copytree(DOCS / "examples", cli.folder / "docs/examples")
+        shutil.copytree(cache, cli.folder / "results")
+
+    def leaves(self, cache):
+        """Keep what was computed for the next page."""
+        for kind in ("cells", "references"):
+            if (self.cli.folder / "results" / kind).is_dir():
+                shutil.copytree(
+                    self.cli.folder / "results" / kind, cache / kind, dirs_exist_ok=True
+                )
+
+    def does(self, block):
+        """Save a file, run commands, run code, or validate what goes into a file."""
+        if block.title:
+            self.cli.write(block.title, block.text)
+        if block.not_run or block.language == "text":
+            return
+        if block.title.endswith(".sh"):
+            subprocess.run(["bash", "-n", block.title], cwd=self.cli.folder, check=True)
+            for variables in JOBS if "SLURM" in block.text else [{}]:
+                self.run(commands(block, variables))
+        elif block.language in ("bash", "console"):
+            self.run(commands(block))
+        elif block.language == "python":
+            code = compile(block.text, block.title or "block", "exec")
+            if not block.title:
+                exec(code, self.names)
+        else:
+            assert block.language == "yaml", block.language
+            if not block.title:
+                self.validate(block.text)
+
+    def run(self, wanted):
+        """Run commands, and compare what they print with what is shown."""
+        for command in wanted:
+            program, *rest = command.words
+            if program in FOREIGN or program.startswith(".venv/bin/"):
+                continue
+            if program == "python":
+                script = ROOT / rest[0]
+                assert script.is_file(), rest[0]
+                if script.is_relative_to(DOCS):
+                    subprocess.run(
+                        [sys.executable, script, *rest[1:]], cwd=self.cli.folder, check=True
+                    )
+                continue
+            assert program == "newmark-study", command
+            done = self.cli.warm.run(rest, self.cli.folder)
+            printed = re.sub(r" \(\d+ cached\)", "", done.stdout + done.stderr)
+            refused = bool(command.shown) and command.shown[0].startswith("newmark-study: ")
+            codes = (0, 1) if command.may_fail else (2 if refused else 0,)
+            assert done.returncode in codes, (command.words, printed)
+            if command.into:
+                self.cli.write(command.into, done.stdout)
+            if command.shown:
+                shown = "\n".join(command.shown)
+                assert agrees(command.shown, printed), f"{shown}\n-- but --\n{printed}"
+
+    def validate(self, text):
+        """Keys of a study or of a mechanism, put where they belong."""
+        keys = {} if "…" in text else yaml.safe_load(text) or {}
+        if "…" in text:
+            self.excerpt(text)
+        elif set(keys) <= {"figures", *config.Case.model_fields}:
+            self.cli.write("fragment.yaml", yaml.safe_dump(STUDY | keys))
+            self.cli("validate", "fragment.yaml")
+        else:
+            assert set(keys) <= set(Mechanism.keys()), text
+            whole = documents.read(DOCS / "examples/hoist.yaml").data
+            self.cli.write("fragment.yaml", yaml.safe_dump(whole | keys))
+            self.cli("validate", "fragment.yaml")
+
+    def excerpt(self, text):
+        """What a page shows of an example, with … in place of the rest."""
+        whole = [path.read_text(encoding="utf-8") for path in (DOCS / "examples").glob("*.yaml")]
+        lines = [line for line in text.splitlines() if line.strip() != "…"]
+        assert any(all(line in example for line in lines) for example in whole), text
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_can_be_followed(name, cli, cache, monkeypatch):
+    """Every command runs and prints what is shown, all code runs, all files are valid."""
+    reader = Reader(cli, cache)
+    monkeypatch.chdir(cli.folder)
+    found = blocks(PAGES[name])
+    run = "".join(block.text for block in found if block.language in ("bash", "console"))
+    for block in found:
+        reader.does(block)
+        if block.title.endswith(".yaml") and f" {block.title}" not in run:
+            given = yaml.safe_load(block.text)
+            if "study" in given:
+                largest = max(float(h) for h in given["h"])
+                given |= {"h": largest, "t_end": 10 * largest}
+                given["measure"] = [m for m in given.get("measure", ["condition"]) if m != "error"]
+                cli.write(block.title, yaml.safe_dump(given))
+                cli("run", block.title)
+    reader.leaves(cache)
+    if name == "python.md":
+        assert reader.names["later"].t[-1] == pytest.approx(5.0)
+        assert reader.names["factors"].right["lambda"] == pytest.approx(1 / (0.3025 * 1e-6))
+        assert reader.names["swing"].m == 1
+        assert reader.names["kept"]["t"].round(9).tolist() == [0.01, 0.02, 0.03] * 4
+    if name == "advice.md":
+        assert reader.names["q"][1] == pytest.approx(-5e-11, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_what_a_page_names_exists(name):
+    """Commands and options in the text, scripts, and files that the README links to."""
+    for text in (part for found in inline(PAGES[name]) for part in found.split(" && ")):
+        words = text.split()
+        if words[0] == "python" and len(words) > 1 and "/" in words[1]:
+            assert (ROOT / words[1]).is_file(), text
+        if words[0] != "newmark-study" or len(words) == 1 or words[1] == "COMMAND":
+            continue
+        options = {
+            option
+            for parameter in group.commands[words[1]].params
+            for option in (*parameter.opts, *parameter.secondary_opts)
+        } | {"--help"}
+        for word in words[2:]:
+            assert not word.startswith("-") or word.partition("=")[0] in options, text
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", PAGES[name].read_text("utf-8")):
+        built = target.startswith("reference/") or target.startswith("../reference/")
+        if not built and target not in ("contributing.md", "changes.md"):
+            assert (PAGES[name].parent / target).exists() or built, target
+
+
+def test_the_readme_is_short():
+    """A first impression, in at most 8 kB, with the command that CI runs."""
+    assert len(README.encode()) <= 8192
+    assert (
+        "python3 -m venv .venv && .venv/bin/pip install -e '.[test]' && .venv/bin/pytest\n"
+        in README
+    )
+    assert "docs/python.md" in README
+
+
+def test_files_that_pages_show_are_those_of_the_examples():
+    """What a page and the folder of examples both have says the same."""
+    shown = {}
+    for path in (PAGES["README.md"], PAGES["tutorial.md"]):
+        for block in blocks(path):
+            if block.language == "yaml" and block.title:
+                shown.setdefault(block.title, []).append(yaml.safe_load(block.text))
+    assert set(shown) == {"hoist.yaml", "lift.yaml"}
+    for name, found in shown.items():
+        example = yaml.safe_load((DOCS / "examples" / name).read_text(encoding="utf-8"))
+        for key in ("title", "source"):
+            example.pop(key, None)
+        assert found == [example] * 2, name
+
+
+# -- generated pages ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """Pages of the reference, by path."""
+    spec = importlib.util.spec_from_file_location("reference", DOCS / "site/reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return {path: write() for path, write in module.PAGES.items()}
+
+
+def rows_of(page):
+    """First cells of the rows of all tables, without backticks, with the second ones."""
+    return dict(re.findall(r"^\| `([^`|]+)` \| (.*?) \|", page, re.M))
+
+
+def test_every_column_and_key_is_explained(reference):
+    """No column of a CSV and no key of a file without a word about it."""
+    columns = rows_of(reference["reference/csv.md"])
+    for name in (*results.COLUMNS, *slopes.COLUMNS):
+        assert len(columns[name]) > 5, name
+    assert set(results.ABOUT) >= set(results.COLUMNS)
+    keys = rows_of(reference["reference/config.md"])
+    for name in (*config.Case.model_fields, *config.Study.model_fields, *FigureConfig.model_fields):
+        assert len(keys[name]) > 5, name
+    for page, model in (("mechanism", Mechanism), ("spatial", SpatialMechanism)):
+        keys = rows_of(reference[f"reference/{page}.md"])
+        for name in model.keys():  # noqa: SIM118 (no mapping)
+            assert len(keys[name]) > 5, name
+
+
+def test_keys_have_their_defaults_and_what_is_allowed(reference):
+    """Of a few keys of each kind."""
+    page = reference["reference/config.md"]
+    assert "| `iteration_cap` | most Newton corrections in a step | whole number ≥ 1 and" in page
+    assert re.search(r"\| `t_end` \|[^|]*\| number > 0 \|  \|", page)
+    assert re.search(r"\| `h` \|[^|]*\| number > 0 or a list of them \| required \|", page)
+    page = reference["reference/mechanism.md"]
+    assert "| `mass` | point mass (kg) | number ≥ 0 | `0` |" in page
+    assert re.search(r"\| `springs` \|[^|]*\| mapping of names to \[Spring\]\(#spring\) \|", page)
+
+
+def test_every_measure_command_and_name_is_there(reference):
+    """With the kinds of rows, the options, and the line of `list`."""
+    page = reference["reference/measures.md"]
+    for measure in MEASURES.values():
+        assert f"\n## {measure.name}\n" in page
+    assert set(RECORDS) <= set(rows_of(page))
+    page = reference["reference/commands.md"]
+    for name, command in group.commands.items():
+        section = page.split(f"\n## {name}\n")[1].split("\n## ")[0]
+        for parameter in command.params:
+            if isinstance(parameter, click.Option):
+                assert parameter.opts[-1] in section, (name, parameter.opts)
+    names = rows_of(reference["reference/names.md"])
+    for name in (*PROBLEMS, *FIGURES, *config.shipped()):
+        assert len(names[name]) > 10, name
+    page = reference["reference/api.md"]
+    for name in newmark.__all__:
+        assert name == "__version__" or f"::: newmark_cli.{name}\n" in page
+
+
+# -- tables of committed results ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def committed():
+    """Slopes of the committed CSVs."""
+    return collect(ROOT / "results")
+
+
+def test_claims_are_those_of_the_results(committed):
+    """What `check --markdown` prints is what stands in docs/claims.md."""
+    page = PAGES["claims.md"].read_text(encoding="utf-8")
+    table = check.markdown_table(check.slope_rows(check.in_paper(committed)))
+    begin, end = "<!-- claims: begin -->\n", "<!-- claims: end -->"
+    assert page.split(begin)[1].split(end)[0].strip() == table
+    table = check.markdown_table(check.claim_rows(check.judge(committed)))
+    begin, end = "<!-- past the paper: begin -->\n", "<!-- past the paper: end -->"
+    assert page.split(begin)[1].split(end)[0].strip() == table
+
+
+def test_committed_results_are_complete(committed):
+    """All studies of `reproduce --all`, all figures, every slope as predicted, every claim true."""
+    assert {s.study for s in committed} >= {*config.REPRODUCED, *config.BEYOND}
+    others = [s for s in committed if s.verdict not in (PASS, SHOWN)]
+    assert not any(slope.fails for slope in others)
+    # The trapezoidal rule, which studies of errors are about, single step sizes, and a floor.
+    assert {s.study for s in others} == {"error", "cures"}
+    damped = {
+        (s.problem, s.formulation.partition(" ")[0]) for s in others if s.integrator != TRAPEZOIDAL
+    }
+    assert damped <= {("shaken-pendulum", "index-3"), ("shaken-pendulum", "augmented-lagrangian")}
+    assert {s.verdict for s in others} == {NOT_CONVERGING, TOO_FEW}
+    judged = check.judge(committed)
+    assert {entry.finding.verdict for entry in judged} == {PASS}
+    assert {entry.figure.study for entry in judged} == {*config.BEYOND} - {
+        "integrators",
+        "cures-tolerance",
+        "cures-krylov",
+        "spatial",
+    }
+    for number in FIGURES:
+        for suffix in ("png", "svg"):
+            assert (ROOT / f"results/figures/figure-{number}.{suffix}").stat().st_size > 5000
+
+
+# -- mechanisms in space --------------------------------------------------------------------------
+
+
+def test_tables_name_every_joint_and_key():
+    """With the rows of each joint, in their order."""
+    rows = dict(re.findall(r"^\| `([a-z-]+)` \| ([a-zA-Z0-9, ]+) \| ", SPATIAL, re.M))
+    assert {name: ", ".join(joint.rows) for name, joint in JOINTS.items()} == {
+        name: rows[name] for name in JOINTS
+    }
+    allowed = SpatialMechanism.keys()
+    for key in allowed:
+        if key not in ("title", "description", "source", "gravity"):
+            assert f"`{key}" in SPATIAL, key
+    for name in ("heavy-top", "bricard", "governor", "spatial-slider-crank"):
+        assert name in PROBLEMS
+        assert f"`{name}`" in SPATIAL
+
+
+def test_slopes_of_the_shipped_study_are_those_of_the_page(cli):
+    """The number of slopes, from the committed results."""
+    for file in ("spatial.csv", "spatial.json"):
+        (cli.folder / "results").mkdir(exist_ok=True)
+        shutil.copy(ROOT / "results" / file, cli.folder / "results")
+    said = re.search(r"all (\d+) slopes are as predicted", SPATIAL)[1]
+    assert (
+        cli("check", "spatial").stdout.splitlines()[-1] == f"{said} of {said} slopes as predicted"
+    )
