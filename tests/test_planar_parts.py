@@ -92,11 +92,9 @@ def complex_terms(problem, u, v, multipliers, t):
         np.zeros(size, complex)
         for size in (problem.n, problem.m, *map(len, (pattern[2], pattern[4], pattern[6])))
     )
-    for loop in (elements._accumulate, elements._accumulate_further):
-        loop.py_func(
-            0, len(problem.ints), t, u, v, multipliers, problem.ints, problem.reals, force, phi,
-            x, y, g,
-        )  # fmt: skip
+    given = t, u, v, multipliers, problem.ints, problem.reals, force, phi, x, y, g
+    elements._accumulate.py_func(0, len(problem.ints), *given)
+    elements._evaluate_further.py_func(*given)
     return force, phi
 
 

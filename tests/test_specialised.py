@@ -1,6 +1,7 @@
 """Code made for one mechanism and form: the same bits as the loops that it is made from."""
 
 import dataclasses
+from pathlib import Path
 
 import mechanisms
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from each import each
 from marching import copy, march
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark import specialised
@@ -118,15 +120,23 @@ def test_parameters_are_arguments():
     assert state.fields[0, 1] == pytest.approx(-0.165 * 0.1**2 / 2, rel=1e-4)
 
 
-@each("formulated", [False, True])
-def test_loops_serve_where_no_code_is_made(formulated):
-    """Of large mechanisms, and for formulations."""
+def subject_of(why):
+    """A mechanism, and a formulation, without code."""
+    if why == "seldom kinds":
+        return newmark.problem(Path(__file__).parents[1] / "docs/examples/shaper.yaml"), "index-3"
+    formulated = why == "formulated"
     links = 2 if formulated else specialised.ELEMENTS_AT_MOST
-    chain = Sized("chain", (("links", links),)).load()
+    return Sized("chain", (("links", links),)).load(), "index-2" if formulated else "index-3"
+
+
+@each("why", ["large", "formulated", "seldom kinds"])
+def test_loops_serve_where_no_code_is_made(why):
+    """Of large mechanisms, for formulations, and where there are gears, laws of time and such."""
+    chain, formulation = subject_of(why)
     form = FORMS["u-lambda"]
     scheme = Scheme(
         Newmark(), form, named_scaling("none", form), 1e-3,
-        formulation=Formulation("index-2" if formulated else "index-3"),
+        formulation=Formulation(formulation),
     )  # fmt: skip
     engine = Engine(chain, scheme)
     assert engine._code.tolist() == [0]

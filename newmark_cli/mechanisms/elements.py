@@ -173,11 +173,9 @@ def _vector(u, ints, reals, e, weights):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _accumulate_further(
-    first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-):  # fmt: skip
-    """What `_accumulate` leaves out: elements that few mechanisms have."""
-    for e in range(first, last):
+def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """What `evaluate` leaves out, for `evaluate_all`: elements that few mechanisms have."""
+    for e in range(ints.shape[0]):
         if ints[e, KIND] < FORCE:
             continue
         if ints[e, KIND] == TERM:
@@ -616,23 +614,7 @@ def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_valu
     which takes longer than a small mechanism.
     """
     evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-    _accumulate_further(
-        0, ints.shape[0], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
-        g_values,
-    )  # fmt: skip
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def accumulate_all(
-    first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-):  # fmt: skip
-    """Do what `evaluate_all` does for the rows first ≤ e < last; force is added to."""
-    _accumulate(
-        first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-    )
-    _accumulate_further(
-        first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-    )
+    _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
 
 
 @cached_njit(nogil=True, error_model="numpy")

@@ -251,9 +251,9 @@ class Builder:
             derivatives=(
                 elements.all_constraint_derivatives if further else elements.constraint_derivatives
             ),
-            elements=Elements(
-                elements.accumulate_all if further else elements.accumulate,
-                np.flatnonzero([row[elements.KIND] < elements.MORE for row in self.ints]),
+            # Laws of time and angles take seconds to write out.
+            elements=(
+                None if further else Elements(elements.accumulate, np.arange(len(self.ints)))
             ),
             ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
