@@ -197,6 +197,20 @@ def test_multipliers_wait_for_their_coordinates(name, form):
         assert max(moments) == moments[-1]
 
 
+@each("name", ["andrews", "four-bar", "slider-crank", "double-pendulum"])
+@each("form", ["u-lambda", "v-a-lambda", "u-v-a-lambda"])
+def test_pivots_are_about_one(name, form):
+    """In the units of the elimination, at the start, for small h."""
+    subject = problem(name)
+    elimination = StaticSystem(subject, scheme_of(form, "none", 1e-5)).elimination
+    values = subject.values(subject.t0, subject.u0, subject.v0, np.zeros(subject.m))
+    tables = elimination.tables
+    assert static_elimination.eliminate(elimination.sources(values), *tables)
+    size = elimination.size
+    pivots = 1 / tables.work[2 * size : 3 * size]
+    assert 0.2 <= pivots.min() <= pivots.max() <= 2
+
+
 def test_transposed_systems_are_solved():
     """Factors solve Aᵀ x = b too, as condition numbers need it."""
     subject = subject_of("chain")
