@@ -22,11 +22,11 @@ from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear import exact, generated
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC, choose
-from newmark_cli.newmark.linear.dense import DenseSystem
+from newmark_cli.newmark.linear.dense import DenseSystem, no_tables
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.static import StaticBalancedJacobian, StaticSystem
 from newmark_cli.newmark.march import March, initial_state
-from newmark_cli.newmark.march_data import PIVOTING
+from newmark_cli.newmark.march_data import PIVOTING, recording
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.scaling import Scaling, named_scaling
 from newmark_cli.newmark.scheme import Scheme
@@ -339,6 +339,21 @@ def test_large_matrices_are_pivoted_step_by_step(monkeypatch):
         stretch.record.fields[:, 0], expected.record.fields[:, 0], rtol=0, atol=1e-11
     )
     assert np.all(stretch.iterations > 0)
+
+
+def test_a_refused_step_begins_again(toppling):
+    """Where no dense matrix is at hand, λ is left as it was before the step."""
+    scheme = scheme_of("u-lambda", "optimal", 0.02)
+    engine = compiled_march.Engine(toppling, scheme, StaticSystem(toppling, scheme))
+    engine._dense = no_tables(scheme)
+    state = initial_state(toppling, scheme)
+    state.multipliers[:] = 0  # the first matrix is M's; the correction brings the weight
+    norms, counts, pivoted = np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros(1, np.int64)
+    given = engine.arguments(state, 0, norms, counts, pivoted, recording(state, np.empty(0)))
+    assert compiled_march.kernel.march(*given) == (PIVOTING, 0)
+    assert norms[0, 1] > 0
+    assert pivoted == 1
+    np.testing.assert_array_equal(state.multipliers, 0)
 
 
 def test_pivoted_steps_are_in_the_provenance(cli, tmp_path):
