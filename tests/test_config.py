@@ -289,13 +289,15 @@ def test_whole_numbers(tmp_path):
 @each("family", FAMILIES)
 def test_large_members_need_not_be_built(tmp_path, family):
     """What a config must know of them is known at once, and right."""
-    size = FAMILIES[family].parameters[0]
-    spec = Sized(family, ((size, 9),))
+    names = FAMILIES[family].parameters
+    most = 1_000_000 if len(names) == 1 else 1000
+    spec = Sized(family, tuple((name, 9) for name in names))
     traits, problem = spec.traits(), spec.load()
     assert (traits.name, traits.n, traits.m) == (problem.name, problem.n, problem.m)
     assert traits.sample.quadratic == problem.quadratic
     assert traits.sample.single == problem.single
-    text = QUICK.replace("pendulum", f"{{{family}: {{{size}: 1000000}}}}")
+    sizes = ", ".join(f"{name}: {most}" for name in names)
+    text = QUICK.replace("pendulum", f"{{{family}: {{{sizes}}}}}")
     begin = time.process_time()
     assert load(tmp_path, text + "evaluation: compensated\n").count == 4
     with pytest.raises(DocumentError, match="float32 needs dense-lu"):
