@@ -279,7 +279,7 @@ def facts(problem: Problem, t_end: float, h: float, amplified: bool = False) -> 
 
 
 def _few(seen: Trajectory) -> list[tuple[float, Array, Array]]:
-    """Some states of a motion, evenly spread, its end among them; none of one that fails at once."""
+    """Some states of a motion, evenly spread, its end among them; none where it fails at once."""
     if not len(seen.t):
         return []
     places = np.unique(np.linspace(0, len(seen.t) - 1, _AMPLIFIED).round().astype(int))
