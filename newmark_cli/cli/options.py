@@ -75,7 +75,7 @@ jobs_option = click.option(
     type=click.IntRange(1, 1024),
     default=None,
     metavar="N",
-    help="Threads, or processes for problems in plain Python; by default one per usable processor.",
+    help="Threads, or processes for problems in Python; by default one per usable processor.",
 )
 
 

@@ -213,7 +213,7 @@ class Problem:
 
     @cached_property
     def points(self) -> tuple[str, ...]:
-        """Moving points of a mechanism, two coordinates each; empty for another problem."""
+        """Moving points of a mechanism, as many coordinates each as it has `axes`; else empty."""
         return tuple(self.points_given)
 
     @cached_property
