@@ -2,6 +2,8 @@
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -14,12 +16,19 @@ _lock = threading.Lock()
 _loaded: dict[str, Any] = {}
 
 
+@cache
 def identity() -> str:
     """What code depends on besides its source: LLVM and the processor."""
     return (
         f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} "
         f"{llvm.get_host_cpu_features().flatten()}"
     )
+
+
+@cache
+def source(path: str) -> bytes:
+    """What a file of the package says, for digests: read once, as the code that is imported."""
+    return Path(path).read_bytes()
 
 
 def addresses(

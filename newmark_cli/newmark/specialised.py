@@ -11,7 +11,6 @@ state stay arguments.
 
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -135,8 +134,8 @@ class _Parts:
             f"{solving} {self.shapes} {self.elements.starts.tolist()} ".encode()
         )
         for function in (self.elements.accumulate, kernel.assemble_residual):
-            found.update(Path(function.py_func.__code__.co_filename).read_bytes())
-        found.update(Path(__file__).read_bytes())
+            found.update(machine_code.source(function.py_func.__code__.co_filename))
+        found.update(machine_code.source(__file__))
         for array in self.constants.values():
             found.update(f"{array.dtype} ".encode() + array.tobytes())
         return found.hexdigest()[:32]

@@ -202,8 +202,8 @@ def value_of(browser, expression):
     return answer["result"]["value"]
 
 
-def faults(browser, page, width, scheme, shots):
-    """What is wrong with the page at one width in one colour scheme."""
+def opened(browser, page, width, scheme):
+    """Open a page; what happens from then on is an event."""
     browser.events.clear()
     browser.call(
         "Emulation.setDeviceMetricsOverride",
@@ -214,6 +214,11 @@ def faults(browser, page, width, scheme, shots):
     )
     browser.call("Page.navigate", url=page.as_uri())
     browser.wait_for("Page.loadEventFired")
+
+
+def faults(browser, page, width, scheme, shots):
+    """What is wrong with the page at one width in one colour scheme."""
+    opened(browser, page, width, scheme)
     found, cells = value_of(browser, LOOK), value_of(browser, CELLS)
     # With everything unfolded too.
     browser.call(

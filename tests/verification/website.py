@@ -16,7 +16,7 @@ import sys
 import time
 from pathlib import Path
 
-from page import chromium, value_of
+from page import chromium, opened, value_of
 
 WIDTHS = (400, 1400)
 SCHEMES = ("light", "dark")
@@ -52,21 +52,6 @@ SEARCH = """(() => {
 FOUND = """[...document.querySelectorAll('.md-search-result__link')].map(e => e.href)"""
 
 
-def opened(browser, page, width, scheme):
-    """Open a page; what its browser reports on the way."""
-    browser.events.clear()
-    browser.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width, height=900, deviceScaleFactor=1, mobile=width < 600,
-    )  # fmt: skip
-    browser.call(
-        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}]
-    )
-    browser.call("Page.navigate", url=page.as_uri())
-    browser.wait_for("Page.loadEventFired")
-    time.sleep(0.2)
-
-
 def reported(browser, site):
     """Messages on the console, and requests for what is no file of the site."""
     browser.call("Runtime.evaluate", expression="0")  # collects late events
@@ -83,6 +68,7 @@ def reported(browser, site):
 def faults(browser, site, page, width, scheme, shots):
     """What is wrong with one page."""
     opened(browser, page, width, scheme)
+    time.sleep(0.2)
     look = value_of(browser, LOOK)
     if look["width"] > look["inner"] or look["inner"] > width or look["wide"]:
         yield f"{look['width']} px wide, {look['wide']} texts beyond the window"
@@ -107,6 +93,7 @@ def search_faults(browser, site):
     """Words that the search does not find."""
     for word, target in SOUGHT.items():
         opened(browser, site / "index.html", 1400, "light")
+        time.sleep(0.2)
         value_of(browser, SEARCH.replace("WORD", json.dumps(word)))
         for _ in range(100):
             time.sleep(0.1)

@@ -9,7 +9,6 @@ its pattern.  Its machine code is kept on disk under a digest of the pattern.
 
 from functools import partial
 from hashlib import sha256
-from pathlib import Path
 
 import llvmlite.ir as ir
 import numpy as np
@@ -46,7 +45,7 @@ def text(tables: MatrixTables) -> str:
 def digest(tables: MatrixTables) -> str:
     """What the code for a pattern depends on, in 32 characters."""
     found = sha256(f"{LARGEST_MULTIPLIER} {machine_code.identity()} {tables.work.dtype} ".encode())
-    found.update(Path(__file__).read_bytes())
+    found.update(machine_code.source(__file__))
     for array in (tables.structure, tables.room[-1:], tables.places, tables.origins):
         found.update(f"{len(array)} ".encode() + array.tobytes())
     return found.hexdigest()[:32]
