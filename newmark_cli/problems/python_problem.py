@@ -132,14 +132,7 @@ def load(
             inconsistent start.
     """
     file = spelled or str(path)
-    try:
-        source = files.read(path, _MOST_BYTES, links=True)
-    except OSError as error:
-        raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
-    module_name = f"newmark_problem_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
-    with user_code.imports_from(path.parent, os.path.dirname(file)) as imported:
-        with _reported(path, file):
-            module = user_code.run(path, source, module_name, file)
+    with _ran(path, file, "problem") as (module, source, imported):
         if not callable(getattr(module, factory, None)):
             raise ProblemError(f"{file}: has no function {factory!r}")
         with _reported(path, file, f"{factory} failed: "):
@@ -152,6 +145,20 @@ def load(
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
     digest = hashlib.sha256(repr((called, source, beside)).encode())
     return replace(problem, code=digest.hexdigest(), sources={path.name: source, **beside})
+
+
+@contextmanager
+def _ran(path: Path, file: str, kind: str) -> Iterator[tuple[Any, bytes, Mapping[str, bytes]]]:
+    """The module of a file, what the file says, and modules beside it as they are imported."""
+    try:
+        source = files.read(path, _MOST_BYTES, links=True)
+    except OSError as error:
+        raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
+    module_name = f"newmark_{kind}_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
+    with user_code.imports_from(path.parent, os.path.dirname(file)) as imported:
+        with _reported(path, file):
+            module = user_code.run(path, source, module_name, file)
+        yield module, source, imported
 
 
 def load_function(
@@ -167,14 +174,7 @@ def load_function(
     Raises:
         ProblemError: When the file fails, or has no such function.
     """
-    try:
-        source = files.read(path, _MOST_BYTES, links=True)
-    except OSError as error:
-        raise ProblemError(f"{spelled}: cannot be read: {error.strerror}") from None
-    module_name = f"newmark_forces_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
-    with user_code.imports_from(path.parent, os.path.dirname(spelled)) as imported:
-        with _reported(path, spelled):
-            module = user_code.run(path, source, module_name, spelled)
+    with _ran(path, spelled, "forces") as (module, source, imported):
         beside = dict(sorted(imported.items()))
     function = getattr(module, name, None)
     if not callable(function):
