@@ -155,7 +155,7 @@ def plain_numpy(steps):
 
 def static_solver():
     """A function in C that solves by the static elimination of the package."""
-    found = StaticSystem(SUBJECT, scheme()).elimination
+    found = StaticSystem(SUBJECT, scheme()).elimination.lists
     rows, columns = found.order
     lines = ["static int solve(double a[S][S], double b[S])", "{", "double f;"]
     size = found.size

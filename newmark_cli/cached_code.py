@@ -48,22 +48,34 @@ def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
         name: File, by itself enough to tell what it holds.
         make: Makes them.
     """
-    try:
-        folder = Path(_Cache(function).cache_path)
-    except RuntimeError:  # no locator
+    path = _place(function, name)
+    if path is None:
         return make()
-    path = folder / name
     with contextlib.suppress(OSError), contextlib.suppress(_Damaged):
         return _opened(path)
     made = make()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             file.write(_sealed(made))
         os.replace(file.name, path)
     except OSError as error:
-        _warn(str(folder), f"{folder}: {error.strerror}")
+        _warn(str(path.parent), f"{path.parent}: {error.strerror}")
     return made
+
+
+def are_kept(function: Any, name: str) -> bool:
+    """Whether `kept_bytes` has a file."""
+    path = _place(function, name)
+    return path is not None and path.exists()
+
+
+def _place(function: Any, name: str) -> Path | None:
+    """Where a file stands beside a function's compiled code; None where nothing can."""
+    try:
+        return Path(_Cache(function).cache_path) / name
+    except RuntimeError:  # no locator
+        return None
 
 
 def bitcode(function: Any, signature: tuple[Any, ...]) -> tuple[str, bytes]:

@@ -9,7 +9,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import types
 
-from newmark_cli.cached_code import kept_bytes
+from newmark_cli.cached_code import are_kept, kept_bytes
 
 _lock = threading.Lock()
 #: File → what keeps its code alive, and knows where functions stand in it.
@@ -43,7 +43,7 @@ def addresses(
             file.
         make: Makes the module: its text, or a module that is optimised already.
     """
-    name = f"{'-'.join(functions)}-{key}"
+    name = _file(functions, key)
     with _lock:
         if name not in _loaded:
             machine = target()
@@ -53,6 +53,16 @@ def addresses(
             engine.finalize_object()
             _loaded[name] = engine
         return [_loaded[name].get_function_address(function) for function in functions]
+
+
+def is_made(owner: Any, functions: Sequence[str], key: str) -> bool:
+    """Whether `addresses` need not compile."""
+    name = _file(functions, key)
+    return name in _loaded or are_kept(owner, name)
+
+
+def _file(functions: Sequence[str], key: str) -> str:
+    return f"{'-'.join(functions)}-{key}"
 
 
 def generate_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -237,7 +237,7 @@ def test_static_elimination_takes_nets():
     operations = []
     for rows in (4, 8, 16):
         net = Sized("spatial-grid", (("rows", rows), ("columns", 3))).load()
-        operations.append(March(net, scheme, "static-lu").system.elimination.operations)
+        operations.append(March(net, scheme, "static-lu").system.elimination.lists.operations)
     assert operations[2] - operations[1] < 2.3 * (operations[1] - operations[0])
     net = member("spatial-grid", 2).load()
     ends = []

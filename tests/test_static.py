@@ -51,7 +51,7 @@ def solved_exactly(system, values, rhs):
     """J̄⁻¹ rhs to 60 digits, rounded."""
     found = system.elimination
     rows, columns = (np.empty(found.size) for _ in range(2))
-    for units, side, of in zip((rows, columns), found.order, found.units, strict=True):
+    for units, side, of in zip((rows, columns), found.lists.order, found.units, strict=True):
         units[side] = np.abs(of)
     matrix = system.matrix(values)
     return np.array([float(x) for x in exact.solve(matrix, rhs, rows, columns)])
@@ -186,7 +186,7 @@ def test_multipliers_wait_for_their_coordinates(name, form):
     """Each row and unknown comes once; a multiplier after all coordinates of its constraint."""
     subject = subject_of(name)
     system = StaticSystem(subject, scheme_of(form, "none", 1e-3))
-    rows, columns = system.elimination.order
+    rows, columns = system.elimination.lists.order
     for side in (rows, columns):
         np.testing.assert_array_equal(np.sort(side), np.arange(system.elimination.size))
     fields = len(FORMS[form].kept)
@@ -439,7 +439,7 @@ def test_code_of_a_pattern_is_made_once():
 def test_large_patterns_are_not_written_out():
     """They go through lists, and no code is made."""
     system = StaticSystem(Sized("chain", (("links", 60),)).load(), scheme_of("u-lambda", "none", 1))
-    assert system.elimination.operations > generated.OPERATIONS_AT_MOST
+    assert system.elimination.lists.operations > generated.OPERATIONS_AT_MOST
     assert system.elimination.solve is static_elimination.solve_in_order
     assert system.elimination.tables.room[static_elimination.ADDRESS] == 0
 

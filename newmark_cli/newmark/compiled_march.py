@@ -10,8 +10,11 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel, scipy_march
 from newmark_cli.newmark.constraints import Constraining, constraining_of
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
+from newmark_cli.newmark.linear.exchanges import Exchanges
+from newmark_cli.newmark.linear.generated import Written
 from newmark_cli.newmark.linear.static import StaticSystem
 from newmark_cli.newmark.march_data import (
+    COMPLETED,
     PIVOTING,
     ProblemTables,
     Record,
@@ -34,6 +37,7 @@ class Engine:
 
     Attributes:
         pivoted: Steps in which static elimination left a correction to partial pivoting.
+        exchanges: Those that partial pivoting needs, of index 3.
     """
 
     def __init__(
@@ -64,11 +68,14 @@ class Engine:
         )
         if self._extra is None:
             written = static is not None and static.elimination.written_out
-            found = specialised(problem, scheme, tables, self._static if written else None)
+            elimination = Written(self._static) if written else None
+            found = specialised(problem, scheme, tables, elimination)
         else:
             found = unspecialised(problem)
         self._function, self._code = found.function, found.code
         self._tables = tables._replace(ints=found.ints)
+        of_index_3 = static is None and self._extra is None
+        self.exchanges = Exchanges(problem, scheme, self._dense) if of_index_3 else None
 
     def march(
         self,
@@ -88,9 +95,13 @@ class Engine:
         pivoted = np.zeros(len(norms), np.int64)
         done = 0
         while True:
+            if self.exchanges:
+                self._static, self._solve = self.exchanges.at(state, first + done)
             rest = norms[done:], iterations[done:], pivoted[done:], _after(record, done)
             given = self.arguments(state, first + done, *rest)
             ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
+            if self.exchanges:
+                self.exchanges.took(pivoted[done : done + taken])
             done += taken
             if ending == PIVOTING:
                 # Too large for a dense matrix.
@@ -99,10 +110,10 @@ class Engine:
                     state, first + done, norms[one], iterations[one], record=_after(record, done)
                 )
                 done += taken
-                if taken == 1 and done < len(norms):
-                    continue
-            self.pivoted += int(pivoted[:done].sum())
-            return ending, done
+            if ending != COMPLETED or done == len(norms):
+                if self.static:
+                    self.pivoted += int(pivoted[:done].sum())
+                return ending, done
 
     @cached_property
     def _by_scipy(self) -> Callable[..., tuple[int, int]]:
@@ -143,6 +154,7 @@ class Engine:
             norms,
             iterations,
             pivoted,
+            self.exchanges.patience if self.exchanges else len(norms) + 1,
             record,
         )
 

@@ -18,6 +18,7 @@ small mechanism: measure a change with `benchmarks/kernel.py`.
 """
 
 import threading
+import weakref
 from typing import NamedTuple
 
 import numpy as np
@@ -830,7 +831,7 @@ def _keep(state, record, place):
 def _march(
     evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
     t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
-    pivoted, record,
+    pivoted, patience, record,
 ):  # fmt: skip
     """The march as numba compiles it; see `march`.
 
@@ -855,7 +856,7 @@ def _march(
     eliminating, pivoting = structure.shape[0] > 0, constant.shape[0] > 0
     system = _allocate_system(rhs.shape[0] if pivoting else 0, rhs)
     dense_matrix, entries, columns, row = system
-    kept, keeping = 0, record.steps
+    kept, keeping, given_up = 0, record.steps, 0
     if extra is not None:
         work = _allocate_constraining(problem, tables, state, extra, norms.shape[1])
         rate, curvature, r, r_old, q = work.rate, work.curvature, work.r, work.r_old, work.q
@@ -904,16 +905,14 @@ def _march(
                         dynamic_weights, row_weights, history.dynamics, history.rows, moving,
                         force, phi, rhs,
                     )  # fmt: skip
-                if ending == UNSOLVED:
-                    ending = PIVOTING
-                    if eliminating:
-                        ending = solve(
-                            sources, rhs, of_static, static_places, static_origins,
-                            static_coefficients, structure, room, scratch,
-                        )  # fmt: skip
-                if ending == PIVOTING and eliminating:
+                if ending == UNSOLVED and eliminating:
+                    ending = solve(
+                        sources, rhs, of_static, static_places, static_origins,
+                        static_coefficients, structure, room, scratch,
+                    )  # fmt: skip
+                if ending == PIVOTING:
                     pivoted[s] = 1
-                if ending == PIVOTING and pivoting:
+                if ending != COMPLETED and pivoting:
                     _assemble(sources, constant, places, origins, coefficients, entries)
                     ending = SINGULAR
                     if solve_in_place(dense_matrix, rhs, columns, row):
@@ -1072,7 +1071,38 @@ def _march(
                 for k in range(m):
                     record.multipliers[kept, k] += state.impulse[k] / extra.acting
             kept += 1
+        if pivoted[s] != 0:
+            given_up += 1
+            if given_up >= patience:
+                return COMPLETED, s + 1
     return COMPLETED, norms.shape[0]
+
+
+class _Compiled(types.WrapperAddressProtocol):
+    """A function as the march is given it; of a jitted one numba asks anew in every call."""
+
+    def __init__(self, function, kind):
+        self._signature = kind.signature
+        found = function.get_compile_result(kind.signature)
+        self._address = found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
+
+    def __wrapper_address__(self):
+        return self._address
+
+    def signature(self):
+        """As numba asks for it."""
+        return self._signature
+
+
+#: Function → type of the march's numbers → the function as the march is given it.
+_given: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+
+
+def _as_given(function, kind, dtype):
+    of_function = _given.setdefault(function, {})
+    if dtype not in of_function:
+        of_function[dtype] = _Compiled(function, kind(dtype))
+    return of_function[dtype]
 
 
 _compiling = threading.Lock()
@@ -1088,7 +1118,7 @@ def is_compiled(dtype, formulated):
 def march(
     evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
     t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
-    pivoted, record,
+    pivoted, patience, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
 
@@ -1100,12 +1130,11 @@ def march(
         derive: Compiled derivatives of its constraints, of :func:`derivatives_type`;
             None without a formulation.
         solve: Compiled static elimination, of :func:`solve_type`.
-        code: (1,) address of what `specialised` has made of evaluation, assembly and static
+        code: (1,) address of what `specialised` has made of evaluation, assembly and
             elimination for this problem and form; 0 where the functions above serve.
         problem, tables, state: See the classes; ``state`` is overwritten.  The type of its
             numbers is the march's.
-        static: What ``solve`` is handed; empty where every system is solved with partial
-            pivoting, as with a formulation.
+        static: What ``solve`` is handed, and the code; without ``structure`` only the code.
         dense: The dense matrix of what is solved with partial pivoting; without it the
             march ends where it would be needed.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
@@ -1125,7 +1154,8 @@ def march(
             those of the eliminated fields behind them.
         iterations: (steps,) overwritten with the corrections computed; negative
             where the step ended above ``settled_below``, or above the tolerance.
-        pivoted: (steps,) set to 1 where static elimination refused a matrix.
+        pivoted: (steps,) set to 1 where ``solve`` or the code gave a matrix up.
+        patience: Steps of this kind after which the march halts, for another ``solve``.
         record: Overwritten with the states after the steps that it names.
 
     Returns:
@@ -1136,19 +1166,16 @@ def march(
     arguments = (
         code, problem, tables, static, dense, extra, state, compensated, float(t_start),
         float(h), first, cap, float(settled_below), float(absolute), float(relative), norms,
-        iterations, pivoted, record,
+        iterations, pivoted, patience, record,
     )  # fmt: skip
+    functions = (evaluate, evaluate_type), (derive, derivatives_type), (solve, solve_type)
     with _compiling:
+        given = [function and _as_given(function, kind, dtype) for function, kind in functions]
         if (dtype, formulated) not in _compiled:
-            functions = (
-                evaluate_type(dtype),
-                derivatives_type(dtype) if formulated else types.none,
-                solve_type(dtype),
-            )
             made = _compile(_march)
-            made.compile((*functions, *(typeof(a) for a in arguments)))
+            made.compile(tuple(typeof(argument) for argument in (*given, *arguments)))
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
             made.disable_compile()
             _compiled[dtype, formulated] = made
-    return _compiled[dtype, formulated](evaluate, derive, solve, *arguments)
+    return _compiled[dtype, formulated](*given, *arguments)

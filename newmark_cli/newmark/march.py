@@ -233,7 +233,7 @@ class March:
             return _STRETCH[self.solver]
         assert isinstance(self.system, StaticSystem)
         elimination = self.system.elimination
-        in_step = elimination.operations + 20 * elimination.size
+        in_step = elimination.lists.operations + 20 * elimination.size
         return max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
 
     @property

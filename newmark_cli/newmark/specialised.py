@@ -26,7 +26,8 @@ from newmark_cli.cached_code import bitcode, cached_njit
 from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark import kernel
 from newmark_cli.newmark.linear import generated
-from newmark_cli.newmark.march_data import UNSOLVED, MatrixTables, ProblemTables
+from newmark_cli.newmark.linear.generated import Written
+from newmark_cli.newmark.march_data import UNSOLVED, ProblemTables
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Elements, Problem
 
@@ -61,7 +62,7 @@ class Specialised(NamedTuple):
 
 
 def specialised(
-    problem: Problem, scheme: Scheme, tables: ProblemTables, static: MatrixTables | None
+    problem: Problem, scheme: Scheme, tables: ProblemTables, elimination: Written | None
 ) -> Specialised:
     """Code of a problem and a form, where it is a mechanism with few elements.
 
@@ -69,12 +70,12 @@ def specialised(
         problem: What marches.
         scheme: How: of index 3.
         tables: The problem's, in the precision of the march.
-        static: Of a static elimination for which code is made; None where another solves.
+        elimination: What code is made for as well; None where another solves.
     """
     elements = problem.elements
     if elements is None or not 0 < len(elements.starts) <= ELEMENTS_AT_MOST:
         return unspecialised(problem)
-    parts = _Parts(elements, problem, scheme, tables, static)
+    parts = _Parts(elements, problem, scheme, tables, elimination)
     evaluate, correct = machine_code.addresses(
         specialised, ("evaluate", "correct"), parts.digest(), parts.module
     )
@@ -100,9 +101,10 @@ class _Parts:
         problem: Problem,
         scheme: Scheme,
         tables: ProblemTables,
-        static: MatrixTables | None,
+        elimination: Written | None,
     ) -> None:
-        self.elements, self.static, self.compensated = elements, static, scheme.compensated
+        self.elements, self.elimination = elements, elimination
+        self.compensated = scheme.compensated
         self.dtype = np.dtype(scheme.dtype)
         step, n, m = scheme.tables, problem.n, problem.m
         self.constants: Mapping[str, IndexArray] = {
@@ -128,7 +130,7 @@ class _Parts:
 
     def digest(self) -> str:
         """What the code depends on, in 32 characters."""
-        solving = generated.digest(self.static) if self.static else ""
+        solving = self.elimination.digest() if self.elimination else ""
         found = sha256(
             f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.compensated} "
             f"{solving} {self.shapes} {self.elements.starts.tolist()} ".encode()
@@ -148,8 +150,8 @@ class _Parts:
         if self.compensated:
             increase, module = self._linked(kernel.increase_phi, _INCREASED, module)
             names.append(increase)
-        if self.static:
-            solving = llvm.parse_assembly(generated.text(self.static))
+        if self.elimination:
+            solving = llvm.parse_assembly(self.elimination.text())
             module.link_in(solving)
             names.append(generated.NAME)
         module.link_in(llvm.parse_assembly(self._text(names)))
@@ -211,7 +213,7 @@ class _Parts:
         if self.compensated:
             corrected.append(self._call(names[2], _INCREASED, number))
         corrected.append(self._call(assemble, _ASSEMBLED, number))
-        if self.static:
+        if self.elimination:
             given = ", ".join(f"ptr %{name}" for name in _SOLVED)
             corrected += [
                 f"%ending = call i64 @{generated.NAME}({given}) alwaysinline",
@@ -226,7 +228,7 @@ class _Parts:
         ]
         if self.compensated:
             declared.append(f"declare i32 @{names[2]}({', '.join(self._kinds(_INCREASED, 0))})")
-        if self.static:
+        if self.elimination:
             declared.append(f"declare i64 @{generated.NAME}({', '.join(['ptr'] * len(_SOLVED))})")
 
         def function(kind: str, name: str, given: Sequence[str], body: Sequence[str]) -> list[str]:

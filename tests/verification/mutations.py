@@ -199,11 +199,11 @@ def static() -> Iterator[Mutation]:
         ("= value * row_units[j]", "= value"),
     ))  # fmt: skip
     yield from _changes(CORE / "linear/generated.py", "def _module", "return module", tests, (
-        ("build.fadd(before, term)", "build.fsub(before, term)"),
-        ("build.fsub(before, product)", "build.fadd(before, product)"),
-        ("good = build.and_(good, positive)", "pass"),
-        ("build.fmul(value(rhs, row), value(work, j))", "value(rhs, row)"),
-        ("found = build.fmul(solved, value(work, size + j))", "found = solved"),
+        ("build.fadd(so_far, term)", "build.fsub(so_far, term)"),
+        ("build.fsub(so_far, product)", "build.fadd(so_far, product)"),
+        ('good = build.and_(good, build.fcmp_ordered(">", pivot, above))', "pass"),
+        ("build.fmul(b, value(work, j))", "b"),
+        ("else build.fmul(solved, value(work, size + j))", "else solved"),
         ("build.fmul(solution[j], inverse[j])", "solution[j]"),
     ))  # fmt: skip
     yield from _changes(CORE / "linear/static.py", "def units", "return (", tests, (
@@ -218,7 +218,7 @@ def static() -> Iterator[Mutation]:
     yield from _changes(CORE / "linear/ordering.py", "def _bands", "def _least", tests, (
         ("np.maximum.at(met", "np.minimum.at(met"),
     ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "def _march", "def is_compiled", tests, (
+    yield from _changes(CORE / "kernel.py", "def _march", "class _Compiled", tests, (
         ("multipliers[k] = before_step[k]", "pass"), ("pivoted[s] = 1", "pass"),
     ))  # fmt: skip
     yield from _changes(CORE / "compiled_march.py", "def march", "def arguments", tests, (
@@ -238,7 +238,7 @@ def straight() -> Iterator[Mutation]:
     """Code made for one mechanism: what it calls, and what it depends on."""
     tests = ("tests/test_specialised.py",)
     yield from _changes(CORE / "specialised.py", "def digest", "def module", tests, (
-        ("self.static) if self.static else", "self.static) if False else"),
+        ("self.elimination.digest() if self.elimination else", "\"\" if self.elimination else"),
         ("{self.compensated} ", ""), ("array.tobytes()", "b''"),
     ))  # fmt: skip
     yield from _changes(CORE / "specialised.py", "def _text", "def _call", tests, (
@@ -246,6 +246,28 @@ def straight() -> Iterator[Mutation]:
         ("self._call(names[2], _INCREASED, number)", "''"),
         ("ptr %sources, i64 {self.shapes['x'][0]}", "ptr %sources, i64 0"),
         ("ptr %y, i64 {self.shapes['y'][0]}", "ptr %y, i64 1"),
+    ))  # fmt: skip
+
+
+def known_exchanges() -> Iterator[Mutation]:
+    """Partial pivoting by code: what it compares, what it is made of, when it is looked up."""
+    tests = ("tests/test_exchanges.py",)
+    yield from _changes(CORE / "linear/generated.py", "def _came_before", "return module", tests, (
+        ("standing[k], standing[at] = standing[at], standing[k]", "pass"),
+        ('build.fcmp_ordered(">=", pivot, rest)', 'build.fcmp_ordered(">", pivot, rest)'),
+        ("if row in before[j]", "if False"), ("if row not in before[j]", "if False"),
+        ('pivot, above))', 'pivot, rest))'),
+    ))  # fmt: skip
+    yield from _changes(CORE / "linear/exchanges.py", "class Exchanges", "def row_order", tests, (
+        ("and self.given_up < _PATIENCE", ""), ("(1 + self.looks)", "1"),
+        ("self.given_up += int(given_up.sum())", "pass"),
+        ("self.compiled >= self._steps", "0 > self._steps"),
+        ("if not written.is_made():", "if True:"),
+        ("> generated.OPERATIONS_AT_MOST", "< 0"),
+        ("dense.constant[keys]", "dense.constant[keys[::-1]]"),
+    ))  # fmt: skip
+    yield from _changes(CORE / "kernel.py", "def _march", "class _Compiled", tests, (
+        ("given_up >= patience", "False"),
     ))  # fmt: skip
 
 
@@ -648,6 +670,7 @@ def main() -> None:
         *integrators(),
         *static(),
         *straight(),
+        *known_exchanges(),
         *increments(),
         *rows(),
         *formulations(),

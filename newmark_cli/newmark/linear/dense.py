@@ -1,5 +1,6 @@
 """Dense Jacobians: solved by LAPACK, and their condition numbers."""
 
+import math
 import warnings
 
 import numpy as np
@@ -100,6 +101,15 @@ def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
         room=np.empty(0, np.uint64),
         work=np.empty(0, dtype),
     )
+
+
+def assembled(tables: MatrixTables, values: Values) -> Array:
+    """(N, N) D_L J D_R of index 3 at a state, as the kernel assembles it."""
+    sources = np.concatenate([values.x, values.y, values.g]).astype(tables.constant.dtype)
+    entries = tables.constant.copy()
+    np.add.at(entries, tables.places, tables.coefficients * sources[tables.origins])
+    size = math.isqrt(len(entries))
+    return entries.reshape(size, size)
 
 
 def no_tables(scheme: Scheme) -> MatrixTables:

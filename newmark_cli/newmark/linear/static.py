@@ -10,8 +10,11 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import static_elimination
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.linear import assembly, generated
+from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
 from newmark_cli.newmark.linear.dense import BalancedJacobian, DenseSystem
+from newmark_cli.newmark.linear.generated import Written
+from newmark_cli.newmark.linear.lists import EliminationLists
 from newmark_cli.newmark.linear.ordering import inverse, static_order
 from newmark_cli.newmark.linear.sparse import (
     SparseBalancedJacobian,
@@ -29,10 +32,7 @@ class StaticElimination:
 
     Attributes:
         size: N.
-        order: In which rows and unknowns are eliminated.
-        upper_starts, upper_rows, lower_starts, lower_rows: The strict factors by columns,
-            in that order.
-        operations: Multiplications and subtractions of a factorisation.
+        lists: Its order and fill.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
@@ -44,15 +44,8 @@ class StaticElimination:
         rows, columns = (
             np.concatenate([getattr(part, side) for part in every]) for side in ("rows", "columns")
         )
-        self.order = static_order(problem, len(scheme.form.kept), rows, columns)
-        self._row_place, self._column_place = (inverse(side) for side in self.order)
-        keys = np.unique(self._column_place[columns] * self.size + self._row_place[rows])
-        starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
-        (
-            self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
-        ) = static_elimination.analyse(self.size, starts, keys % self.size)  # fmt: skip
-        below = np.diff(self.lower_starts)
-        self.operations = int(below[self.upper_rows].sum())
+        order = static_order(problem, len(scheme.form.kept), rows, columns)
+        self.lists = EliminationLists(order, rows, columns)
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
@@ -89,14 +82,14 @@ class StaticElimination:
         rows.append(of_constraints / (left[-1] * change[0] * right[p - 1]))
         columns.append(of_constraints / (left[0] * right[p]))
         return (
-            _power_of_two(np.concatenate(rows)[self.order.rows]),
-            _power_of_two(np.concatenate(columns)[self.order.columns]),
+            _power_of_two(np.concatenate(rows)[self.lists.order.rows]),
+            _power_of_two(np.concatenate(columns)[self.lists.order.columns]),
         )
 
     @property
     def written_out(self) -> bool:
         """Whether code is made for the pattern."""
-        return self.operations <= generated.OPERATIONS_AT_MOST
+        return self.lists.operations <= generated.OPERATIONS_AT_MOST
 
     @property
     def solve(self) -> Any:
@@ -108,48 +101,24 @@ class StaticElimination:
     @cached_property
     def tables(self) -> MatrixTables:
         """All of it as `solve` reads it."""
-        size, dtype = self.size, self.scheme.dtype
-        row_units, column_units = self.units
-        constant_rows, constant_columns, constant = self._in_order(
-            self._constants.rows, self._constants.columns, self._constants.values
-        )
-        keys, slots = np.unique(constant_columns * size + constant_rows, return_inverse=True)
-        constant_rows, constant_columns = keys % size, keys // size
-        constant = np.bincount(slots, constant, len(keys)).astype(float)
-        rows, columns, coefficients = self._in_order(
-            self._sums.rows, self._sums.columns, self._sums.coefficients
-        )
-        by_column = np.argsort(columns, kind="stable")
-        sections = [
-            self.order.rows, self.order.columns,
-            np.searchsorted(constant_columns, np.arange(size + 1)), constant_rows,
-            np.searchsorted(columns[by_column], np.arange(size + 1)),
-            self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
-        ]  # fmt: skip
-        begins = np.cumsum([0, *map(len, sections)])[:-1]
-        room = np.array([*begins, 0, size], np.uint64)
-        work = np.zeros(5 * size + len(self.lower_rows) + len(self.upper_rows), dtype)
-        work[:size], work[size : 2 * size] = row_units, column_units
-        tables = MatrixTables(
-            constant=constant.astype(dtype),
-            places=rows[by_column].astype(np.uint32),
-            origins=self._sums.origins[by_column].astype(np.uint32),
-            coefficients=coefficients[by_column].astype(dtype),
-            structure=np.concatenate(sections).astype(np.uint32),
-            room=room,
-            work=work,
-        )
+        lists, dtype = self.lists, self.scheme.dtype
+        constants, sums = self._in_units(*self._constants), self._sums
+        coefficients = self._in_units(sums.rows, sums.columns, sums.coefficients).values
+        found = lists.tables(constants, sums._replace(coefficients=coefficients), dtype)
+        work = np.zeros(5 * self.size + len(lists.lower_rows) + len(lists.upper_rows), dtype)
+        work[: 2 * self.size] = np.concatenate(self.units)
+        tables = found._replace(work=work)
         if self.written_out:
-            room[static_elimination.ADDRESS] = generated.address(tables)
+            tables.room[static_elimination.ADDRESS] = Written(tables).address()
         return tables
 
-    def _in_order(
-        self, rows: IndexArray, columns: IndexArray, values: Array
-    ) -> tuple[IndexArray, IndexArray, Array]:
-        """Places in the order of elimination, and values in its units."""
-        rows, columns = self._row_place[rows], self._column_place[columns]
-        row_units, column_units = self.units
-        return rows, columns, row_units[rows] * values.astype(float) * column_units[columns]
+    def _in_units(self, rows: IndexArray, columns: IndexArray, values: Array) -> Constants:
+        """Entries in the units of the elimination."""
+        row_unit, column_unit = (
+            units[inverse(side)] for units, side in zip(self.units, self.lists.order, strict=True)
+        )
+        entries = row_unit[rows] * values.astype(float) * column_unit[columns]
+        return Constants(rows, columns, entries)
 
     def sources(self, values: Values) -> Array:
         """(E,) what the terms multiply."""

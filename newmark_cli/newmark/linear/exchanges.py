@@ -1,0 +1,134 @@
+"""Partial pivoting with the row exchanges that a matrix needed before.
+
+Along a march the exchanges change seldom.  With them known the elimination can be written
+out, see `generated`.  The code compares every pivot with the entries below it and gives up
+where partial pivoting would take another row: what it solves, partial pivoting solves with
+the same operations.
+"""
+
+import warnings
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark import static_elimination
+from newmark_cli.newmark.linear import assembly, generated
+from newmark_cli.newmark.linear.assembly import Constants
+from newmark_cli.newmark.linear.dense import assembled, no_tables
+from newmark_cli.newmark.linear.generated import Written
+from newmark_cli.newmark.linear.lists import EliminationLists
+from newmark_cli.newmark.linear.ordering import Order
+from newmark_cli.newmark.march_data import MatrixTables, State
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem
+
+#: Steps that take as long as compiling code: there may be so much as there were such times.
+_WORTH = 5_000
+#: Steps that take ten times as long as looking exchanges up, and may be in one call.
+_BETWEEN = 1_000
+#: Steps in which code gives up until others are looked up.
+_PATIENCE = 20
+_NEVER = 2**62
+
+
+class Exchanges:
+    """Row exchanges of a march, as far as code is made for them.
+
+    Attributes:
+        given_up: Steps since the last look in which others were needed.
+        looks: How often they were looked up.
+        compiled: How often code was made for them.
+    """
+
+    def __init__(self, problem: Problem, scheme: Scheme, dense: MatrixTables) -> None:
+        """Of index 3; the dense tables are the problem's."""
+        self._problem, self._scheme, self._dense = problem, scheme, dense
+        self._known: dict[bytes, Written | None] = {}
+        self._nothing = no_tables(scheme)
+        self._current = self._nothing
+        self._steps = self.looks = self.given_up = self.compiled = 0
+
+    @property
+    def coded(self) -> bool:
+        """Whether there is code for the exchanges of the last look."""
+        return self._current is not self._nothing
+
+    @property
+    def patience(self) -> int:
+        """After how many steps in which the code gives up the march should halt."""
+        return _PATIENCE if self.coded and self._may_look else _NEVER
+
+    @property
+    def _may_look(self) -> bool:
+        return self._steps >= _BETWEEN * (1 + self.looks)
+
+    def took(self, given_up: IndexArray) -> None:
+        """Count steps, and those of them in which the code has given up."""
+        self._steps += len(given_up)
+        self.given_up += int(given_up.sum())
+
+    def at(self, state: State, step: int) -> tuple[MatrixTables, Any]:
+        """Tables and function of `kernel.solve_type` to go on with; empty tables for loops.
+
+        Args:
+            state: Where the march stands.
+            step: After how many steps.
+        """
+        if self._may_look and not (self.coded and self.given_up < _PATIENCE):
+            self.looks, self.given_up = self.looks + 1, 0
+            self._current = self._looked_up(state, step) or self._nothing
+        if self.coded:
+            return self._current, static_elimination.solve_generated
+        return self._nothing, static_elimination.solve_in_order
+
+    def _looked_up(self, state: State, step: int) -> MatrixTables | None:
+        problem, (u, v, *_) = self._problem, state.fields.astype(float)
+        t, multipliers = problem.t0 + step * self._scheme.h, state.multipliers.astype(float)
+        matrix = assembled(self._dense, problem.values(t, u, v, multipliers))
+        rows = row_order(matrix)
+        if rows is None:
+            return None
+        key = rows.tobytes()
+        if key not in self._known:
+            self._known[key] = _written(rows, problem, self._scheme, self._dense)
+        written = self._known[key]
+        if written is None:
+            return None
+        if not written.tables.room[static_elimination.ADDRESS]:
+            if not written.is_made():
+                if self.compiled >= self._steps // _WORTH:
+                    return None
+                self.compiled += 1
+            written.tables.room[static_elimination.ADDRESS] = written.address()
+        return written.tables
+
+
+def _written(
+    rows: IndexArray, problem: Problem, scheme: Scheme, dense: MatrixTables
+) -> Written | None:
+    """Partial pivoting with an order of rows; None where there is too much fill."""
+    fixed = assembly.constants(problem, scheme)
+    sums = assembly.of_index_3(problem, scheme)
+    every = np.concatenate([fixed.rows, sums.rows]), np.concatenate([fixed.columns, sums.columns])
+    lists = EliminationLists(Order(rows, np.arange(len(rows))), *every)
+    if lists.operations > generated.OPERATIONS_AT_MOST:
+        return None
+    # Entry by entry as the dense matrix has them, whose sums are rounded in its order.
+    keys = np.unique(fixed.rows * len(rows) + fixed.columns)
+    constants = Constants(*np.divmod(keys, len(rows)), dense.constant[keys])
+    return Written(lists.tables(constants, sums, scheme.dtype), pivoting=True)
+
+
+def row_order(matrix: Array) -> IndexArray | None:
+    """(N,) rows in the order of their pivots; None where a pivot is zero or not a number."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+        factors, exchanges = scipy.linalg.lu_factor(matrix, check_finite=False)
+    if not np.all(np.abs(np.diagonal(factors)) > 0):
+        return None
+    rows = np.arange(len(matrix))
+    for k, other in enumerate(exchanges):
+        rows[[k, other]] = rows[[other, k]]
+    return rows

@@ -1,0 +1,66 @@
+"""What an elimination in a fixed order needs to know beforehand: its fill, as lists."""
+
+import numpy as np
+
+from newmark_cli.arrays import IndexArray
+from newmark_cli.newmark import static_elimination
+from newmark_cli.newmark.linear.assembly import Constants, Sums
+from newmark_cli.newmark.linear.ordering import Order, inverse
+from newmark_cli.newmark.march_data import MatrixTables
+
+
+class EliminationLists:
+    """Pattern of a matrix and its fill in an order of elimination.
+
+    Attributes:
+        size: N.
+        order: In which rows and unknowns are eliminated.
+        upper_starts, upper_rows, lower_starts, lower_rows: The strict factors by columns,
+            in that order.
+        operations: Multiplications and subtractions of a factorisation.
+    """
+
+    def __init__(self, order: Order, rows: IndexArray, columns: IndexArray) -> None:
+        """Of the places of a matrix' entries; a place may be there more than once."""
+        self.order, self.size = order, len(order.rows)
+        self._row_place, self._column_place = inverse(order.rows), inverse(order.columns)
+        keys = np.unique(self._keys(rows, columns))
+        starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
+        (
+            self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
+        ) = static_elimination.analyse(self.size, starts, keys % self.size)  # fmt: skip
+        below = np.diff(self.lower_starts)
+        self.operations = int(below[self.upper_rows].sum())
+
+    def tables(self, constants: Constants, sums: Sums, dtype: type) -> MatrixTables:
+        """A matrix with this pattern, as `static_elimination` reads it; without work space.
+
+        Args:
+            constants, sums: Its entries.
+            dtype: Type of the numbers.
+        """
+        keys, slots = np.unique(self._keys(constants.rows, constants.columns), return_inverse=True)
+        columns = self._column_place[sums.columns]
+        by_column = np.argsort(columns, kind="stable")
+        starts = np.arange(self.size + 1)
+        sections = [
+            self.order.rows, self.order.columns,
+            np.searchsorted(keys, starts * self.size), keys % self.size,
+            np.searchsorted(columns[by_column], starts),
+            self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
+        ]  # fmt: skip
+        begins = np.cumsum([0, *map(len, sections)])[:-1]
+        return MatrixTables(
+            constant=np.bincount(slots, constants.values, len(keys)).astype(dtype),
+            places=self._row_place[sums.rows[by_column]].astype(np.uint32),
+            origins=sums.origins[by_column].astype(np.uint32),
+            coefficients=sums.coefficients[by_column].astype(dtype),
+            structure=np.concatenate(sections).astype(np.uint32),
+            room=np.array([*begins, 0, self.size], np.uint64),
+            work=np.empty(0, dtype),
+        )
+
+    def _keys(self, rows: IndexArray, columns: IndexArray) -> IndexArray:
+        """Numbers of places, by columns in their order."""
+        found: IndexArray = self._column_place[columns] * self.size + self._row_place[rows]
+        return found

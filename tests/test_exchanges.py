@@ -1,0 +1,222 @@
+"""Partial pivoting by code for known row exchanges: the same bits as by loops, or given up."""
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy.linalg
+from each import each
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from marching import STEP, copy
+
+from newmark_cli import machine_code
+from newmark_cli.mechanisms.registry import problem
+from newmark_cli.newmark import kernel, static_elimination
+from newmark_cli.newmark.compiled_march import Engine
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.linear import exchanges, generated
+from newmark_cli.newmark.linear.assembly import Constants, Sums
+from newmark_cli.newmark.linear.generated import Written
+from newmark_cli.newmark.linear.lists import EliminationLists
+from newmark_cli.newmark.linear.ordering import Order
+from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
+from newmark_cli.newmark.scaling import named_scaling
+from newmark_cli.newmark.scheme import Scheme
+
+NEVER = 10**9
+
+
+def scheme_of(form, variant, h, integrator=None, **changes):
+    """How a march goes."""
+    form = FORMS[form]
+    return Scheme(integrator or Newmark(), form, named_scaling(variant, form), h, **changes)
+
+
+def run(subject, scheme, stretches, looks_after, after_stretch=lambda exchanges: None):
+    """The engine after stretches of 20 steps, and all that these leave behind."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_BETWEEN", "_WORTH"):
+            patch.setattr(exchanges, name, looks_after)
+        engine, state, found = Engine(subject, scheme), initial_state(subject, scheme), []
+        for k in range(stretches):
+            norms = np.zeros((20, len(scheme.recorded)))
+            iterations = np.zeros(20, np.int64)
+            assert engine.march(state, 20 * k, norms, iterations) == (COMPLETED, 20)
+            found += [norms, iterations, *copy(state)]
+            after_stretch(engine.exchanges)
+    return engine, found
+
+
+@each(
+    "subject, form, variant, integrator, evaluation, precision",
+    [
+        ("andrews", "u-lambda", "optimal", Newmark(), "direct", "float64"),
+        ("andrews", "v-lambda", "none", BDF2(), "compensated", "float64"),
+        ("slider-crank", "u-v-a-lambda", "left", GeneralizedAlpha(0.8), "direct", "float64"),
+        ("four-bar", "u-v-lambda", "right", Newmark(), "direct", "float32"),
+        ("heavy-top", "a-lambda", "optimal", GeneralizedAlpha(0.8), "direct", "float64"),
+        ("double-pendulum", "v-a-lambda", "left", Newmark(), "compensated", "float32"),
+    ],
+)
+def test_the_same_bits(subject, form, variant, integrator, evaluation, precision):
+    """States, norms and iterations by code and by loops are equal."""
+    scheme = scheme_of(
+        form, variant, STEP[subject] / 10, integrator, evaluation=evaluation, precision=precision
+    )
+    subject = problem(subject)
+    by_code, code = run(subject, scheme, 6, 20)
+    by_loops, loops = run(subject, scheme, 6, NEVER)
+    assert (by_code.exchanges.coded, by_loops.exchanges.coded) == (True, False)
+    assert by_code.exchanges.given_up < 20
+    assert by_code.pivoted == by_loops.pivoted == 0  # no matter of partial pivoting
+    for mine, theirs in zip(code, loops, strict=True):
+        assert mine.dtype == theirs.dtype
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def test_ever_other_exchanges():
+    """Andrews' mechanism in large steps: code is given up in each, and is looked up so often."""
+    subject, seen = problem("andrews"), []
+    scheme = scheme_of("u-lambda", "optimal", 1e-3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exchanges, "_PATIENCE", 5)
+        _, code = run(subject, scheme, 20, 20, after_stretch=lambda ex: seen.append(ex.given_up))
+    for mine, theirs in zip(code, run(subject, scheme, 20, NEVER)[1], strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert max(seen) == 20
+
+
+def test_compiler_is_bounded(monkeypatch):
+    """Exchanges that are new at every look: looked up now and then, compiled more seldom."""
+    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "optimal", 1e-3)
+    orders = itertools.cycle(np.array(rows) for rows in itertools.permutations(range(3)))
+    monkeypatch.setattr(exchanges, "row_order", lambda matrix: next(orders))
+    monkeypatch.setattr(Written, "is_made", lambda written: False)
+    monkeypatch.setattr(Written, "address", lambda written: 1)
+    found = Engine(subject, scheme).exchanges
+    state, coded = initial_state(subject, scheme), []
+    for step in range(30):
+        found.at(state, step)
+        coded.append(found.coded)
+        found.took(np.ones(1000, np.int64))
+    assert found.looks == 29
+    # One order after 5000 steps, another after 10000; of six each comes back at every sixth look.
+    assert coded[:12] == [False] * 5 + [True] + [False] * 4 + [True, True]
+    assert found.compiled == 5
+
+
+def test_code_that_is_there_is_taken():
+    """However few steps there have been: only compiling takes time."""
+    subject, scheme = problem("andrews"), scheme_of("u-lambda", "optimal", 1e-6)
+    run(subject, scheme, 3, 20)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exchanges, "_BETWEEN", 20)
+        engine, state = Engine(subject, scheme), initial_state(subject, scheme)
+        for look in range(2):
+            norms = np.zeros((20, 2))
+            engine.march(state, 20 * look, norms, np.zeros(20, np.int64))
+    assert engine.exchanges.coded
+    assert (engine.exchanges.looks, engine.exchanges.compiled) == (1, 0)
+
+
+def test_no_code_for_formulations():
+    """Their systems have rows that the lists do not know."""
+    scheme = scheme_of("u-lambda", "optimal", 1e-3, formulation=Formulation("index-2"))
+    assert run(problem("pendulum"), scheme, 3, 20)[0].exchanges is None
+
+
+def test_no_code_for_much_fill(monkeypatch):
+    """An elimination with many operations stays with the loops."""
+    monkeypatch.setattr(generated, "OPERATIONS_AT_MOST", 20)
+    scheme = scheme_of("u-lambda", "optimal", 1e-5)
+    assert not run(problem("andrews"), scheme, 3, 20)[0].exchanges.coded
+    assert run(problem("pendulum"), scheme, 3, 20)[0].exchanges.coded
+
+
+# -- one matrix -----------------------------------------------------------------------------
+
+#: Entries that are there; with as many zeros fill is to be seen.
+THERE = np.array(
+    [
+        [1, 1, 0, 0, 1],
+        [1, 0, 1, 0, 0],
+        [1, 1, 0, 1, 0],
+        [0, 0, 1, 1, 0],
+        [1, 0, 0, 1, 1],
+    ],
+    bool,
+)
+ROWS, COLUMNS = np.nonzero(THERE)
+NO_SUMS = Sums(*(np.empty(0, np.int64) for _ in range(3)), np.empty(0))
+
+
+def code_for(rows, matrix):
+    """Tables of an elimination in an order of rows, with the numbers of a matrix."""
+    lists = EliminationLists(Order(np.array(rows), np.arange(5)), ROWS, COLUMNS)
+    tables = lists.tables(Constants(ROWS, COLUMNS, matrix[ROWS, COLUMNS]), NO_SUMS, float)
+    tables.room[static_elimination.ADDRESS] = Written(tables, pivoting=True).address()
+    return tables
+
+
+def order_of(matrix):
+    """Rows as partial pivoting takes them, the first among equals; None when it fails."""
+    matrix, rows = matrix.copy(), list(range(len(matrix)))
+    for k in range(len(matrix)):
+        sizes = [abs(entry) for entry in matrix[k:, k]]
+        if max(sizes) == 0:
+            return None
+        at = k + sizes.index(max(sizes))
+        matrix[[k, at]] = matrix[[at, k]]
+        rows[k], rows[at] = rows[at], rows[k]
+        reciprocal = 1 / matrix[k, k]
+        for i in range(k + 1, len(matrix)):
+            matrix[i, k:] -= matrix[i, k] * reciprocal * matrix[k, k:]
+    return rows
+
+
+@given(
+    values=st.lists(st.integers(-3, 3), min_size=len(ROWS), max_size=len(ROWS)),
+    rows=st.sampled_from([(0, 1, 2, 3, 4), (1, 0, 4, 3, 2), (2, 4, 1, 3, 0), (4, 2, 3, 0, 1)]),
+    fit=st.booleans(),
+)
+@settings(max_examples=150)
+def test_solved_or_given_up(values, rows, fit):
+    """Whole numbers have many ties: what partial pivoting orders otherwise is given up."""
+    matrix = np.zeros((5, 5))
+    matrix[ROWS, COLUMNS] = values
+    b, expected = np.arange(1.0, 6.0), np.arange(1.0, 6.0)
+    wanted = order_of(matrix)
+    rows = wanted if fit and wanted else list(rows)
+    with pytest.MonkeyPatch.context() as patch:
+        # A hundred files that nobody needs again.
+        patch.setattr(machine_code, "kept_bytes", lambda owner, name, make: make())
+        tables = code_for(rows, matrix)
+    ending = static_elimination.solve_generated(np.empty(0), b, *tables)
+    if wanted != rows:
+        assert ending == PIVOTING
+        np.testing.assert_array_equal(b, expected)
+    else:
+        assert ending == COMPLETED
+        assert kernel.solve_in_place(matrix, expected, np.empty(5, np.uint64), np.empty(5))
+        np.testing.assert_array_equal(b, expected)
+
+
+@given(values=st.lists(st.integers(-3, 3), min_size=16, max_size=16))
+def test_exchanges_of_a_matrix(values):
+    """Those of LAPACK; none of a matrix that it cannot factorise."""
+    matrix = np.reshape(values, (4, 4)).astype(float)
+    rows = exchanges.row_order(matrix)
+    permutation, _, upper = scipy.linalg.lu(matrix)
+    if (np.diagonal(upper) == 0).any():
+        assert rows is None
+    else:
+        np.testing.assert_array_equal(np.eye(4)[:, rows], permutation)
+
+
+def test_no_exchanges_of_what_is_not_a_number():
+    """A matrix with NaN."""
+    assert exchanges.row_order(np.full((3, 3), np.nan)) is None
