@@ -88,7 +88,7 @@ class DocumentError(InputError):
     """A document cannot be used; the text names file, line, key and what is allowed.
 
     Attributes:
-        mistakes: Every mistake that was found, at most `MOST_REPORTED`, in the order of
+        mistakes: Every mistake that was found, at most 50, in the order of
             their lines; the text of the error is that of the first.
         more: Number of mistakes beyond those.
         stopped: Whether there may be more than that.

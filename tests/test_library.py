@@ -20,6 +20,7 @@ from each import each
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.newmark import trajectory
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.newmark.invariants import invariants
 from newmark_cli.newmark.march_data import State
@@ -410,6 +411,23 @@ def test_an_interrupt_leaves_a_usable_trajectory(delay):
     child.send_signal(signal.SIGINT)
     told, _ = child.communicate(timeout=60)
     assert told == "interrupted True True True True ok\n"
+
+
+def test_an_interrupt_while_steps_are_kept(monkeypatch):
+    """What a stretch recorded counts together with the steps of the stretch, or not at all."""
+    steps = iter([trajectory.step_of, trajectory.step_of])
+
+    def step_of(*given):
+        for found in steps:
+            return found(*given)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(trajectory, "step_of", step_of)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        newmark.march("pendulum", h=1e-6, steps=20_000, every=1000)
+    part = caught.value.trajectory
+    assert (part.steps, part.t.tolist()) == (5000, [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
+    assert part.newton_iterations > 5000
 
 
 def test_halts_take_no_memory_of_their_own():

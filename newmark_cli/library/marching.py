@@ -240,8 +240,9 @@ def march(
         integrator: ``"trapezoidal"``, text such as ``"newmark beta=0.3025 gamma=0.6"`` or
             ``"generalized-alpha rho=0.9"``, a dict as in a config, or an object of
             `newmark_cli.newmark.integrator`.
-        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"`` (Table 2), or a dict with
-            ``name``, ``left`` and ``right`` as in a config.
+        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"`` (Table 2),
+            ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
+            ``right`` as in a config.
         evaluation: ``"direct"`` as the paper writes the residuals, or ``"compensated"``.
         precision: ``"float64"`` or ``"float32"``, the arithmetic of the march; what is
             returned is float64.
@@ -272,10 +273,10 @@ def march(
             trajectory tells which they are.  Without ``t_end`` the march ends at the last.
         keep: Which of ``"u"``, ``"v"``, ``"a"``, ``"lambda"``; ``()`` keeps only the
             ``state`` at the end.
-        u0: Coordinates of a start of your own, (n,) (m), or a dict of points,
+        u0: Coordinates of a start of your own, (n,) (m; angles: rad), or a dict of points,
             ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is not given is
             the problem's.
-        v0: Velocities of the start (m/s), given likewise.
+        v0: Velocities of the start (m/s; of angles: rad/s), given likewise.
         project: Replace a start that misses the constraints by the nearest that meets
             them: first the coordinates, then the velocities, in the norm of M.
         state: Go on from a `Step` in place of the start.  With the same integrator and
@@ -292,7 +293,8 @@ def march(
         ArgumentError: For an argument of the wrong type, shape, size or name, and a start
             that misses the constraints.
         ProblemError, DocumentError: When the problem, or a dict, cannot be used.
-        IntegratorError, ScalingError: For parameters that give no usable scheme.
+        IntegratorError, ScalingError, FormulationError: For parameters that give no usable
+            scheme.
 
     Examples:
         >>> import newmark_cli as newmark

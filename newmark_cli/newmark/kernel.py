@@ -19,6 +19,7 @@ small mechanism: measure a change with `benchmarks/kernel.py`.
 
 import threading
 import weakref
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,7 @@ _compile = cached_njit(nogil=True, error_model="numpy")
 _inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 
+@cache
 def evaluate_type(dtype):
     """Numba type of a problem's function in the arithmetic of a dtype."""
     scalar = from_dtype(dtype)
@@ -54,6 +56,7 @@ def evaluate_type(dtype):
     )  # fmt: skip
 
 
+@cache
 def derivatives_type(dtype):
     """Numba type of a problem's derivatives of constraints in the arithmetic of a dtype."""
     scalar = from_dtype(dtype)
@@ -66,6 +69,7 @@ def derivatives_type(dtype):
     )  # fmt: skip
 
 
+@cache
 def solve_type(dtype):
     """Numba type of what solves the linear system, in the arithmetic of a dtype.
 
@@ -1079,7 +1083,11 @@ def _march(
 
 
 class _Compiled(types.WrapperAddressProtocol):
-    """A function as the march is given it; of a jitted one numba asks anew in every call."""
+    """A function that raises nothing, as the march is given it.
+
+    Of a jitted one numba looks up the address anew in every call of the march.  By this one
+    exceptions of the function would not reach its caller.
+    """
 
     def __init__(self, function, kind):
         self._signature = kind.signature
@@ -1094,15 +1102,15 @@ class _Compiled(types.WrapperAddressProtocol):
         return self._signature
 
 
-#: Function → type of the march's numbers → the function as the march is given it.
+#: Function → type → the function as the march is given it.
 _given: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
 
 
-def _as_given(function, kind, dtype):
+def _as_given(function, kind):
     of_function = _given.setdefault(function, {})
-    if dtype not in of_function:
-        of_function[dtype] = _Compiled(function, kind(dtype))
-    return of_function[dtype]
+    if kind not in of_function:
+        of_function[kind] = _Compiled(function, kind)
+    return of_function[kind]
 
 
 _compiling = threading.Lock()
@@ -1168,12 +1176,19 @@ def march(
         float(h), first, cap, float(settled_below), float(absolute), float(relative), norms,
         iterations, pivoted, patience, record,
     )  # fmt: skip
-    functions = (evaluate, evaluate_type), (derive, derivatives_type), (solve, solve_type)
     with _compiling:
-        given = [function and _as_given(function, kind, dtype) for function, kind in functions]
+        solve = _as_given(solve, solve_type(dtype))
+        if code[0] != 0:  # else it may be the user's own
+            evaluate = _as_given(evaluate, evaluate_type(dtype))
+        given = evaluate, derive, solve
         if (dtype, formulated) not in _compiled:
             made = _compile(_march)
-            made.compile(tuple(typeof(argument) for argument in (*given, *arguments)))
+            functions = (
+                evaluate_type(dtype),
+                derivatives_type(dtype) if formulated else types.none,
+                solve_type(dtype),
+            )
+            made.compile((*functions, *(typeof(a) for a in arguments)))
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
             made.disable_compile()

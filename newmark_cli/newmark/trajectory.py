@@ -485,12 +485,14 @@ class Recorder:
             count = step.iterations if step.converged else -step.iterations
             fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
             rows = {name: fields[name][None] for name in self._arrays}
-            self._append(np.array([step.carried.done]), np.array([count]), rows)
+            steps = np.array([step.carried.done])
+            self._kept, self._last = self._written(steps, np.array([count]), rows)
 
     def took(self, stretch: Stretch) -> None:
         """Take up what a stretch of the march recorded."""
         fields, multipliers = stretch.record.fields, stretch.record.multipliers
         good = np.isfinite(fields).all(axis=(1, 2)) & np.isfinite(multipliers).all(axis=1)
+        kept, last = self._kept, self._last
         if self.finite and len(good):
             looks = stretch.looks[good]
             first = self.march.done - len(stretch.iterations)
@@ -498,7 +500,7 @@ class Recorder:
                 name: (multipliers if name == "lambda" else fields[:, _ROWS[name]])[good]
                 for name in self._arrays
             }
-            self._append(looks, stretch.iterations[looks - first - 1], rows)
+            kept, last = self._written(looks, stretch.iterations[looks - first - 1], rows)
         state = self.march.state
         finite = self.finite and bool(good.all())
         finite = finite and all(bool(np.isfinite(array).all()) for array in state[:3])
@@ -506,21 +508,25 @@ class Recorder:
         here = step_of(self.march, stretch) if finite and taken else self._good
         not_converged = self._not_converged + int(np.count_nonzero(stretch.iterations < 0))
         corrections = self._corrections + int(np.abs(stretch.iterations).sum())
-        self.finite, self._good = finite, here
-        self._not_converged, self._corrections = not_converged, corrections
+        # At once, for an interrupt: rows, the last good step and the counts belong together.
+        self._kept, self._last, self.finite, self._good, self._not_converged, self._corrections = (
+            kept, last, finite, here, not_converged, corrections
+        )  # fmt: skip
         if self._needed and finite and self.march.ending == COMPLETED:
             self._needed.sees(self.march)
             self.reason = self._needed.reason
 
-    def _append(self, steps: IndexArray, counts: IndexArray, rows: Mapping[str, Array]) -> None:
+    def _written(
+        self, steps: IndexArray, counts: IndexArray, rows: Mapping[str, Array]
+    ) -> tuple[int, int]:
+        """Write rows; returns how many there are with them, and the last step that is kept."""
         if not len(steps):
-            return
-        kept, last = self._kept + len(steps), int(steps[-1])
+            return self._kept, self._last
         self._numbers.write(self._kept, steps)
         self._counts.write(self._kept, counts)
         for name, values in rows.items():
             self._arrays[name].write(self._kept, values)
-        self._kept, self._last = kept, last
+        return self._kept + len(steps), int(steps[-1])
 
     def trajectory(self, status: str = "") -> Trajectory:
         """What was kept so far.

@@ -1,4 +1,4 @@
-"""Predicted floors of Newton's corrections beside measured ones, over all that is shipped.
+"""Predicted floors of Newton's corrections beside measured ones, over the planar problems.
 
 Every form, three integrators, both evaluations, both precisions, at step sizes around the
 paper's.  Prints for each problem the quotients predicted / measured: how many there are, how
