@@ -205,6 +205,12 @@ def test_solved_or_given_up(values, rows, fit):
         np.testing.assert_array_equal(b, expected)
 
 
+def test_rows_that_stand_above():
+    """Row 0 makes way for row 1 and stands above row 2 from then on: places in the order."""
+    assert generated._came_before([1, 2, 0]) == [{2}, {2}, set()]
+    assert generated._came_before([2, 1, 0]) == [{1, 2}, set(), set()]
+
+
 @given(values=st.lists(st.integers(-3, 3), min_size=16, max_size=16))
 def test_exchanges_of_a_matrix(values):
     """Those of LAPACK; none of a matrix that it cannot factorise."""

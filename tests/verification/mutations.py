@@ -242,7 +242,7 @@ def straight() -> Iterator[Mutation]:
         ("{self.compensated} ", ""), ("array.tobytes()", "b''"),
     ))  # fmt: skip
     yield from _changes(CORE / "specialised.py", "def _text", "def _call", tests, (
-        ("llvm.memset.p0.i64(ptr %force, i8 0", "llvm.memset.p0.i64(ptr %force, i8 1"),
+        ("llvm.memset.p0.i64(ptr %force, i8 0", "llvm.memset.p0.i64(ptr %force, i8 64"),
         ("self._call(names[2], _INCREASED, number)", "''"),
         ("ptr %sources, i64 {self.shapes['x'][0]}", "ptr %sources, i64 0"),
         ("ptr %y, i64 {self.shapes['y'][0]}", "ptr %y, i64 1"),
