@@ -109,6 +109,22 @@ def test_compiler_is_bounded(monkeypatch):
     assert found.compiled == 5
 
 
+def test_memory_is_bounded(monkeypatch):
+    """However many orders of rows there are: more than so many are not remembered."""
+    orders = itertools.cycle(np.array(rows) for rows in itertools.permutations(range(3)))
+    monkeypatch.setattr(exchanges, "row_order", lambda matrix: next(orders))
+    monkeypatch.setattr(exchanges, "_MOST_KNOWN", 4)
+    monkeypatch.setattr(Written, "is_made", lambda written: True)
+    monkeypatch.setattr(Written, "address", lambda written: 1)
+    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "optimal", 1e-3)
+    found, state, coded = Engine(subject, scheme).exchanges, initial_state(subject, scheme), []
+    for step in range(13):
+        found.at(state, step)
+        coded.append(found.coded)
+        found.took(np.ones(1000, np.int64))
+    assert coded == [False] + ([True] * 4 + [False] * 2) * 2
+
+
 def test_code_that_is_there_is_taken():
     """However few steps there have been: only compiling takes time."""
     subject, scheme = problem("andrews"), scheme_of("u-lambda", "optimal", 1e-6)

@@ -24,12 +24,14 @@ from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
 
-#: Steps that take as long as compiling code: there may be so much as there were such times.
+#: Steps that take as long as compiling code once.
 _WORTH = 5_000
 #: Steps that take ten times as long as looking exchanges up, and may be in one call.
 _BETWEEN = 1_000
 #: Steps in which code gives up until others are looked up.
 _PATIENCE = 20
+#: Most orders of rows that are remembered, whatever the number of steps.
+_MOST_KNOWN = 64
 _NEVER = 2**62
 
 
@@ -92,6 +94,8 @@ class Exchanges:
             return None
         key = rows.tobytes()
         if key not in self._known:
+            if len(self._known) == _MOST_KNOWN:
+                return None
             self._known[key] = _written(rows, problem, self._scheme, self._dense)
         written = self._known[key]
         if written is None:
