@@ -44,9 +44,7 @@ def thrown(folder, mass="1") -> Problem:
 def swinging():
     """Angle of the thrown pendulum and its rate at any time, to 25 digits."""
     # It keeps the series that it has found: one for all times is one integration.
-    return mp.odefun(
-        lambda _, y: [y[1], -mp.cos(y[0])], 0, [mpf(0), mpf(1)], tol=mpf(10) ** -25
-    )
+    return mp.odefun(lambda _, y: [y[1], -mp.cos(y[0])], 0, [mpf(0), mpf(1)], tol=mpf(10) ** -25)
 
 
 def exact(t):
