@@ -280,20 +280,15 @@ def test_failures_name_the_line(cli, options):
     cli.write("own/mine.py", FAILS)
     cli.write("own/parts/one.py", "\n\ndef divided(t):\n    return 1.0 / (t < 0.5)\n")
     forces = ["plain", "beside", "matrix", *(() if options else ("compiled", "implicit"))]
-    # Each cell of a compiled force compiles it: one of it will do.
-    cases = [
-        f'  - {{problem: {{python: "own/mine.py:swing", args: {{force: {f}}}}}, '
-        f"preconditioning: {'[none, optimal]' if f in forces[:3] else 'optimal'}}}"
-        for f in forces
-    ]
+    cases = [f'  - problem: {{python: "own/mine.py:swing", args: {{force: {f}}}}}' for f in forces]
     cli.write(
         "mine.yaml",
-        "study: mine\nform: u-lambda\nh: 0.1\nt_end: 1.0\ncases:\n" + "\n".join(cases),
+        "study: mine\nform: u-lambda\npreconditioning: [none, optimal]\nh: 0.1\nt_end: 1.0\n"
+        "cases:\n" + "\n".join(cases),
     )
     done = cli("run", "mine.yaml", "--allow-code", "-q", "--jobs", 1, *options, code=1)
     first, *others = done.stderr.splitlines()
-    said = f"newmark-study: mine: 2 of {3 + len(forces)} cells "
-    single = said.replace("2 of", "1 of")
+    said = f"newmark-study: mine: 2 of {2 * len(forces)} cells "
     start = f"{said}failed: own/mine.py, line 9: KeyError: 'no\\nmoreno"
     assert first.startswith(start)
     assert first.endswith("…")
@@ -301,8 +296,8 @@ def test_failures_name_the_line(cli, options):
     expected = [
         f"{said}failed: own/parts/one.py, line 4: ZeroDivisionError: float division by zero",
         f"{said}ended with status singular: own/mine.py, line 18: LinAlgError: Singular matrix",
-        f"{single}failed: own/mine.py, line 24: ValueError: no more",
-        f"{single}failed: mine.py:swing(force=implicit): ZeroDivisionError: division by zero",
+        f"{said}failed: own/mine.py, line 24: ValueError: no more",
+        f"{said}failed: mine.py:swing(force=implicit): ZeroDivisionError: division by zero",
     ]
     assert others == expected[: len(forces) - 1]
 
