@@ -73,6 +73,20 @@ def test_plain_and_compiled_functions_march_alike(car_axis, form):
         )
 
 
+def test_what_starts_a_march_is_plain_whether_compiled_or_not(car_axis):
+    """Rate and curvature of compiled problems are those of plain ones, to the bit."""
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        u = car_axis[False].u0 + 0.2 * random.normal(size=4)
+        v = 2 * random.normal(size=4)
+        found, expected = (
+            car_axis[compiled].constraint_derivatives(0.7, u, v) for compiled in (True, False)
+        )
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+            assert np.abs(other).max() > 0
+
+
 @each("frequency", [0.1, 1.0, 10.0, 100.0, 1000.0])
 @each("t", [0.0, 0.37, 2.9])
 def test_derivatives_of_constraints_at_any_frequency(frequency, t):

@@ -133,7 +133,7 @@ def constraints(u, t):
     return np.array([(u[0] * u[0] + u[1] * u[1] - 1) / 2])
 
 
-@numba.njit(cache=True)
+# Plain, so that nothing else has to be compiled: the march calls the other two from Python.
 def gradient(u, t):
     return u.copy().reshape(-1, 1)
 
