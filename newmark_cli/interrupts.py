@@ -16,8 +16,8 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from types import FrameType
-from typing import Any
+from types import CodeType, FrameType, FunctionType
+from typing import Any, TypeVar
 
 from newmark_cli import console
 
@@ -51,6 +51,9 @@ class _State:
 
 
 _state = _State()
+#: Code of functions that no interrupt ends.
+_unbroken: set[CodeType] = set()
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def catch() -> None:
@@ -123,6 +126,13 @@ def postponed() -> Iterator[None]:
         _raise(sys._getframe())
 
 
+def unbroken(function: _Function) -> _Function:
+    """A function that no interrupt ends: one that arrives comes again when it has returned."""
+    assert isinstance(function, FunctionType)
+    _unbroken.add(function.__code__)
+    return function
+
+
 def _arrived(number: int, frame: FrameType | None) -> None:
     if _state.first is None:
         _state.first, _state.since = number, time.monotonic()
@@ -151,13 +161,18 @@ def _look_again(number: int, frame: FrameType | None) -> None:
 def _raise(frame: FrameType | None) -> None:
     if _state.first is None or _state.settled or _state.postponed:
         return
-    if not _under_way() and not _in_llvm(frame):
+    if not _under_way() and not _once(frame):
         raise Interrupt
 
 
-def _in_llvm(frame: FrameType | None) -> bool:
-    """Whether memory that is not Python's is being taken or given back: it must be once."""
+def _once(frame: FrameType | None) -> bool:
+    """Whether something is being done that must be done once.
+
+    Memory that is not Python's is taken or given back, or a function runs that is `unbroken`.
+    """
     while frame is not None:
+        if frame.f_code in _unbroken:
+            return True
         if str(frame.f_globals.get("__name__")).startswith("llvmlite.binding"):
             return True
         frame = frame.f_back

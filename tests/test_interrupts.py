@@ -134,6 +134,26 @@ def test_interrupts_that_are_no_signals(cli):
     assert line.endswith("one.yaml, line 2: problem: mine.py, line 1: KeyboardInterrupt")
 
 
+def test_an_interrupt_as_a_message_is_written():
+    """It comes when the bytes are out and Python is not back: the line stands there once."""
+    done = python("""
+    from newmark_cli.cli import streams
+    def arrives(frame, event, argument):
+        if event == "c_return" and argument.__name__ == "write":
+            sys.setprofile(None)
+            signal.raise_signal(signal.SIGINT)
+    interrupts.catch()
+    streams.prepare()
+    sys.setprofile(arrives)
+    try:
+        print("once", file=sys.stderr, flush=True)
+        time.sleep(30)
+    except interrupts.Interrupt:
+        sys.exit(interrupts.answer())
+    """)
+    assert (done.returncode, done.stderr) == (130, "once\nnewmark-study: interrupted\n")
+
+
 def test_an_interrupt_that_python_swallows_comes_again():
     """In a finalizer nothing can be raised: a moment later it is, and nothing else is said."""
     done = python("""

@@ -10,6 +10,8 @@ import os
 import sys
 from typing import IO, Any
 
+from newmark_cli import interrupts
+
 #: Exit code where nobody reads the output any more, like that of other tools in a pipe.
 UNREAD = 141
 
@@ -38,19 +40,40 @@ class OutputError(Exception):
 class _Descriptor(io.FileIO):
     """A standard stream; once it has refused a write it takes everything and keeps nothing."""
 
-    def __init__(self, number: int, needed: bool) -> None:
+    def __init__(self, number: int) -> None:
         super().__init__(number, "wb", closefd=False)
-        self._needed, self._lost = needed, False
+        self._lost = False
+
+
+class _Output(_Descriptor):
+    """What a command is run for."""
 
     def write(self, data: Any) -> int:
-        """Write bytes; raises `OutputError` where they are needed and cannot be written."""
+        """Write bytes; raises `OutputError` where they cannot be written."""
         if not self._lost:
             try:
                 return super().write(data)
             except OSError as error:
                 self._lost = True
-                if self._needed:
-                    raise OutputError(error) from None
+                raise OutputError(error) from None
+        return memoryview(data).nbytes
+
+
+class _Messages(_Descriptor):
+    """What is said besides."""
+
+    @interrupts.unbroken
+    def write(self, data: Any) -> int:
+        """Write bytes, if that can be done.
+
+        An interrupt that ended it after its bytes were written would have the buffer write
+        the line again.
+        """
+        if not self._lost:
+            try:
+                return super().write(data)
+            except OSError:
+                self._lost = True
         return memoryview(data).nbytes
 
 
@@ -77,7 +100,7 @@ def _stream(given: IO[str] | None, number: int, needed: bool) -> io.TextIOWrappe
         given.reconfigure(errors="newmark-study")  # a console there takes text, not bytes
         return given
     return io.TextIOWrapper(
-        io.BufferedWriter(_Descriptor(number, needed)),
+        io.BufferedWriter(_Output(number) if needed else _Messages(number)),
         encoding=getattr(given, "encoding", None) or "utf-8",
         errors="newmark-study",
         line_buffering=getattr(given, "line_buffering", False) or not needed,
