@@ -11,7 +11,7 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Problem, Values
 
 
 class Constants(NamedTuple):
@@ -34,6 +34,11 @@ class Sums(NamedTuple):
 def unknowns(problem: Problem, scheme: Scheme) -> int:
     """N, unknowns of the linear system."""
     return sum(scheme.form.sizes(problem.n, problem.m))
+
+
+def sources(values: Values, scheme: Scheme) -> Array:
+    """(E,) what the terms multiply, as `Sums` counts it."""
+    return np.concatenate([values.x, values.y, values.g]).astype(scheme.dtype)
 
 
 def constants(problem: Problem, scheme: Scheme) -> Constants:

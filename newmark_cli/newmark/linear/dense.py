@@ -103,9 +103,9 @@ def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
     )
 
 
-def assembled(tables: MatrixTables, values: Values) -> Array:
+def assembled(tables: MatrixTables, scheme: Scheme, values: Values) -> Array:
     """(N, N) D_L J D_R of index 3 at a state, as the kernel assembles it."""
-    sources = np.concatenate([values.x, values.y, values.g]).astype(tables.constant.dtype)
+    sources = assembly.sources(values, scheme)
     entries = tables.constant.copy()
     np.add.at(entries, tables.places, tables.coefficients * sources[tables.origins])
     size = math.isqrt(len(entries))

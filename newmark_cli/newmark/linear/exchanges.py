@@ -26,7 +26,7 @@ from newmark_cli.problems.problem import Problem
 
 #: Steps that take as long as compiling code once.
 _WORTH = 5_000
-#: Steps that take ten times as long as looking exchanges up, and may be in one call.
+#: Steps that take some ten times as long as looking exchanges up.
 _BETWEEN = 1_000
 #: Steps in which code gives up until others are looked up.
 _PATIENCE = 20
@@ -88,7 +88,8 @@ class Exchanges:
     def _looked_up(self, state: State, step: int) -> MatrixTables | None:
         problem, (u, v, *_) = self._problem, state.fields.astype(float)
         t, multipliers = problem.t0 + step * self._scheme.h, state.multipliers.astype(float)
-        matrix = assembled(self._dense, problem.values(t, u, v, multipliers))
+        values = problem.values(t, u, v, multipliers)
+        matrix = assembled(self._dense, self._scheme, values)
         rows = row_order(matrix)
         if rows is None:
             return None

@@ -122,7 +122,7 @@ class StaticElimination:
 
     def sources(self, values: Values) -> Array:
         """(E,) what the terms multiply."""
-        return np.concatenate([values.x, values.y, values.g]).astype(self.scheme.dtype)
+        return assembly.sources(values, self.scheme)
 
     def matrix(self, values: Values) -> scipy.sparse.csc_array:
         """D_L J D_R at a state."""
