@@ -339,8 +339,8 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient(tmp_path):
     assert (exact.rows_given, differences.rows_given) == ("exact", "differences")
     given = double(decorate=numba.njit)
     functions = {key: getattr(given, key) for key in ("force", "constraints", "gradient")}
-    rows = constraint_rows.of_quadratic(functions, numba.njit)
-    compiled = replace(exact, derivatives=constraint_rows.derivatives(rows, numba.njit))
+    rows = constraint_rows.derivatives(functions, {}, numba.njit, quadratic=True)
+    compiled = replace(exact, derivatives=rows)
     for seed in range(5):
         u, v, w = anywhere(mechanism, seed)
         expected = dense(mechanism, mechanism.constraint_rows(0.5, u, v, w))

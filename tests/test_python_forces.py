@@ -18,10 +18,9 @@ from beside import DENSITY
 
 @njit
 def drag(positions, velocities, t):
-    forces = np.zeros((2, 2))
-    speed = np.sqrt(np.sum(velocities[0] ** 2))
-    forces[0] = -DENSITY * (1 + np.sin(t)) * speed * velocities[0]
-    return forces
+    x, y = velocities[0, 0], velocities[0, 1]
+    scale = -DENSITY * (1 + np.sin(t)) * np.hypot(x, y)
+    return np.array([[scale * x, scale * y], [0.0, 0.0]])
 
 
 def plain(positions, velocities, t):
@@ -123,14 +122,14 @@ def test_studies_with_forces_in_python(folder):
     assert changed.endswith("6 of 6 cells to run\n")
     folder.write("swing.yaml", PENDULUM.replace(":drag", ":late"))
     failed = folder("run", "study.yaml", "--allow-code", code=1)
-    assert "forces.py, line 29: ValueError: no force" in failed.stderr + failed.stdout
+    assert "forces.py, line 28: ValueError: no force" in failed.stderr + failed.stdout
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         (":drag", ":drug", "forces.py: has no function 'drug'"),
-        (":drag", ":broken", "forces.py, line 23: broken returned an array of shape"),
+        (":drag", ":broken", "forces.py, line 22: broken returned an array of shape"),
         ("forces.py", "none.py", "none.py: cannot be read: No such file"),
         ("on: [A, O]", "on: [A, Z]", "line 7: python_forces.air.on[2]: unknown point 'Z'"),
         ("on: [A, O]", "on: [W, O]", "line 7: python_forces.air.on: must name a point that moves"),

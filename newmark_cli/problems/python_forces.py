@@ -20,7 +20,8 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from newmark_cli.problems import constraint_rows, python_problem
+from newmark_cli.cached_code import cached_njit
+from newmark_cli.problems import differences, python_problem
 from newmark_cli.problems.problem import Problem, Push
 
 
@@ -60,63 +61,32 @@ def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, spelled: str)
 def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem:
     """The problem with one force more, whose tangents stand behind those that it has."""
     compiled = problem.compiled and isinstance(function, Dispatcher)
-    compile_ = njit if compiled else constraint_rows.as_it_is
+    compile_ = njit if compiled else differences.as_it_is
     coordinates = np.array(push.coordinates, np.int64)
     weights, offsets = np.ascontiguousarray(push.weights), push.offsets
     size, count = len(offsets) // 2, len(coordinates)
     first_x, first_y = len(problem.pattern.x_rows), len(problem.pattern.y_rows)
-    before = problem.function
-
-    def force_of(t, q, w):  # type: ignore[no-untyped-def]
-        """Generalised forces at coordinates q and velocities w of those that count."""
-        places, speeds = np.empty((size, 2)), np.empty((size, 2))
-        for i in range(size):
-            for c in range(2):
-                place, speed = offsets[2 * i + c], 0.0
-                for j in range(count):
-                    place += weights[2 * i + c, j] * q[j]
-                    speed += weights[2 * i + c, j] * w[j]
-                places[i, c] = place
-                speeds[i, c] = speed
-        given = function(places, speeds, t)
-        total = np.zeros(count)
-        for j in range(count):
-            for i in range(size):
-                total[j] += weights[2 * i, j] * given[i, 0] + weights[2 * i + 1, j] * given[i, 1]
-        return total
-
-    forces = compile_(force_of)
+    before, copy = problem.function, differences.copying(compile_).matrix
+    at_rest = np.zeros(2 * size)
 
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
         before(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-        q, w = np.empty(count), np.empty(count)
-        for j in range(count):
-            q[j], w[j] = u[coordinates[j]], v[coordinates[j]]
-        given = forces(t, q, w)
-        for j in range(count):
-            force[coordinates[j]] += given[j]
-        length = max(np.max(np.abs(u)), 1e-8)
-        pace = max(np.max(np.abs(v)), 1e-3)
-        for j in range(count):
-            for i in range(count):
-                x_values[first_x + i * count + j] = 0.0
-                y_values[first_y + i * count + j] = 0.0
-            # Central differences of fourth order.
-            for shift, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
-                step = 1e-3 * length
-                moved = q.copy()
-                moved[j] += shift * step
-                given = forces(t, moved, w)
-                for i in range(count):
-                    x_values[first_x + i * count + j] -= weight * given[i] / (12 * step)
-                step = 1e-3 * pace
-                moved = w.copy()
-                moved[j] += shift * step
-                given = forces(t, q, moved)
-                for i in range(count):
-                    y_values[first_y + i * count + j] -= weight * given[i] / (12 * step)
+        step = 1e-3 * differences.size_of(u, 1e-8)
+        pace = 1e-3 * differences.size_of(v, 1e-3)
+        qs, ws = differences.states_around(
+            _chosen(u, coordinates), _chosen(v, coordinates), True, True, step, pace
+        )
+        forces, given = np.zeros(qs.shape), np.empty((size, 2))
+        for k in range(qs.shape[0]):
+            places, speeds = _at(qs[k], weights, offsets), _at(ws[k], weights, at_rest)
+            copy(function(places, speeds, t), given)
+            _add_generalised(given, weights, forces[k])
+        _add_at(forces[0], coordinates, force)
+        differences.take_tangents(
+            forces, True, True, step, pace, x_values[first_x:], y_values[first_y:]
+        )
 
     rows, columns = (coordinates[index.ravel()] for index in np.indices((count, count)))
     pattern = problem.pattern
@@ -134,3 +104,39 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
         single=False,
         potential=None,
     )
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _chosen(vector, coordinates):  # type: ignore[no-untyped-def]
+    chosen = np.empty(coordinates.shape[0])
+    for j in range(coordinates.shape[0]):
+        chosen[j] = vector[coordinates[j]]
+    return chosen
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _at(q, weights, offsets):  # type: ignore[no-untyped-def]
+    """(k, 2) places of the points at coordinates q, or with no offsets their velocities."""
+    size, count = offsets.shape[0] // 2, q.shape[0]
+    places = np.empty((size, 2))
+    for i in range(size):
+        for c in range(2):
+            place = offsets[2 * i + c]
+            for j in range(count):
+                place += weights[2 * i + c, j] * q[j]
+            places[i, c] = place
+    return places
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _add_generalised(given, weights, forces):  # type: ignore[no-untyped-def]
+    """What the forces on the points are on the coordinates."""
+    for j in range(forces.shape[0]):
+        for i in range(given.shape[0]):
+            forces[j] += weights[2 * i, j] * given[i, 0] + weights[2 * i + 1, j] * given[i, 1]
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _add_at(forces, coordinates, force):  # type: ignore[no-untyped-def]
+    for j in range(forces.shape[0]):
+        force[coordinates[j]] += forces[j]

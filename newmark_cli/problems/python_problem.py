@@ -22,7 +22,8 @@ from numba.core.dispatcher import Dispatcher
 
 from newmark_cli import errors, files
 from newmark_cli.arrays import Array
-from newmark_cli.problems import constraint_rows, index_1, user_code
+from newmark_cli.cached_code import cached_njit
+from newmark_cli.problems import constraint_rows, differences, index_1, user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
 #: Largest relative difference of a given tangent from its finite differences.
@@ -110,7 +111,6 @@ class Definition:
 
 _FUNCTIONS = ("force", "constraints", "gradient")
 _TANGENTS = ("stiffness", "damping")
-_ROWS = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
 
 
 def load(
@@ -284,7 +284,9 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         raise source.error("mass_matrix", "must be positive: it has a negative eigenvalue, or is 0")
     t0 = float(_attribute(getattr(given, "t0", 0.0), "t0", source, ()))
     chosen = {key: getattr(given, key) for key in _FUNCTIONS}
-    chosen |= {key: getattr(given, key, None) for key in (*_TANGENTS, *_ROWS, "energy")}
+    chosen |= {
+        key: getattr(given, key, None) for key in (*_TANGENTS, *constraint_rows.NAMES, "energy")
+    }
     for key, function in chosen.items():
         if not (callable(function) or (function is None and key not in _FUNCTIONS)):
             raise source.error(key, f"must be a function, given {_described(function)}")
@@ -321,13 +323,10 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
             _, rows[key] = _called(chosen[key], arguments, key, source, shape)
     used = [*functions.values(), *filter(None, tangents.values()), *rows.values()]
     compiled = all(isinstance(f, Dispatcher) for f in used)
-    compile_ = njit if compiled else constraint_rows.as_it_is
-    by_differences = {
-        "stiffness": _stiffness_by_differences(functions, compile_),
-        "damping": _damping_by_differences(functions, compile_),
-    }
+    compile_ = njit if compiled else differences.as_it_is
+    differing = _by_differences(functions, (u0, v0, t0), multipliers) if found else {}
     for key, values in found.items():
-        expected = by_differences[key](*calls[key])
+        expected = differing[key]
         # Differences of a force are as good as its rounding over their step.
         reach = float(np.abs(u0 if key == "stiffness" else v0).max())
         load = float(np.abs(force).max() + np.abs(gradient @ multipliers).max())
@@ -345,8 +344,6 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
 
     _require_rows(rows, functions, (u0, v0, t0), gradient, source, chosen)
     quadratic = bool(getattr(given, "quadratic", False))
-    computed = constraint_rows.of_quadratic if quadratic else constraint_rows.by_differences
-
     x_rows, x_columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
     g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
     problem = Problem(
@@ -355,14 +352,8 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         v0=v0,
         t0=t0,
         constraints=m,
-        function=_evaluate(
-            functions,
-            {key: tangents[key] or by_differences[key] for key in _TANGENTS},
-            compile_,
-        ),
-        derivatives=constraint_rows.derivatives(
-            computed(functions, compile_)._replace(**_given_rows(rows, compile_)), compile_
-        ),
+        function=_evaluate(functions, tangents, compile_),
+        derivatives=constraint_rows.derivatives(functions, rows, compile_, quadratic),
         ints=np.zeros((1, 1), np.int64),
         reals=np.zeros((1, 1)),
         pattern=Pattern(x_rows, x_columns, x_rows, x_columns, x_rows, x_columns, g_rows, g_columns),
@@ -372,11 +363,13 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         potential=None if energy is None else _potential(energy, mass_matrix),
         coordinates_given=_names(given, "coordinate_names", n, source),
         constraints_given=tuple((name,) for name in _names(given, "constraint_names", m, source)),
-        rows_given="exact" if quadratic or len(rows) == len(_ROWS) else "differences",
+        rows_given="exact"
+        if quadratic or len(rows) == len(constraint_rows.NAMES)
+        else "differences",
         rates=(
             None
             if {"constraint_rate", "curvature"} <= rows.keys()
-            else constraint_rows.rates(functions, _given_rows(rows, constraint_rows.as_it_is))
+            else constraint_rows.rates(functions, rows)
         ),
     )
     if problem.quadratic:
@@ -418,42 +411,74 @@ def _row_calls(
     }
 
 
-def _given_rows(given: Mapping[str, Any], compile_: Any) -> dict[str, Any]:
-    """The user's functions by the names of `constraint_rows.Rows`."""
-    fields = dict(zip(_ROWS, constraint_rows.Rows._fields, strict=True))
-    rows = {fields[key]: function for key, function in given.items()}
-    if "rate" in rows:
-        rows["rate"] = constraint_rows.of_user(rows["rate"], compile_)
-    return rows
-
-
 def _evaluate(
-    functions: Mapping[str, Any], tangents: Mapping[str, Any], compile_: Any
+    functions: Mapping[str, Any], tangents: Mapping[str, Any], compile_: differences.Compiler
 ) -> Callable[..., None]:
-    """The function that engines call, in terms of the user's."""
+    """The function that engines call, in terms of the user's; X and Y by differences if None."""
     force_of, phi_of, gradient_of = (functions[key] for key in _FUNCTIONS)
-    x_of, y_of = (tangents[key] for key in _TANGENTS)
+    of_u, of_v = (tangents[key] is None for key in _TANGENTS)
+    give_x, give_y = (
+        differences.nothing if tangents[key] is None else _giving(key, tangents[key], compile_)
+        for key in _TANGENTS
+    )
+    copy = differences.copying(compile_)
 
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
-        gradient = gradient_of(u, t)
-        given = force_of(u, v, t)
-        values = phi_of(u, t)
-        stiffness, damping = x_of(u, v, multipliers, t), y_of(u, v, t)
-        n, m = u.shape[0], multipliers.shape[0]
-        for k in range(m):
-            phi[k] = values[k]
-        for i in range(n):
-            force[i] = given[i]
-            for k in range(m):
-                g_values[i * m + k] = gradient[i, k]
-                force[i] += gradient[i, k] * multipliers[k]
-            for j in range(n):
-                x_values[i * n + j] = stiffness[i, j]
-                y_values[i * n + j] = damping[i, j]
+        us, vs, step, pace, forces, gradients = _states(u, v, multipliers, of_u, of_v)
+        for k in range(us.shape[0]):
+            copy.vector(force_of(us[k], vs[k], t), forces[k])
+        for k in range(gradients.shape[0]):
+            copy.matrix(gradient_of(us[k], t), gradients[k])
+        copy.vector(phi_of(u, t), phi)
+        differences.add_reactions(forces, gradients, multipliers)
+        differences.copy_vector(forces[0], force)
+        differences.flatten(gradients[0], g_values)
+        differences.take_tangents(forces, of_u, of_v, step, pace, x_values, y_values)
+        give_x(u, v, multipliers, t, x_values)
+        give_y(u, v, multipliers, t, y_values)
 
-    return compile_(evaluate)  # type: ignore[no-any-return]
+    return compile_(evaluate)
+
+
+def _giving(key: str, function: Any, compile_: differences.Compiler) -> Any:
+    """Overwrites X or Y with what the user's function returns."""
+    flatten = differences.copying(compile_).flat
+
+    def stiffness(u, v, multipliers, t, values):  # type: ignore[no-untyped-def]
+        flatten(function(u, v, multipliers, t), values)
+
+    def damping(u, v, multipliers, t, values):  # type: ignore[no-untyped-def]
+        flatten(function(u, v, t), values)
+
+    return compile_(stiffness if key == "stiffness" else damping)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _states(u, v, multipliers, of_u, of_v):  # type: ignore[no-untyped-def]
+    """`newmark_cli.problems.differences.states_around`; their steps; arrays for f and G there."""
+    step = 1e-3 * differences.size_of(u, 1e-8)
+    pace = 1e-3 * differences.size_of(v, 1e-3)
+    us, vs = differences.states_around(u, v, of_u, of_v, step, pace)
+    n, m = u.shape[0], multipliers.shape[0]
+    gradients = np.empty((1 + 4 * n * int(of_u), n, m))
+    return us, vs, step, pace, np.empty(us.shape), gradients
+
+
+def _by_differences(
+    functions: Mapping[str, Any], start: tuple[Array, Array, float], multipliers: Array
+) -> dict[str, Array]:
+    """(n, n) X and Y at the start."""
+    u, v, t = start
+    n, m = len(u), len(multipliers)
+    x, y = np.empty((n, n)), np.empty((n, n))
+    none = dict.fromkeys(_TANGENTS)
+    _evaluate(functions, none, differences.as_it_is)(
+        t, u, v, multipliers, None, None, np.empty(n), np.empty(m), x.reshape(-1), y.reshape(-1),
+        np.empty(n * m),
+    )  # fmt: skip
+    return {"stiffness": x, "damping": y}
 
 
 def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[..., float]:
@@ -463,49 +488,6 @@ def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[...
         return float(energy(u, v, t)) - 0.5 * float(v @ mass_matrix @ v)
 
     return potential
-
-
-def _stiffness_by_differences(functions: Mapping[str, Any], compile_: Any) -> Callable[..., Array]:
-    """X by central differences of fourth order."""
-    force_of, gradient_of = functions["force"], functions["gradient"]
-
-    def stiffness(u, v, multipliers, t):  # type: ignore[no-untyped-def]
-        n, m = u.shape[0], multipliers.shape[0]
-        matrix = np.zeros((n, n))
-        for j in range(n):
-            step = 1e-3 * max(abs(u[j]), np.max(np.abs(u)), 1e-8)
-            moved = u.copy()
-            for shift, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
-                moved[j] = u[j] + shift * step
-                force, gradient = force_of(moved, v, t), gradient_of(moved, t)
-                for i in range(n):
-                    value = force[i]
-                    for k in range(m):
-                        value += gradient[i, k] * multipliers[k]
-                    matrix[i, j] -= weight * value / (12 * step)
-        return matrix
-
-    return compile_(stiffness)  # type: ignore[no-any-return]
-
-
-def _damping_by_differences(functions: Mapping[str, Any], compile_: Any) -> Callable[..., Array]:
-    """Y by central differences of fourth order."""
-    force_of = functions["force"]
-
-    def damping(u, v, t):  # type: ignore[no-untyped-def]
-        n = u.shape[0]
-        matrix = np.zeros((n, n))
-        for j in range(n):
-            step = 1e-3 * max(abs(v[j]), np.max(np.abs(v)), 1e-3)
-            moved = v.copy()
-            for shift, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
-                moved[j] = v[j] + shift * step
-                force = force_of(u, moved, t)
-                for i in range(n):
-                    matrix[i, j] -= weight * force[i] / (12 * step)
-        return matrix
-
-    return compile_(damping)  # type: ignore[no-any-return]
 
 
 def warm() -> None:
@@ -560,18 +542,13 @@ def _require_rows(
         )
         for _ in range(2)
     ]
-    plain = [
-        constraint_rows.by_differences(functions, constraint_rows.as_it_is, longest)
-        for longest in _LONGEST_STEPS
-    ]
     for place, (u, v, t) in enumerate([start, *moving]):
         for key, (arguments, shape) in _row_calls(u, v, t, gradient.shape[1]).items():
             if key not in given:
                 continue
             values = np.asarray(given[key](*arguments), float)
-            for rows in plain:
-                function = rows[_ROWS.index(key)]
-                expected = function(u, v, t) if key == "constraint_rate" else function(*arguments)
+            for longest in _LONGEST_STEPS:
+                expected = _row_by_differences(functions, key, arguments, shape, longest)
                 allowed = noise * (size if len(shape) == 1 else 1.0)
                 allowed += _TANGENT_TOLERANCE * float(np.abs(expected).max())
                 wrong = np.abs(values - expected)
@@ -588,6 +565,24 @@ def _require_rows(
                     f"differences say {expected[worst]:.9g}",
                     chosen[key],
                 )
+
+
+def _row_by_differences(
+    functions: Mapping[str, Any],
+    key: str,
+    arguments: tuple[Any, ...],
+    shape: tuple[int, ...],
+    longest: float,
+) -> Array:
+    """A term of Φ' or Φ'' for the arguments of the function that gives it."""
+    *state, t = arguments
+    u, v, w = (*state, *[np.zeros_like(state[0])] * (3 - len(state)))
+    n, m = len(u), shape[-1]
+    found = [np.empty(m), np.empty(m), np.empty((n, m)), np.empty((n, m))]
+    constraint_rows.by_differences(functions, [key], differences.as_it_is, longest)(
+        t, u, v, w, None, None, *(part.reshape(-1) for part in found)
+    )
+    return found[constraint_rows.NAMES.index(key)]
 
 
 def _require_quadratic(

@@ -344,24 +344,36 @@ def rows() -> Iterator[Mutation]:
     yield from _changes(problems / "constraint_rows.py", "def by_differences", "def of_quad", (
         own, "-k", "surface",
     ), (
-        ("phi_of(u, t - h), h)", "phi_of(u, t), h)"),
-        ("_moved(u, v, -h), t - h)", "_moved(u, v, -h), t)"),
-        ("behind = gradient_of(u, t + h), gradient_of(u, t - h)",
-         "behind = gradient_of(u, t + h), gradient_of(u, t)"),
-        ("total += extrapolated(drift", "total -= extrapolated(drift"),
-        ("total += extrapolated(second, ", "total -= extrapolated(second, "),
-        ("_moved(u, w, h), t)", "_moved(u, w, h), t + h)"),
-        ("total += extrapolated(second.reshape", "total -= extrapolated(second.reshape"),
+        ("wanted - {\"constraint_rate\"}", "wanted - {\"curvature\"}"),
+        ("range(phi.shape[0])", "range(phi.shape[0] - 2)"),
     ))  # fmt: skip
-    yield from _changes(problems / "constraint_rows.py", "def _central", "def steps_along", (
+    yield from _changes(problems / "constraint_rows.py", "def _states", "def steps_along", (
         own, "-k", "surface",
-    ), (("(2 * h)", "h"), ("(behind - here)", "(here - behind)"), ("(h * h)", "h")))  # fmt: skip
-    yield from _changes(problems / "constraint_rows.py", "def of_quadratic", "def of_user", (
+    ), (
+        ("for shift in (h, -h)", "for shift in (h, 0.0)"),
+        ("t if way == 2 else t + shift", "t + shift"),
+        ("t if way == 2 else t + shift", "t if way > 0 else t + shift"),
+        ("0.0 if way == 0 else", "0.0 if way < 2 else"), ("w if way == 2 else v", "v"),
+        ("turned[k] + drifted[k]", "turned[k] - drifted[k]"),
+        ("drifted[k] + bent[k]", "drifted[k] - bent[k]"), ("turned[e] + bent", "turned[e] - bent"),
+        ("way += 2 * STEPS", "way += STEPS"), ("flat[2 * STEPS :]", "flat"),
+        ("(2 * steps[k])", "steps[k]"), ("+ (values[2 * k + 1, i]", "- (values[2 * k + 1, i]"),
+        ("(steps[k] * steps[k])", "steps[k]"),
+    ))  # fmt: skip
+    yield from _changes(problems / "constraint_rows.py", "def _directions", "def _products", (
         own, "-k", "quadratic_constraints",
     ), (
-        ("_difference(gradient_of(v, t), gradient_of(np.zeros_like(v), t))", "gradient_of(v, t)"),
-        ("_product(change(v, t), v)", "2 * _product(change(v, t), v)"),
-        ("return change(w, t)", "return change(v, t)"),
+        ("copy_vector(w", "copy_vector(v"), ("gradients[1:] - gradients[0]", "gradients[1:]"),
+        ("_products(changes, v)[0]", "2 * _products(changes, v)[0]"),
+        ("flatten(changes[1], q", "flatten(changes[0], q"),
+    ))  # fmt: skip
+    yield from _changes(problems / "differences.py", "def states_around", "def size_of", (
+        "tests/test_python_problems.py", "-k", "tangents_by_differences",
+    ), (
+        ("+= shift * size", "+= 2 * shift * size"), ("(-2, -1, 1, 2)", "(-1, -2, 1, 2)"),
+        ("(of_v, pace, y_values)", "(of_v, step, y_values)"), ("-8.0, 8.0", "8.0, -8.0"),
+        ("(12 * size)", "(6 * size)"), ("first += 4 * n", "first += 4"),
+        ("* multipliers[c]", "* multipliers[0]"),
     ))  # fmt: skip
     yield from _changes(problems / "index_1.py", "def projected", "def nearest", (
         own, "-k", "projection",
