@@ -1068,7 +1068,10 @@ def _march(
                 for e in range(r.shape[0]):
                     r_old[e] = r[e]
             _carry_over(state, iterate, values, new_past)
-        past[:] = new_past
+        # One by one: what an assignment as a whole can raise takes seconds to compile.
+        for field in range(past.shape[0]):
+            for i in range(n):
+                past[field, i] = new_past[field, i]
         if kept < keeping.shape[0] and keeping[kept] == s:
             _keep(state, record, kept)
             if extra is not None and extra.total != 0:

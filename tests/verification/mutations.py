@@ -342,10 +342,11 @@ def rows() -> Iterator[Mutation]:
         "tests/test_precision.py", "-k", "constraint_rows",
     ), (("u.dtype.type(2)", "2.0"),))  # fmt: skip
     yield from _changes(problems / "constraint_rows.py", "def by_differences", "def of_quad", (
-        own, "-k", "surface",
+        own, "-k", "crank",
     ), (
+        ("& {\"constraint_rate\", \"curvature\"}", "& {\"constraint_rate\"}"),
         ("wanted - {\"constraint_rate\"}", "wanted - {\"curvature\"}"),
-        ("range(phi.shape[0])", "range(phi.shape[0] - 2)"),
+        ("phi_of(states[k], times[k])", "phi_of(states[k], t)"),
     ))  # fmt: skip
     yield from _changes(problems / "constraint_rows.py", "def _states", "def steps_along", (
         own, "-k", "surface",
