@@ -85,7 +85,7 @@ class Process:
     def call(
         self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float | None = None
     ) -> Any:
-        """What a function returns when the process calls it.
+        """Result of a function that the process calls.
 
         Args:
             function: A function of a module.
@@ -151,7 +151,7 @@ def call(
     timeout: float | None = None,
     owner: Hashable = None,
 ) -> Any:
-    """What a function returns in a process of its own; see `Process.call` and `process`."""
+    """Result of a function in a process of its own; see `Process.call` and `process`."""
     with process(owner) as one:
         return one.call(function, arguments, timeout)
 

@@ -18,7 +18,7 @@ _loaded: dict[str, Any] = {}
 
 @cache
 def identity() -> str:
-    """What code depends on besides its source: LLVM and the processor."""
+    """Dependencies of code besides its source: LLVM and the processor."""
     return (
         f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} "
         f"{llvm.get_host_cpu_features().flatten()}"
@@ -27,7 +27,7 @@ def identity() -> str:
 
 @cache
 def source(path: str) -> bytes:
-    """What a file of the package says, for digests: read once, as the code that is imported."""
+    """Text of a file of the package, for digests: read once, as the code that is imported."""
     return Path(path).read_bytes()
 
 

@@ -161,7 +161,7 @@ def _hung(
 
 
 def _hung_linked(hanging: _Hanging) -> Linked:
-    """What `_hung` says, as arrays."""
+    """The mechanism of `_hung`, as arrays."""
     u0, masses = np.stack(hanging[:2], axis=1), np.array(hanging[2])
     links, here = len(masses), np.arange(len(masses))
     spans = np.diff(u0, axis=0, prepend=0.0)
@@ -227,7 +227,7 @@ def four_bars(windows: int) -> dict[str, Any]:
 
 
 def _four_bars_linked(windows: int) -> Linked:
-    """What `four_bars` says, as arrays: rod 0, coupler 1, rod 1, coupler 2, …"""
+    """The mechanism of `four_bars`, as arrays: rod 0, coupler 1, rod 1, coupler 2, …"""
     tops, links = windows + 1, 2 * windows + 1
     across = np.arange(tops)
     starts = np.empty(links, np.int64)

@@ -334,7 +334,7 @@ class Motion(StrictModel):
 
     @property
     def laws(self) -> dict[str, Law]:
-        """What is driven → its law."""
+        """Driven quantity → its law."""
         keys = ("x", "y", "angle", "distance")
         return {key: law for key in keys if (law := getattr(self, key)) is not None}
 

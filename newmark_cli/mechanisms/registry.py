@@ -47,7 +47,7 @@ def problem(name: str) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What a shipped problem is drawn from in its initial position.
+    """Data from which a shipped problem is drawn in its initial position.
 
     Attributes:
         drawing: The mechanism.
@@ -106,7 +106,7 @@ class About:
 
 @cache
 def about(name: str) -> About:
-    """What the file of a shipped problem says of it."""
+    """Description of a shipped problem in its file."""
     from newmark_cli import documents
 
     data = documents.read(_FOLDER / f"{name}.yaml").data

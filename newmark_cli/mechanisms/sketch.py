@@ -1,4 +1,4 @@
-"""What parts of planar mechanisms look like, as plain data: places are x + iy in the figure."""
+"""Shapes of the parts of planar mechanisms, as plain data: places are x + iy in the figure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

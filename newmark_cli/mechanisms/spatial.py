@@ -44,7 +44,7 @@ INTERNAL = ("d1·d1", "d2·d2", "d3·d3", "d1·d2", "d1·d3", "d2·d3")
 
 @dataclass(frozen=True, eq=False)
 class SpatialModel:
-    """What drawings and outputs must know of a spatial mechanism.
+    """Data of a spatial mechanism for drawings and outputs.
 
     Attributes:
         mechanism: What the file says.
@@ -73,7 +73,7 @@ class SpatialModel:
 
     @property
     def description(self) -> str:
-        """What it is and how it moves, in one line."""
+        """Kind and motion, in one line."""
         return self.mechanism.description
 
 

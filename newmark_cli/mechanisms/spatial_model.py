@@ -1,4 +1,4 @@
-"""What a spatial mechanism file may say; SI units.
+"""Keys of a spatial mechanism file; SI units.
 
 Geometry is given as it stands at the start, in global axes.  Only ``centre``, ``inertia``,
 ``body_points.at`` and what a joint gives by body are in body axes.
@@ -373,7 +373,7 @@ class Motion(StrictModel):
 
     @property
     def laws(self) -> dict[str, Law]:
-        """What is driven → its law."""
+        """Driven quantity → its law."""
         keys = ("angle", "distance", "x", "y", "z")
         return {key: law for key in keys if (law := getattr(self, key)) is not None}
 

@@ -1,4 +1,4 @@
-"""What one wants to know of a spatial mechanism: angular velocities, angles, reactions.
+"""Outputs of a spatial mechanism: angular velocities, angles, reactions.
 
 With f the force of a joint's constraints on the coordinates of a body, f = Σ λ_k ∂Φ_k/∂u,
 
@@ -22,7 +22,7 @@ _AXES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """What a joint has on one of its bodies.
+    """A joint's frame on one of its bodies.
 
     Attributes:
         body: Number of the body; −1 for the ground.

@@ -1,4 +1,4 @@
-"""What a look at a spatial mechanism tells: sizes, freedoms, ranks, inertia."""
+"""Summary of a spatial mechanism: sizes, freedoms, ranks, inertia."""
 
 import numpy as np
 

@@ -27,7 +27,7 @@ from newmark_cli.problems.problem import Problem, ProblemError
 
 @dataclass(frozen=True)
 class Traits:
-    """What a config must know of a problem, which a large one need not be built for.
+    """Facts of a problem that a config needs, for which a large one need not be built.
 
     Attributes:
         name: Name of the problem.

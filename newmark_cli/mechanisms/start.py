@@ -34,7 +34,7 @@ _ASIDE = 1e-7
 
 
 class Options(Protocol):
-    """What a mechanism asks for at its start."""
+    """Requests of a mechanism about its start."""
 
     @property
     def assemble(self) -> bool:
@@ -176,7 +176,7 @@ def _least_change(gradient: scipy.sparse.csc_array, misfit: Array) -> Array:
 
 
 def _damped_solver(gradient: scipy.sparse.csc_array, damping: float) -> Callable[[Array], Array]:
-    """What solves (GᵀG + damping I) x = rhs."""
+    """Solver of (GᵀG + damping I) x = rhs."""
     identity = scipy.sparse.eye_array(gradient.shape[1])
     normal = scipy.sparse.csc_matrix(gradient.T @ gradient + damping * identity)
     solve: Callable[[Array], Array] = scipy.sparse.linalg.splu(normal).solve

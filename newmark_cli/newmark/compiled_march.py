@@ -28,7 +28,7 @@ from newmark_cli.problems.problem import Problem
 
 
 class Engine:
-    """What the kernel is given of a problem and a scheme, found once.
+    """Arguments of the kernel that a problem and a scheme decide, found once.
 
     Args:
         problem, scheme: What marches, and how.
@@ -129,7 +129,7 @@ class Engine:
         pivoted: IndexArray,
         record: Record,
     ) -> tuple[Any, ...]:
-        """What `newmark_cli.newmark.kernel.march` is given."""
+        """Arguments of `newmark_cli.newmark.kernel.march`."""
         scheme = self.scheme
         stop = scheme.stop or Tolerance()
         return (
@@ -160,7 +160,7 @@ class Engine:
 
 
 def _after(record: Record, done: int) -> Record:
-    """What is to be recorded once so many steps are done."""
+    """The rest of a record once so many steps are done."""
     k = int(np.searchsorted(record.steps, done))
     return Record(record.steps[k:] - done, record.fields[k:], record.multipliers[k:])
 

@@ -59,7 +59,7 @@ class FormulationTables(NamedTuple):
 
 
 class Tangents(NamedTuple):
-    """What of a Jacobian belongs to a formulation, at one state."""
+    """Blocks of a Jacobian that a formulation adds, at one state."""
 
     rows: Array  #: (k, 3, E) of the rows of constraints to u, v, a, at the pattern of G
     directions: Array  #: the terms of P, at the places of `Constraining.projector`

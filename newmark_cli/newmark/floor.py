@@ -573,7 +573,7 @@ def _unit(values: Array, dtype: type[Any]) -> Array:
 
 
 def _factor(direction: Array, unit: Array) -> float:
-    """What makes a direction as long as some units in the last place."""
+    """Factor that makes a direction as long as some units in the last place."""
     there = unit > 0
     longest = np.max(np.abs(direction[there]) / unit[there], initial=0.0)
     return _UNITS_ASIDE / longest if longest > 0 else 0.0

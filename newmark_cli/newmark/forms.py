@@ -112,7 +112,7 @@ FORMS: Mapping[str, Form] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Elimination:
-    """What a form makes of the update relations at one step size.
+    """Update relations of a form at one step size.
 
     (u, v, a) = weights · kept + eta · Pη + past · (past vectors).  A kept row of V, K
     reads rows · kept + rows_eta · Pη + rows_past · (past vectors) = 0.  η stands in K as

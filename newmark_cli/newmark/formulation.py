@@ -128,7 +128,7 @@ class Formulation:
 
     @property
     def kind(self) -> Method:
-        """What it is, without its parameter."""
+        """Its kind, without the parameter."""
         return METHODS[self.method]
 
     @property

@@ -68,7 +68,7 @@ class Relations:
 
 
 class Integrator(Protocol):
-    """What the core asks of an integrator; a frozen, hashable value."""
+    """Interface of an integrator to the core; a frozen, hashable value."""
 
     @property
     def label(self) -> str:

@@ -18,7 +18,7 @@ OUTPUT = "output"
 
 @dataclass(frozen=True)
 class Kept:
-    """What a study keeps of a march.
+    """Values that a study keeps of a march.
 
     Attributes:
         every: The start, every so many steps, and the last.

@@ -80,7 +80,7 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What was recorded over successive steps.
+    """Records of successive steps.
 
     Attributes:
         norms: (steps, k) 2-norms of the recorded correction's blocks, as

@@ -1,4 +1,4 @@
-"""What the engines are given and what they hand on: numbers, whatever the form is."""
+"""Data that engines take and hand on: numbers, whatever the form is."""
 
 from typing import NamedTuple
 
@@ -72,7 +72,7 @@ class MatrixTables(NamedTuple):
 
 
 class State(NamedTuple):
-    """What one step hands to the next; overwritten by the march."""
+    """State that one step hands to the next; overwritten by the march."""
 
     fields: np.ndarray  #: (4, n) u, v, a and v'
     past: np.ndarray  #: (P, n) past vectors of the integrator, u and v first
@@ -84,7 +84,7 @@ class State(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What a march leaves behind of some of its steps, in the type of its numbers."""
+    """States after some steps of a march, in the type of its numbers."""
 
     steps: np.ndarray  #: (k,) which, counted from 0 among the steps of the call; ascending
     fields: np.ndarray  #: (k, 4, n) overwritten with u, v, a and v' after each of them

@@ -176,7 +176,7 @@ class Scheme:
 
     @cached_property
     def elimination(self) -> Elimination:
-        """What the form makes of the relations."""
+        """The relations in the unknowns of the form."""
         return eliminate(self.form, self.relations)
 
     @cached_property

@@ -529,7 +529,7 @@ class Recorder:
         return self._kept + len(steps), int(steps[-1])
 
     def trajectory(self, status: str = "") -> Trajectory:
-        """What was kept so far.
+        """Rows kept so far.
 
         Args:
             status: Why the march ended, where it could go on.

@@ -23,7 +23,7 @@ UNKNOWN = math.nan
 
 @dataclass(frozen=True)
 class March:
-    """What decides the order of a march.
+    """Properties that decide the order of a march.
 
     Attributes:
         integrator: The integrator.

@@ -193,7 +193,7 @@ class Index1:
         return w
 
     def _solver(self, values: Values) -> Callable[[Array], Array]:
-        """What solves [[M/unit, −G], [Gᵀ, 0]] x = rhs, with one step of refinement."""
+        """Solver of [[M/unit, −G], [Gᵀ, 0]] x = rhs, with one step of refinement."""
         entries: Array = np.bincount(
             self._slots, np.concatenate([self._mass, -values.g, values.g]), len(self._rows)
         ).astype(float, copy=False)

@@ -130,7 +130,7 @@ def _at(q, weights, offsets):  # type: ignore[no-untyped-def]
 
 @cached_njit(nogil=True, error_model="numpy")
 def _add_generalised(given, weights, forces):  # type: ignore[no-untyped-def]
-    """What the forces on the points are on the coordinates."""
+    """Add the generalised forces of forces on the points."""
     for j in range(forces.shape[0]):
         for i in range(given.shape[0]):
             forces[j] += weights[2 * i, j] * given[i, 0] + weights[2 * i + 1, j] * given[i, 1]

@@ -241,7 +241,7 @@ class _Source:
         return f"{self.file}, line {code.co_firstlineno}: {key}"
 
     def error(self, key: str, message: str, function: Any = None) -> ProblemError:
-        """What is wrong with an attribute of the definition."""
+        """The error about an attribute of the definition."""
         return ProblemError(f"{self.of(key, function)} {message}")
 
 
@@ -482,7 +482,7 @@ def _by_differences(
 
 
 def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[..., float]:
-    """What the kinetic energy lacks to the user's."""
+    """The user's energy less the kinetic energy."""
 
     def potential(t, u, v, ints, reals):  # type: ignore[no-untyped-def]
         return float(energy(u, v, t)) - 0.5 * float(v @ mass_matrix @ v)
@@ -626,7 +626,7 @@ def _called(
     source: _Source,
     shape: tuple[int, ...] | None,
 ) -> tuple[Array, Callable[..., Any]]:
-    """What a function returns at the start, and the function that returns it as an array.
+    """Result of a function at the start, and the function that returns it as an array.
 
     A function that returns arrays is itself that function: converting costs time in every
     Newton iteration.
@@ -675,7 +675,7 @@ def _array(
     shape: tuple[int, ...] | None,
     function: Any = None,
 ) -> Array:
-    """What the user gave as an array of floats; one dimension if the shape is None."""
+    """The user's value as an array of floats; one dimension if the shape is None."""
     unsized = "(m,)" if key == "constraints" else "(n,)"
     expected = "a number" if shape == () else f"an array of shape {shape or unsized}"
     described = _described(given)
@@ -708,7 +708,7 @@ def _place_of(array: Array) -> str:
 
 
 def _described(given: Any) -> str:
-    """What was returned or given, in few words."""
+    """A returned or given value, in few words."""
     if isinstance(given, np.generic):
         given = given.item()
     if given is None or isinstance(given, str | bool | int | float | complex):

@@ -46,7 +46,7 @@ _WITHOUT_TICKS = {"xtick.top": False, "ytick.right": False}
 
 
 class Drawable(Protocol):
-    """What is asked of a problem that is drawn."""
+    """Attributes of a problem that is drawn."""
 
     @property
     def drawing(self) -> Any:
@@ -88,7 +88,7 @@ class MechanismScene:
         draw_mechanism(axes, self.problem, self.u, factor, self.labelled)
 
     def handles(self) -> list[Line2D]:
-        """What the symbols mean."""
+        """Legend of the symbols."""
         if not self.labelled:
             return []
         if is_spatial(self.problem):
@@ -171,7 +171,7 @@ def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
 
 
 def _marks(scene: Scene) -> list[Mark]:
-    """What its parts look like."""
+    """Shapes of its parts."""
     return [
         mark
         for key, part in PARTS.items()
@@ -230,7 +230,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 
 def _key(mechanism: Mechanism, marks: Sequence[Mark]) -> list[Line2D]:
-    """What the symbols mean, as handles of a legend."""
+    """Handles of a legend of the symbols."""
 
     def symbol(label: str, marker: str, face: str, edge: str) -> Line2D:
         return Line2D(

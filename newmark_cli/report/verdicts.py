@@ -1,4 +1,4 @@
-"""What a check comes to, decided from the data and the theory together.
+"""Verdicts of a check, decided from the data and the theory together.
 
 A series over the step size has up to three parts: a head where h does not resolve the
 motion yet, an asymptotic middle, and a tail where rounding rules.  Local orders between
@@ -132,7 +132,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What a series comes to.
+    """Verdict on a series.
 
     Attributes:
         verdict: One of the words of this module.
@@ -277,7 +277,7 @@ def _truncation(given: Evidence, everything: Mask) -> Judgement:
 
 
 def _undamped(given: Evidence) -> str:
-    """What is behind multipliers that do not converge."""
+    """The cause of multipliers that do not converge."""
     if given.damped or given.quantity not in _OF_MULTIPLIERS:
         return ""
     return "; the integrator does not damp multipliers that alternate, generalized-alpha does"

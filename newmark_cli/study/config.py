@@ -159,7 +159,7 @@ class _Rules(StrictModel):
             yield misfit("measure", f"{measure.name} needs linear_solver {solvers}")
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
-        """What a problem is not fit for; loads problems only where it matters."""
+        """Errors for problems that a study cannot use; loads problems only where it matters."""
         if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
             yield misfit(
                 "samples",
@@ -669,7 +669,7 @@ class _OneProblem(StrictModel):
 
 
 def describe(path: Path, name: str, allow_code: bool) -> list[str]:
-    """What a valid config or mechanism file holds, in one line; in more of a spatial one.
+    """Contents of a valid config or mechanism file, in one line; in more of a spatial one.
 
     Args:
         path: The file.

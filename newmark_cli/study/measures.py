@@ -179,7 +179,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Measure:
-    """What a study measures, as a config names it.
+    """A measure, as a config names it.
 
     Attributes:
         name: As in configs.

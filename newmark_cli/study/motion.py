@@ -166,7 +166,7 @@ def _spread(steps: int, looks: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a verdict must know of a motion.
+    """Facts of a motion that a verdict needs.
 
     Attributes:
         singular: Times (s since the start) near which the constraints lose rank.

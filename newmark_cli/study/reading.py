@@ -93,7 +93,7 @@ class Table:
         return self.columns[column]
 
     def rows(self, columns: Iterable[str]) -> Iterator[tuple[Any, ...]]:
-        """What the rows have in some columns."""
+        """Values of the rows in some columns."""
         return zip(*(self.columns[name] for name in columns), strict=True)
 
     def frame(self) -> "pd.DataFrame":
@@ -243,7 +243,7 @@ def accepted_statuses(path: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Motion:
-    """What a study has recorded of a problem's motion; see `newmark_cli.study.motion.Facts`."""
+    """Recorded facts of a problem's motion; see `newmark_cli.study.motion.Facts`."""
 
     singular: tuple[float, ...] = ()
     still: bool = False

@@ -195,7 +195,7 @@ def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
 
 
 class _Lines:
-    """What a `csv.writer` writes, each row ended by a line feed only."""
+    """Rows as a `csv.writer` writes them, each ended by a line feed only."""
 
     def __init__(self) -> None:
         self.written: list[str] = []

@@ -41,7 +41,7 @@ class Written(NamedTuple):
     pivoting: bool = False
 
     def digest(self) -> str:
-        """What the code depends on, in 32 characters."""
+        """Digest of all that the code depends on, 32 characters."""
         tables = self.tables
         found = sha256(
             f"{self.pivoting} {LARGEST_MULTIPLIER} {machine_code.identity()} "
@@ -71,7 +71,7 @@ class Written(NamedTuple):
 
 
 def _sections(tables: MatrixTables) -> dict[str, IndexArray]:
-    """What ``structure`` holds, by name."""
+    """Contents of ``structure``, by name."""
     begins = tables.room[: len(SECTIONS)].astype(int)
     parts = np.split(tables.structure, begins[1:])
     return dict(zip(SECTIONS, parts, strict=True))

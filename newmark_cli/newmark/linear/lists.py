@@ -1,4 +1,4 @@
-"""What an elimination in a fixed order needs to know beforehand: its fill, as lists."""
+"""Fill of an elimination in a fixed order, as lists."""
 
 import numpy as np
 

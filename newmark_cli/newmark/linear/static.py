@@ -93,7 +93,7 @@ class StaticElimination:
 
     @property
     def solve(self) -> Any:
-        """What eliminates; of `newmark_cli.newmark.kernel.solve_type`."""
+        """The eliminating function; of `newmark_cli.newmark.kernel.solve_type`."""
         if self.written_out:
             return static_elimination.solve_generated
         return static_elimination.solve_in_order
@@ -193,7 +193,7 @@ class StaticSystem:
 
     @cached_property
     def pivoting(self) -> DenseSystem | SparseSystem:
-        """What exchanges rows."""
+        """The solver that exchanges rows."""
         return (DenseSystem if self.dense else SparseSystem)(self.problem, self.scheme)
 
     def times_mass(self, vector: Array) -> Array:
