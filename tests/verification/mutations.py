@@ -506,7 +506,7 @@ def formulations() -> Iterator[Mutation]:
     yield from _changes(CORE / "kernel.py", "def _rate_of_constraints", "work.rate[k]", carried, (
         ("state.psi[k] if", "-state.psi[k] if"),
     ))  # fmt: skip
-    yield from _changes(CORE / "kernel.py", "# G and Φ at the end", "past[:]", carried, (
+    yield from _changes(CORE / "kernel.py", "# G and Φ at the end", "past[field, i]", carried, (
         ("state.psi[k] = work.psi[k]", "pass"), ("r_old[e] = r[e]", "pass"),
     ))  # fmt: skip
     yield from _changes(CORE / "kernel.py", "record.multipliers[kept, k] +=", "COMPLETED", total, (
