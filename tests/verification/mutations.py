@@ -671,12 +671,9 @@ def notices(mutation: Mutation, copy: Path) -> bool:
         target.write_text(original)
 
 
-def main() -> None:
-    """Try all mutations, print a line for each, exit with 1 when one survives."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", help="only mutations whose name has this text")
-    options = parser.parse_args()
-    mutations = (
+def everything() -> tuple[Mutation, ...]:
+    """All mutations; raises ValueError where one does not find its place."""
+    return (
         *table_2(),
         *weights(),
         *signs(),
@@ -689,7 +686,14 @@ def main() -> None:
         *formulations(),
         *formulation_orders(),
     )
-    chosen = [m for m in mutations if options.only in m.name]
+
+
+def main() -> None:
+    """Try all mutations, print a line for each, exit with 1 when one survives."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="only mutations whose name has this text")
+    options = parser.parse_args()
+    chosen = [m for m in everything() if options.only in m.name]
     survivors = []
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
