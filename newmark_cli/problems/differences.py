@@ -1,7 +1,11 @@
-"""Tangents of users' forces by central differences of fourth order.
+"""Derivatives of users' functions by differences, as far as one code serves all problems.
 
 Of a problem whose functions are compiled only what calls them is compiled anew; where they
-are called, and what follows from the values, is compiled once for all problems.
+are called, and what follows from the values, is compiled once.  It stands in one file, as
+numba does not notice when a function changes that kept code has called from another.
+
+X and Y follow from central differences of fourth order; the terms of Φ' and Φ'', see
+`newmark_cli.problems.constraint_rows`, from differences that find their own step.
 """
 
 from collections.abc import Callable
@@ -10,6 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
+
+#: Steps (s) of differences in time.  The longest is short enough for motions of some
+#: hundred radians a second, the shortest for some thousand.  No power of two stands
+#: between them, lest all be periods of one motion.
+LONGEST_STEP, STEP_RATIO, STEPS = 1e-2, 1.9, 7
+_SHRINKING = STEP_RATIO ** -np.arange(STEPS)
 
 #: Compiles a function, or leaves it as it is.
 Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -144,3 +154,207 @@ def size_of(vector, least):  # type: ignore[no-untyped-def]
     for i in range(vector.shape[0]):
         size = max(size, abs(vector[i]))
     return size
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def states_of_tangents(u, v, multipliers, of_u, of_v):  # type: ignore[no-untyped-def]
+    """`states_around` with the steps that suit them; arrays for f and G there."""
+    step = 1e-3 * size_of(u, 1e-8)
+    pace = 1e-3 * size_of(v, 1e-3)
+    us, vs = states_around(u, v, of_u, of_v, step, pace)
+    n, m = u.shape[0], multipliers.shape[0]
+    gradients = np.empty((1 + 4 * n * int(of_u), n, m))
+    return us, vs, step, pace, np.empty(us.shape), gradients
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def states_along(  # type: ignore[no-untyped-def]
+    t, u, v, w, rate, longest, in_time, along_v, along_w
+):
+    """Where Φ and G are asked for: here, and before and after along up to three ways.
+
+    Returns:
+        (k, n) coordinates, (k,) times, and arrays for Φ, at those of the first way, and for G.
+    """
+    count = 1 + 2 * STEPS * (int(in_time) + int(along_v) + int(along_w))
+    states, times = np.empty((count, u.shape[0])), np.empty(count)
+    copy_vector(u, states[0])
+    times[0], k = t, 1
+    for way, wanted in enumerate((in_time, along_v, along_w)):
+        if not wanted:
+            continue
+        direction = w if way == 2 else v
+        steps = longest * _SHRINKING
+        if way > 0:
+            steps = steps_along(u, direction, longest if way == 1 else np.inf)
+        for h in steps:
+            for shift in (h, -h):
+                times[k] = t if way == 2 else t + shift
+                for i in range(u.shape[0]):
+                    states[k, i] = u[i] + (0.0 if way == 0 else shift * direction[i])
+                k += 1
+    m = rate.shape[0]
+    of_phi = 1 + 2 * STEPS * int(in_time)
+    return states, times, np.empty((of_phi, m)), np.empty((count, u.shape[0], m))
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def take_rows(  # type: ignore[no-untyped-def]
+    phi, gradients, u, v, w, longest, in_time, along_v, along_w,
+    rate, curvature, r_values, q_values,
+):  # fmt: skip
+    """The four from Φ and G at `states_along`, as far as these are there."""
+    _, n, m = gradients.shape
+    size = _size(gradients[0].reshape(n * m))
+    steps, way = longest * _SHRINKING, 1
+    if in_time:
+        rounding = _rounding(size * _size(u), steps, 1)
+        copy_vector(extrapolated(_first(phi[1:], steps), STEP_RATIO, rounding), rate)
+        # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
+        # less than second ones of Φ; those remain for a Φ that depends on time.
+        drift = _first(_products(gradients[1:], v), steps)
+        second = _second(phi[1:], phi[0], steps)
+        way += 2 * STEPS
+    if along_v:
+        along = steps_along(u, v, longest)
+        there = gradients[way:]
+        if in_time:
+            turn = _first(_products(there, v), along)
+            rounding = _rounding(size * _size(v), along, 1)
+            turned = extrapolated(turn, STEP_RATIO, rounding)
+            rounding = _rounding(size * _size(v), steps, 1)
+            drifted = extrapolated(drift, STEP_RATIO, rounding)
+            rounding = _rounding(size * _size(u), steps, 2)
+            bent = extrapolated(second, STEP_RATIO, rounding)
+            for k in range(m):
+                curvature[k] = turned[k] + drifted[k] + bent[k]
+        flat = there.reshape(there.shape[0], n * m)
+        rounding = _rounding(size, along, 1)
+        copy_vector(extrapolated(_first(flat, along), STEP_RATIO, rounding), r_values)
+        if along_w:
+            rounding = _rounding(size, along, 2)
+            second = _second(flat, gradients[0].reshape(n * m), along)
+            bent = extrapolated(second, STEP_RATIO, rounding)
+            steps = steps_along(u, w, np.inf)
+            rounding = _rounding(size, steps, 1)
+            turned = extrapolated(_first(flat[2 * STEPS :], steps), STEP_RATIO, rounding)
+            for e in range(n * m):
+                q_values[e] = turned[e] + bent[e]
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def directions(v, w, rate):  # type: ignore[no-untyped-def]
+    """(3, n) none, along v, and along w; an array for G there."""
+    directions = np.zeros((3, v.shape[0]))
+    copy_vector(v, directions[1])
+    copy_vector(w, directions[2])
+    return directions, np.empty((3, v.shape[0], rate.shape[0]))
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def take_rows_of_quadratic(  # type: ignore[no-untyped-def]
+    gradients, v, rate, curvature, r_values, q_values
+):
+    """The four from G at `directions`."""
+    m = rate.shape[0]
+    changes = gradients[1:] - gradients[0]
+    curvatures = _products(changes, v)[0]
+    for k in range(m):
+        rate[k], curvature[k] = 0.0, curvatures[k]
+    flatten(changes[0], r_values)
+    flatten(changes[1], q_values)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _products(gradients, v):  # type: ignore[no-untyped-def]
+    """(k, m) Gᵀ v of (k, n, m) G."""
+    count, n, m = gradients.shape
+    products = np.zeros((count, m))
+    for c in range(count):
+        for i in range(n):
+            for k in range(m):
+                products[c, k] += gradients[c, i, k] * v[i]
+    return products
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _size(vector):  # type: ignore[no-untyped-def]
+    return size_of(vector, 0.0)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _first(values, steps):  # type: ignore[no-untyped-def]
+    """(k, m) first derivatives from values ahead and behind in turn."""
+    found = np.empty((steps.shape[0], values.shape[1]))
+    for k in range(steps.shape[0]):
+        for i in range(values.shape[1]):
+            found[k, i] = (values[2 * k, i] - values[2 * k + 1, i]) / (2 * steps[k])
+    return found
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _second(values, here, steps):  # type: ignore[no-untyped-def]
+    """(k, m) second derivatives from values ahead and behind in turn, and here."""
+    found = np.empty((steps.shape[0], values.shape[1]))
+    for k in range(steps.shape[0]):
+        for i in range(values.shape[1]):
+            bent = values[2 * k, i] - here[i] + (values[2 * k + 1, i] - here[i])
+            found[k, i] = bent / (steps[k] * steps[k])
+    return found
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _rounding(size, steps, order):  # type: ignore[no-untyped-def]
+    """Rounding, at each step, of differences of numbers of this size."""
+    return 2.2e-16 * size / steps**order
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def steps_along(u, v, longest):  # type: ignore[no-untyped-def]
+    """Steps (s), longest first, that move no coordinate by more than 3 % of the largest.
+
+    Args:
+        u, v: (n,) coordinates and velocities.
+        longest: Longest step (s) allowed.
+    """
+    size, speed = _size(u), _size(v)
+    if size == 0:
+        size = 1.0
+    allowed = 3e-2 * size / speed if speed > 0 else 1.0
+    return min(longest, allowed) * _SHRINKING
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def extrapolated(differences, ratio, rounding):  # type: ignore[no-untyped-def]
+    """Limit of central differences for steps that shrink by a ratio, each column its own.
+
+    Romberg's tableau; of its entries the one that differs least from its neighbours
+    (Ridders, Advances in Engineering Software 4, 1982), so that truncation need not be
+    known.  Nor need rounding, but where it is known, entries that agree with their
+    neighbours by chance are not taken for better than they can be.
+
+    Args:
+        differences: (steps, m) central differences, longest step first.
+        ratio: Of a step to the next.
+        rounding: (steps,) that of the differences, or 0.
+
+    Returns:
+        (m,) limits.
+    """
+    steps, columns = differences.shape
+    limits = differences[0].copy()
+    for column in range(columns):
+        above = np.empty(steps)
+        least = np.inf
+        for i in range(steps):
+            entry = differences[i, column]
+            factor = 1.0
+            for j in range(i):
+                factor *= ratio * ratio
+                better = entry + (entry - above[j]) / (factor - 1)
+                error = max(abs(better - entry), abs(better - above[j]), rounding[i])
+                if error < least:
+                    least, limits[column] = error, better
+                above[j], entry = entry, better
+            above[i] = entry
+    return limits

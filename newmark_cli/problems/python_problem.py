@@ -22,7 +22,6 @@ from numba.core.dispatcher import Dispatcher
 
 from newmark_cli import errors, files
 from newmark_cli.arrays import Array
-from newmark_cli.cached_code import cached_njit
 from newmark_cli.problems import constraint_rows, differences, index_1, user_code
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
@@ -33,7 +32,7 @@ _CONSISTENCY = 1e-9
 _MOST_BYTES = 10_000_000
 #: Longest steps (s) of differences that a given term of Φ' or Φ'' may agree with; the
 #: second is for laws of time that are faster than the first can follow.
-_LONGEST_STEPS = constraint_rows.LONGEST_STEP, 1e-4
+_LONGEST_STEPS = differences.LONGEST_STEP, 1e-4
 
 
 @dataclass(frozen=True)
@@ -426,7 +425,9 @@ def _evaluate(
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
-        us, vs, step, pace, forces, gradients = _states(u, v, multipliers, of_u, of_v)
+        us, vs, step, pace, forces, gradients = differences.states_of_tangents(
+            u, v, multipliers, of_u, of_v
+        )
         for k in range(us.shape[0]):
             copy.vector(force_of(us[k], vs[k], t), forces[k])
         for k in range(gradients.shape[0]):
@@ -455,17 +456,6 @@ def _giving(key: str, function: Any, compile_: differences.Compiler) -> Any:
     return compile_(stiffness if key == "stiffness" else damping)
 
 
-@cached_njit(nogil=True, error_model="numpy")
-def _states(u, v, multipliers, of_u, of_v):  # type: ignore[no-untyped-def]
-    """`newmark_cli.problems.differences.states_around`; their steps; arrays for f and G there."""
-    step = 1e-3 * differences.size_of(u, 1e-8)
-    pace = 1e-3 * differences.size_of(v, 1e-3)
-    us, vs = differences.states_around(u, v, of_u, of_v, step, pace)
-    n, m = u.shape[0], multipliers.shape[0]
-    gradients = np.empty((1 + 4 * n * int(of_u), n, m))
-    return us, vs, step, pace, np.empty(us.shape), gradients
-
-
 def _by_differences(
     functions: Mapping[str, Any], start: tuple[Array, Array, float], multipliers: Array
 ) -> dict[str, Array]:
@@ -492,7 +482,7 @@ def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[...
 
 def warm() -> None:
     """Have Numba load what it needs for its first call, which takes long."""
-    constraint_rows.extrapolated(np.zeros((2, 1)), constraint_rows.STEP_RATIO, np.zeros(2))
+    differences.extrapolated(np.zeros((2, 1)), differences.STEP_RATIO, np.zeros(2))
 
 
 def _require_gradient(

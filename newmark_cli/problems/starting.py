@@ -10,7 +10,7 @@ import scipy.sparse
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ArgumentError
-from newmark_cli.problems.constraint_rows import LONGEST_STEP, STEP_RATIO, extrapolated, steps_along
+from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, extrapolated, steps_along
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError
 

@@ -348,7 +348,7 @@ def rows() -> Iterator[Mutation]:
         ("wanted - {\"constraint_rate\"}", "wanted - {\"curvature\"}"),
         ("phi_of(states[k], times[k])", "phi_of(states[k], t)"),
     ))  # fmt: skip
-    yield from _changes(problems / "constraint_rows.py", "def _states", "def steps_along", (
+    yield from _changes(problems / "differences.py", "def states_along", "def steps_along", (
         own, "-k", "surface",
     ), (
         ("for shift in (h, -h)", "for shift in (h, 0.0)"),
@@ -361,7 +361,7 @@ def rows() -> Iterator[Mutation]:
         ("(2 * steps[k])", "steps[k]"), ("+ (values[2 * k + 1, i]", "- (values[2 * k + 1, i]"),
         ("(steps[k] * steps[k])", "steps[k]"),
     ))  # fmt: skip
-    yield from _changes(problems / "constraint_rows.py", "def _directions", "def _products", (
+    yield from _changes(problems / "differences.py", "def directions", "def _products", (
         own, "-k", "quadratic_constraints",
     ), (
         ("copy_vector(w", "copy_vector(v"), ("gradients[1:] - gradients[0]", "gradients[1:]"),
