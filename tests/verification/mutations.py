@@ -369,7 +369,7 @@ def rows() -> Iterator[Mutation]:
         ("flatten(changes[1], q", "flatten(changes[0], q"),
     ))  # fmt: skip
     yield from _changes(problems / "differences.py", "def states_around", "def size_of", (
-        "tests/test_python_problems.py", "-k", "tangents_by_differences",
+        "tests/test_python_problems.py", "-k", "by_differences_is_good or tangents_by",
     ), (
         ("+= shift * size", "+= 2 * shift * size"), ("(-2, -1, 1, 2)", "(-1, -2, 1, 2)"),
         ("(of_v, pace, y_values)", "(of_v, step, y_values)"), ("-8.0, 8.0", "8.0, -8.0"),
