@@ -342,12 +342,13 @@ def _settle(drawing: Figure, grid: Sequence[Any]) -> None:
 
 
 def _measure(drawing: Figure, grid: Sequence[Any]) -> None:
-    drawing.draw_without_rendering()
+    engine: Any = drawing.get_layout_engine()
+    engine.execute(drawing)
     for axes in grid:
         label = axes.yaxis.label
         height = axes.get_window_extent().height
         label.set_text(_wrapped(drawing, label.get_text(), label.get_fontsize(), height))
-    drawing.draw_without_rendering()
+    engine.execute(drawing)
 
 
 #: What a line is not broken in: a word, or mathematics.
