@@ -238,6 +238,8 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
     for number, descriptor in enumerate((null, stdout, stderr)):
         os.dup2(descriptor, number)
         os.close(descriptor)
+    if encoding := environment.get("PYTHONIOENCODING"):
+        sys.stdout.reconfigure(encoding=encoding)
     sys.argv = command
     paths = environment.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[0:1] = [str(Path(command[0]).parent), *filter(None, paths)]
