@@ -135,7 +135,8 @@ def hostile(cli):
 COMMANDS = (
     ("check", "--all"), ("check", "--json"), ("check", "--markdown", "--all"), ("show",),
     ("show", "bad"), ("show", "bad", "--json"), ("info", "--cells", "--config"), ("verify",),
-    ("plot", "bad"), ("compare", "results", "results"), ("validate", "bad.yaml"),
+    ("plot", "bad", "--measure", "correction", "--quantity", "u", "--format", "svg"),
+    ("compare", "results", "results"), ("validate", "bad.yaml"),
     ("run", "bad.yaml", "-v", "--force"), ("run", "bad.yaml", "--dry-run"),
     ("show", "bad", "--problem", BAD), ("validate", "bad.yaml", BAD), ("plot", BAD),
     ("compare", "results", BAD), ("run", BAD + ".yaml"), ("info", "--results", BAD),
