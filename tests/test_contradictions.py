@@ -13,7 +13,6 @@ from newmark_cli.report import records
 from newmark_cli.report.contradictions import contradictions
 from newmark_cli.study.reading import read_rows, read_texts, study_files
 
-
 committed = functools.cache(tampering.read)
 
 

@@ -9,7 +9,7 @@ FOLDER = Path(__file__).parents[1] / "tests/verification"
 
 @each("script, inputs", [("fuzz", 60), ("fuzz_results", 16)])
 def test_readers_stay_calm(warm, tmp_path, script, inputs):
-    """Some inputs of the fuzzers: documented exit codes, complaints by line, at once, no code run."""
+    """Some inputs of the fuzzers: documented exit codes, lines for complaints, no code run."""
     arguments = [FOLDER / f"{script}.py", inputs, "--seed", 20, "--processes", 0]
     run = warm.start(arguments, tmp_path)
     told, errors = run.communicate(timeout=180)

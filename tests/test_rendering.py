@@ -4,17 +4,19 @@ import dataclasses
 
 import numpy as np
 import pytest
+from each import each
 
 from newmark_cli.errors import InputError
 from newmark_cli.report import rendering
-from newmark_cli.report.panels import Panel, Sheet, Trace, look
+from newmark_cli.report.panels import Layout, Panel, Sheet, Trace, look
 
 
 def sheet(exponent):
-    """A line; linear axes have fewer ticks to draw."""
+    """A line; linear axes have fewer ticks to draw, and a layout that is given is not sought."""
     h = np.array([1e-3, 1e-2, 1e-1])
     trace = Trace("λ", h, h**exponent, look(0))
-    return Sheet("", (Panel((trace,), "h", "Δ", x_scale="linear", y_scale="linear"),))
+    panel = Panel((trace,), "h", "Δ", x_scale="linear", y_scale="linear")
+    return Sheet("", (panel,), layout=Layout((3.0, 2.0), (0.2, 0.3, 0.7, 0.5)))
 
 
 SHEETS = [sheet(exponent) for exponent in range(6)]
@@ -53,7 +55,7 @@ class Odd(float):
         raise TypeError("not to be pickled")
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@each("processes", [1, 2])
 def test_one_error(processes):
     """A size that leaves no room is refused alike, wherever it is found out."""
     with pytest.raises(InputError, match="no room"):

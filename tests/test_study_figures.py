@@ -589,8 +589,7 @@ def test_plot_draws_a_study_of_ones_own(mine):
     """All of it without names; by its name the same; a wrong name in one line."""
     done = mine("plot")
     stems = [
-        f"mine-pendulum-u-lambda-{what}"
-        for what in ("condition", "error-u", "work-precision-u")
+        f"mine-pendulum-u-lambda-{what}" for what in ("condition", "error-u", "work-precision-u")
     ]
     expected = [f"results/figures/{stem}.{kind}" for stem in stems for kind in ("png", "svg")]
     assert done.stdout.split() == expected
