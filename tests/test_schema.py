@@ -430,7 +430,7 @@ def test_rules_between_keys(folder):
     """Configs whose keys stand at the top or in cases: never a disagreement."""
     chance = random.Random(4)
     verdicts = Counter()
-    for _ in range(600):
+    for _ in range(480):
         sizes = itertools.count(1)
 
         def some(likely, sizes=sizes):
@@ -465,6 +465,6 @@ def test_damaged_files(folder):
     spec = importlib.util.spec_from_file_location("fuzz", ROOT / "tests/verification/fuzz.py")
     fuzz = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fuzz)
-    for _, data in fuzz.inputs(range(50), seed=11):
+    for _, data in fuzz.inputs(range(40), seed=11):
         if len(data) < 20_000:
             assert_agreement(data.decode(errors="ignore"), folder)
