@@ -19,28 +19,11 @@ from newmark_cli.report.kinds import MechanismFigure, OrderFigure, Results, Stud
 from newmark_cli.report.panels import LOOKS
 from newmark_cli.report.slopes import collect, study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
-from newmark_cli.running import runner
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import RECORDS
 from newmark_cli.study.reading import read_study
 
 ORDER_FIGURES = [f for f in FIGURES.values() if isinstance(f, OrderFigure)]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Small versions of the studies that the figures read: coarse h, few steps."""
-    folder = tmp_path_factory.mktemp("results")
-    studies = []
-    for name in dict.fromkeys(f.study for f in ORDER_FIGURES):
-        study = config.find(name)
-        cases = [
-            case.model_copy(update={"h": case.h[:3], "t_end": 30 * case.h[0]})
-            for case in study.cases
-        ]
-        studies.append(study.model_copy(update={"cases": tuple(cases)}))
-    runner.run_studies(studies, folder, runner.Options(jobs=2))
-    return folder
 
 
 def order(reference):
@@ -49,10 +32,11 @@ def order(reference):
 
 
 @each("figure", ORDER_FIGURES)
-def test_order_figures_draw_the_csv(folder, figure):
+def test_order_figures_draw_the_csv(committed_folder, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
-    sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
-    frame = read_study(folder / f"{figure.study}.csv")
+    given = collect(committed_folder, [figure.study])
+    sheet = figure.sheet(Results(committed_folder, given))
+    frame = read_study(committed_folder / f"{figure.study}.csv")
     (panel,) = sheet.panels
     for trace in panel.traces:
         rows = frame[
@@ -222,6 +206,12 @@ def test_history_draws_the_largest_multiplier(tmp_path):
     )
 
 
+@pytest.fixture(scope="module")
+def history(tmp_path_factory):
+    """Text of a file that Figure 15 is drawn from."""
+    return synthetic.write_history(tmp_path_factory.mktemp("history"), FIGURES["15"]).read_text()
+
+
 @each(
     "damage, words",
     [
@@ -234,11 +224,12 @@ def test_history_draws_the_largest_multiplier(tmp_path):
         (lambda text: text.replace(",0.0,", ",zero,", 1), "line 2: t: not a number"),
     ],
 )
-def test_damaged_history(tmp_path, damage, words):
+def test_damaged_history(tmp_path, history, damage, words):
     """One line that names the file, and what is wrong with it."""
     figure = FIGURES["15"]
-    path = synthetic.write_history(tmp_path, figure)
-    path.write_text(damage(path.read_text()))
+    path = results.history_path(tmp_path, figure.study)
+    path.parent.mkdir()
+    path.write_text(damage(history))
     with pytest.raises(ResultsError, match=words) as caught:
         figure.require(Results(tmp_path, []))
     assert str(path) in str(caught.value)
@@ -328,12 +319,13 @@ def test_shipped_configs_give_what_figures_draw(figure):
         assert {column: getattr(curve, column) for column in cells[0]} in cells, curve.label
 
 
-def test_both_files_have_the_same_bytes_again(folder, tmp_path):
+def test_both_files_have_the_same_bytes_again(committed_folder, tmp_path):
     """PNG and SVG of a figure drawn twice."""
     figure = ORDER_FIGURES[1]
     contents = []
     for name in ("one", "two"):
-        sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
+        given = collect(committed_folder, [figure.study])
+        sheet = figure.sheet(Results(committed_folder, given))
         files = style.save(draw.drawn(sheet), tmp_path, name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]
