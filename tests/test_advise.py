@@ -760,10 +760,10 @@ def one_constraint():
 
 
 @pytest.mark.usefixtures("without_noise")
-def test_a_single_multiplier_may_be_a_number(one_constraint):
-    """λ of one constraint as a number, and G as a vector, give what arrays give."""
+def test_numbers_and_arrays_of_one_number_are_alike(one_constraint):
+    """λ of one constraint as a number, G as a vector, and h as an array without dimensions."""
     alike = {**one_constraint, "G": np.array([1.0, 0.5]), "lambda": 3.0}
-    found = newmark.advise(alike, h=1e-3).to_dict()
+    found = newmark.advise(alike, h=np.array(1e-3)).to_dict()
     assert found == newmark.advise(one_constraint, h=1e-3).to_dict()
     assert found["multipliers"] == 3
 
@@ -788,19 +788,30 @@ def test_step_sizes_that_are_nearly_equal_stay_apart_in_json(one_constraint):
     assert set(found["condition"]) == {"0.001", "0.0010000001"}
 
 
+UNSCALED = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
+NO_JACOBIAN = "jacobian must be a matrix, several of them"
+
+
 @each(
-    "blocks, h, said",
+    "given, blocks, h, said",
     [
-        ("u=2,lambda=1", 1e-300, "h must be between 1e-12 and 1e3 seconds, given 1e-300"),
-        ("u=1,lambda=2", 1e-3, "lambda must be at most 1, the number of coordinates, given 2"),
-        ("u=2,u=2,lambda=1", 1e-3, "a name is there twice"),
+        (UNSCALED, "u=2,lambda=1", 1e-300, "h must be between 1e-12 and 1e3 seconds, given 1e-300"),
+        (
+            UNSCALED,
+            "u=1,lambda=2",
+            1e-3,
+            "lambda must be at most 1, the number of coordinates, given 2",
+        ),
+        (UNSCALED, "u=2,u=2,lambda=1", 1e-3, "a name is there twice"),
+        (5, "u=2,lambda=1", 1e-3, NO_JACOBIAN),
+        (None, "u=2,lambda=1", 1e-3, NO_JACOBIAN),
+        (np.array(5.0), "u=2,lambda=1", 1e-3, NO_JACOBIAN),
     ],
 )
-def test_jacobians_with_impossible_blocks_and_steps(blocks, h, said):
-    """Step sizes out of range, and blocks that no mechanism has, are refused."""
-    unscaled = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
+def test_jacobians_that_cannot_be_used(given, blocks, h, said):
+    """Step sizes out of range, blocks that no mechanism has, what is no matrix and no path."""
     with pytest.raises(newmark.NewmarkError, match=said):
-        newmark.advise_jacobian(unscaled, blocks=blocks, h=h)
+        newmark.advise_jacobian(given, blocks=blocks, h=h)
 
 
 def test_jacobians_may_be_sparse():
@@ -815,20 +826,6 @@ def test_jacobians_may_be_sparse():
     expected = newmark.advise_jacobian(dense[0], **one)
     assert newmark.advise_jacobian(scipy.sparse.csr_matrix(dense[0]), **one) == expected
     assert expected.h == (1e-3,)
-
-
-@each("given", [5, None, np.array(5.0)])
-def test_what_is_no_jacobian(given):
-    """Anything but matrices and paths is refused."""
-    with pytest.raises(newmark.NewmarkError, match="jacobian must be a matrix, several of them"):
-        newmark.advise_jacobian(given, blocks="u=2,lambda=1", h=1e-3)
-
-
-@pytest.mark.usefixtures("without_noise")
-def test_a_step_size_may_be_an_array_without_dimensions(one_constraint):
-    """NumPy's scalars and arrays of one number are step sizes."""
-    found = newmark.advise(one_constraint, h=np.array(1e-3))
-    assert found.condition == newmark.advise(one_constraint, h=1e-3).condition
 
 
 def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):

@@ -268,18 +268,14 @@ def test_dynamic_row(form: str, damped: bool, stiff: bool, row: list[float]) -> 
 
 @each("damped, stiff", KINDS)
 @each("form", FORMS)
-def test_condition_numbers(form: str, damped: bool, stiff: bool) -> None:
-    """Condition numbers of every variant, whatever terms the problem has."""
+def test_variants(form: str, damped: bool, stiff: bool) -> None:
+    """Condition numbers and corrections under every variant, whatever terms the problem has.
+
+    Corrections grow as 0, −1, −2, −2 unless the unknowns are scaled, then not at all.
+    """
     orders = form_orders(FORMS[form], damped=damped, stiff=stiff)
     conditions = [orders.condition(named_scaling(v, FORMS[form])) for v in VARIANT_NAMES]
     assert conditions == list(CONDITION[form])
-
-
-@each("damped, stiff", KINDS)
-@each("form", FORMS)
-def test_corrections(form: str, damped: bool, stiff: bool) -> None:
-    """Corrections grow as 0, −1, −2, −2 unless the unknowns are scaled, then not at all."""
-    orders = form_orders(FORMS[form], damped=damped, stiff=stiff)
     physical = {"u": 0, "v": -1, "a": -2, "lambda": -2}
     assert orders.physical_corrections() == physical
     kept = {unknown: physical[unknown] for unknown in FORMS[form].unknowns}
