@@ -1,5 +1,6 @@
 """Predicted orders of every block against 240-digit arithmetic at h = 1e-20."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from functools import cache
 
@@ -177,10 +178,12 @@ def test_terms_of_shipped_problems(name: str, damped: bool, stiff: bool) -> None
 SMALL = [name for name in PROBLEMS if problem(name).n + problem(name).m <= 30]
 
 
-@each("form", FORMS)
-@each("name", SMALL)
+@each("name, form", [
+    (name, form) for (i, name), (k, form) in itertools.product(enumerate(SMALL), enumerate(FORMS))
+    if (i + k) % 2 == 0
+])  # fmt: skip
 def test_shipped_problems(name: str, form: str) -> None:
-    """Blocks, residual and corrections of a form on the shipped problems."""
+    """Blocks, residual and corrections of every other form, by turns, on the shipped problems."""
     system = shipped(name)
     measured = measure(system, form)
     assert_unscaled(system, form, measured)

@@ -17,7 +17,7 @@ from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, format_fit, power_law
 from newmark_cli.report.kinds import MechanismFigure, OrderFigure, Results, StudyFigure
 from newmark_cli.report.panels import LOOKS
-from newmark_cli.report.slopes import collect, study_slopes
+from newmark_cli.report.slopes import study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import RECORDS
@@ -32,10 +32,9 @@ def order(reference):
 
 
 @each("figure", ORDER_FIGURES)
-def test_order_figures_draw_the_csv(committed_folder, figure):
+def test_order_figures_draw_the_csv(committed_folder, committed_results, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
-    given = collect(committed_folder, [figure.study])
-    sheet = figure.sheet(Results(committed_folder, given))
+    sheet = figure.sheet(committed_results(figure.study))
     frame = read_study(committed_folder / f"{figure.study}.csv")
     (panel,) = sheet.panels
     for trace in panel.traces:
@@ -152,13 +151,13 @@ def test_precisions_side_by_side(tmp_path):
     assert [text.get_text() for text in legend.get_texts()] == list(figure.variants)
 
 
-def test_sensitivities_have_a_panel_for_each_block(committed_folder):
+def test_sensitivities_have_a_panel_for_each_block(committed_results):
     """Unknowns down, row blocks across; slopes in the panels, and lines through the points."""
     figure = FIGURES["sensitivity"]
-    slopes = collect(committed_folder, ["sensitivity"])
-    sheet = figure.sheet(Results(committed_folder, slopes))
+    given = committed_results("sensitivity")
+    sheet = figure.sheet(given)
     assert (len(sheet.panels), sheet.columns, sheet.rows) == (16, 4, 4)
-    by_key = {slope.key: slope for slope in slopes}
+    by_key = {slope.key: slope for slope in given.slopes}
     series = [by_key[curve.key] for curve in figure.curves]
     drawn = [(panel, trace) for panel in sheet.panels for trace in panel.traces]
     for slope, (panel, trace) in zip(series, drawn, strict=True):
@@ -319,13 +318,12 @@ def test_shipped_configs_give_what_figures_draw(figure):
         assert {column: getattr(curve, column) for column in cells[0]} in cells, curve.label
 
 
-def test_both_files_have_the_same_bytes_again(committed_folder, tmp_path):
+def test_both_files_have_the_same_bytes_again(committed_results, tmp_path):
     """PNG and SVG of a figure drawn twice."""
     figure = ORDER_FIGURES[1]
     contents = []
     for name in ("one", "two"):
-        given = collect(committed_folder, [figure.study])
-        sheet = figure.sheet(Results(committed_folder, given))
+        sheet = figure.sheet(committed_results(figure.study))
         files = style.save(draw.drawn(sheet), tmp_path, name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]

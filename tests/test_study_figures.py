@@ -539,9 +539,9 @@ def test_shipped_studies_keep_their_figures(tmp_path):
     assert figure.name == "error-hoist-u-lambda-work-precision-u"
 
 
-def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_folder):
+def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     """Figure 3 shows the condition only; nothing shows all of one scaling."""
-    given = Results(committed_folder, collect(committed_folder, ["pendulum-u"]))
+    given = committed_results("pendulum-u")
     choice = plot.Choice(("condition",))
     assert plot.chosen(["pendulum-u"], given, choice).figures == [FIGURES["3"]]
     choice = plot.Choice(("condition",), {"preconditioning": ("optimal",)})

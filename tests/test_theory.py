@@ -22,7 +22,6 @@ from newmark_cli.newmark.perturbation import perturbation, sensitivities
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.report import paper_tables
-from newmark_cli.report.slopes import collect
 from newmark_cli.report.verdicts import MISS, PASS
 
 #: Powers of h in Table 2, typed again; the V row is h¹.
@@ -207,9 +206,9 @@ def test_sensitivity_study(cli):
 
 
 @pytest.fixture(scope="module")
-def entries(committed_folder):
+def entries(committed_results):
     """Entries of both tables from the committed results."""
-    return paper_tables.build(collect(committed_folder, [paper_tables.STUDY]))
+    return paper_tables.build(committed_results(paper_tables.STUDY).slopes)
 
 
 def test_table_1(entries):
@@ -338,14 +337,14 @@ def test_tables_mark_a_mismatch(cli, committed_folder):
     assert "miss" in cli("check", code=1).stdout
 
 
-def test_wrong_table_entry_is_a_mismatch(monkeypatch, committed_folder):
+def test_wrong_table_entry_is_a_mismatch(monkeypatch, committed_results):
     """An exponent of Table 2 that theory does not derive is not hidden by measurements."""
     table = {
         name: {s: dict(f) for s, f in sides.items()} for name, sides in paper_tables.TABLE_2.items()
     }
     table["u-lambda"]["left"]["D"] = "beta*h"
     monkeypatch.setattr(paper_tables, "TABLE_2", table)
-    found = paper_tables.build(collect(committed_folder, [paper_tables.STUDY]))
+    found = paper_tables.build(committed_results(paper_tables.STUDY).slopes)
     wrong = {(e.form, e.entry, e.verdict) for e in paper_tables.missed(found)}
     assert wrong == {("u-lambda", "D_L D", MISS)}
 
