@@ -343,13 +343,14 @@ def ran(*arguments):
 def test_a_new_kind_needs_no_other_module(tmp_path, ratio):
     """It is listed, drawn by name and without, named in slopes.csv, and on the page in words."""
     path = synthetic.write(tmp_path, FIGURES["10"])
-    sheet = ratio.sheet(Results(tmp_path, study_slopes(read_study(path), path)))
+    given = Results(tmp_path, study_slopes(read_study(path), path))
+    sheet = ratio.sheet(given)
     ((one,),) = (panel.traces for panel in sheet.panels)
     np.testing.assert_allclose(one.y, 5e-9 / 3.5e-11 * (one.x / 1e-4) ** -1, rtol=1e-12)
 
     there = ("--results", tmp_path, "--format", "svg")
     file = f"{tmp_path}/figures/figure-ratio.svg"
-    assert ran("plot", "ratio", *there).stdout.split() == [file]
+    assert plot.chosen(["ratio"], given).figures == [ratio]
     assert ran("plot", *there).stdout.split()[-1] == file
     assert "10 ratio,multipliers," in (tmp_path / "slopes.csv").read_text()
     assert "What compensation gains" in ran("list").stdout
@@ -376,11 +377,12 @@ def test_a_new_kind_says_what_it_lacks(tmp_path, ratio):
 def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     """Figure 6 is not drawn into a stranger's results, unless it is asked for by name."""
     own = [row | {"study": "own", "problem": problem} for row in synthetic.rows(FIGURES["12"])]
-    (tmp_path / "own.csv").write_text(results.csv_text(results.COLUMNS, own))
-    drawn = [f"{tmp_path}/figures/figure-6.svg"]
-    there = ("--results", tmp_path, "--format", "svg")
-    printed = ran("plot", *there).stdout.split()
-    assert [name for name in printed if "figure-6" in name] == drawn * (problem == "andrews")
+    path = tmp_path / "own.csv"
+    path.write_text(results.csv_text(results.COLUMNS, own))
+    given = Results(tmp_path, study_slopes(read_study(path), path))
+    found = plot.chosen((), given).figures
+    assert (FIGURES["6"] in found) == (problem == "andrews")
     # The study has a figure of its own, whatever it is about.
-    assert any("figures/own-" in name for name in printed)
-    assert ran("plot", "6", *there).stdout.split() == drawn
+    assert any(figure.name.startswith("own-") for figure in found)
+    printed = ran("plot", "6", "--results", tmp_path, "--format", "svg").stdout
+    assert printed.split() == [f"{tmp_path}/figures/figure-6.svg"]
