@@ -7,7 +7,7 @@ from each import each
 FOLDER = Path(__file__).parents[1] / "tests/verification"
 
 
-@each("script, inputs", [("fuzz", 40), ("fuzz_results", 12)])
+@each("script, inputs", [("fuzz", 30), ("fuzz_results", 10)])
 def test_readers_stay_calm(warm, tmp_path, script, inputs):
     """Some inputs of the fuzzers: documented exit codes, lines for complaints, no code run."""
     arguments = [FOLDER / f"{script}.py", inputs, "--seed", 20, "--processes", 0]
