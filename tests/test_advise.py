@@ -18,7 +18,7 @@ from each import each
 
 import newmark_cli as newmark
 from newmark_cli import matrices
-from newmark_cli.library import advising
+from newmark_cli.library import advising, linearised
 from newmark_cli.library.advising import Equilibration
 from newmark_cli.library.scalings import integrator_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
@@ -61,6 +61,19 @@ def without_noise(monkeypatch):
     monkeypatch.setattr(advising, "_noise", lambda about, schemes: ())
 
 
+@pytest.fixture
+def without_floors(monkeypatch):
+    """Advice without noise and tolerances, for what J alone tells."""
+    for subject in (linearised.OfMatrices, linearised.OfProblem):
+        monkeypatch.setattr(subject, "floors", lambda *given, **options: [])
+
+
+@pytest.fixture
+def of_float64(monkeypatch):
+    """Advice on one precision: half of the tolerances."""
+    monkeypatch.setattr(advising, "PRECISIONS", ("float64",))
+
+
 @pytest.fixture(scope="module")
 def double(example):
     """Its matrices."""
@@ -97,7 +110,7 @@ def exact_condition(jacobian):
     return float(values[0] / values[len(values) - 1])
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_floors")
 @each("form, h", [
     ("u-lambda", 1e-3), ("u-lambda", 1e-8), ("v-lambda", 1e-7), ("a-lambda", 1e-6),
     ("u-v-a-lambda", 1e-7),
@@ -130,7 +143,7 @@ def test_condition_numbers_are_those_of_mpmath(example, double, form, h):
             assert advice.condition[h][variant] == pytest.approx(expected, rel=1e-9), variant
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_floors")
 @each("form", FACTORS)
 def test_factors_are_those_of_table_2(example, form):
     """As numbers, and as the lines to paste give them."""
@@ -169,7 +182,7 @@ def test_file_folder_and_dict_say_the_same(example, double, cli):
         assert json.loads(json.dumps(of_arrays[key])) == json.loads(json.dumps(printed[key])), key
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "of_float64")
 def test_a_problem_gives_the_numbers_of_its_own_matrices(double):
     """Advice on the same mechanism as a document of this package: the same condition numbers."""
     problem = newmark.problem("andrews")
@@ -541,7 +554,7 @@ def finding(advice, word):
     return text
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "of_float64")
 def test_a_tolerance_tested_after_unscaling(swing):
     """All steps miss 1e-8 on λ = λ̄/(βh²), and meet it on λ̄; advice says so with the size."""
     corrections, found = swing
@@ -559,7 +572,7 @@ def test_a_tolerance_tested_after_unscaling(swing):
     assert "on the scaled correction of all unknowns: can be met" in text
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "of_float64")
 def test_multipliers_tested_unscaled(swing):
     """λ next to a tolerance of its own: the same, and larger steps meet it."""
     _, found = swing
@@ -572,7 +585,7 @@ def test_multipliers_tested_unscaled(swing):
     assert np.all(large[:, 1] < 1e-7)
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "of_float64")
 def test_a_residual_tested_before_scaling(swing):
     """The residual of row D is rounding of M u/(βh²); after scaling it is small."""
     corrections, found = swing
@@ -586,7 +599,7 @@ def test_a_residual_tested_before_scaling(swing):
     assert "after scaling: can be met" in text
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "of_float64")
 @each("variant, word", [("left", "unknowns"), ("right", "equations")])
 def test_scaling_only_one_side(swing, variant, word):
     """C stays at order −2: measured at two step sizes, and said so."""
@@ -655,7 +668,7 @@ def test_equilibrium_keeps_symmetry_and_rounds_nothing():
 # -- the tolerances that it states ----------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "of_float64")
 @each("name, sizes, h", [
     ("andrews", {}, 1e-5), ("four-bar", {}, 1e-4), ("double-pendulum", {}, 1e-4),
     ("shaken-pendulum", {}, 1e-4), ("random-chain", {"links": 8}, 1e-4),
@@ -680,16 +693,17 @@ def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, 
 
 def test_studies_and_python_problems_are_subjects(cli):
     """A shipped study has the step sizes; code of the user's needs --allow-code."""
-    several = json.loads(cli("advise", "pendulum-a", "--h", "1e-2", "--form", "a-lambda",
-                             "--json").stdout)  # fmt: skip
+    # There is less to say of an integrator that damps.
+    damped = ("--integrator", "generalized-alpha rho=0.9", "--json")
+    several = json.loads(
+        cli("advise", "pendulum-a", "--h", "1e-2", "--form", "a-lambda", *damped).stdout
+    )
     assert several["form"] == "a-lambda"
     assert [*several["condition"]] == ["0.01"]
     cli.write("mine.py", SWING)
     python = "mine.py:swing"
     assert "--allow-code" in cli.refused("advise", python, "--h", "1e-3")
-    # There is less to say of an integrator that damps.
-    damped = ("--integrator", "generalized-alpha rho=0.9", "--allow-code", "--json")
-    found = json.loads(cli("advise", python, "--h", "1e-3", *damped).stdout)
+    found = json.loads(cli("advise", python, "--h", "1e-3", "--allow-code", *damped).stdout)
     assert (found["n"], found["m"]) == (2, 1)
     assert "unknown problem 'pendulm'" in cli.refused("advise", "pendulm", "--h", "1e-3")
 
@@ -735,6 +749,7 @@ def test_noise_adds_up_without_dissipation(integrator):
     assert carried(integrator_of(integrator)) == np.inf
 
 
+@pytest.mark.usefixtures("of_float64")
 @each("name, h", [("pendulum", 1e-5), ("slider-crank", 1e-6)])
 @each("integrator", ["generalized-alpha rho=0.9"])
 def test_noise_of_multipliers_is_that_of_a_march(name, h, integrator):
@@ -781,7 +796,7 @@ def test_floors_know_index_3_as_an_object(one_constraint):
     assert newmark.floor(one_constraint, h=1e-3, formulation=Formulation(INDEX_3)) == named
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_floors")
 def test_step_sizes_that_are_nearly_equal_stay_apart_in_json(one_constraint):
     """Keys have the digits that tell them apart."""
     found = newmark.advise(one_constraint, h=[1e-3, 1.0000001e-3]).to_dict()
