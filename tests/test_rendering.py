@@ -19,20 +19,23 @@ def sheet(exponent):
     return Sheet("", (panel,), layout=Layout((3.0, 2.0), (0.2, 0.3, 0.7, 0.5)))
 
 
+#: Few dots make small files.
+COARSE = {"savefig.dpi": 50}
+
 SHEETS = [sheet(exponent) for exponent in range(6)]
 
 
 @pytest.fixture(scope="module")
 def one():
     """Files of all sheets, drawn by this process."""
-    return rendering.rendered(SHEETS, ("png", "svg"), None, {}, processes=1)
+    return rendering.rendered(SHEETS, ("png", "svg"), None, COARSE, processes=1)
 
 
 def test_the_same_files_in_the_same_order(one, monkeypatch):
     """Every other figure comes from another process, and this one draws none of those."""
     here, files = [], rendering._files
     monkeypatch.setattr(rendering, "_files", lambda *given: here.append(given) or files(*given))
-    two = rendering.rendered(SHEETS, ("png", "svg"), None, {}, processes=2)
+    two = rendering.rendered(SHEETS, ("png", "svg"), None, COARSE, processes=2)
     assert one == two
     assert [given[0] for given in here] == SHEETS[::2]
     assert len({files["svg"] for files in one}) == 6
@@ -42,7 +45,7 @@ def test_the_same_files_in_the_same_order(one, monkeypatch):
 def test_what_cannot_be_handed_on_is_drawn_here(one):
     """A sheet with something that pickle does not take."""
     odd = [*SHEETS[:5], dataclasses.replace(SHEETS[5], settings={"font.size": Odd(9)})]
-    found = rendering.rendered(odd, ("svg",), None, {}, processes=2)
+    found = rendering.rendered(odd, ("svg",), None, COARSE, processes=2)
     plain = [{"svg": files["svg"]} for files in one]
     assert found[:5] == plain[:5]
     assert found[5] != plain[5]

@@ -217,10 +217,10 @@ def test_figures_write_names_as_they_are(name, fits):
 
 def test_a_mechanism_of_any_name_is_drawn(cli):
     """The files have a name; titles, joints and bodies are drawn as they are written."""
-    for name in ("$.yaml", "$x$ \\frac.yaml"):
+    moving = ("--at", "0.2", "--animate", "m.gif", "--frames", "2")
+    for name, options in (("$.yaml", ()), ("$x$ \\frac.yaml", ()), ("$x$ \\frac.yaml", moving)):
         cli.write(name, MECHANISM.replace("t\\e[31m", "$\\\\frac$").replace("P", "$p$"))
-        for options in ((), ("--at", "0.2", "--animate", "m.gif", "--frames", "2")):
-            cli("draw", name, *options)
+        cli("draw", name, *options)
     assert {path.name for path in (cli.folder / "results/figures").iterdir()} == {
         "mechanism.png", "mechanism.svg", "x-frac.png", "x-frac.svg",
     }  # fmt: skip
