@@ -1,7 +1,5 @@
 """CSVs of the studies past the paper as they should be, made from a few numbers."""
 
-import copy
-
 import numpy as np
 
 from newmark_cli import files
@@ -211,7 +209,7 @@ def write_drifts(folder, figure, steps):
 
 def spoilt(table, where, change):
     """Rows with those that agree with `where` changed by a function of a row."""
-    table = copy.deepcopy(table)
+    table = [dict(row) for row in table]
     for row in table:
         if all(row[column] == value for column, value in where.items()):
             row.update(change(row))

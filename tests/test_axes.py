@@ -2,10 +2,12 @@
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 
 import pytest
+from conftest import QUICK
 from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
@@ -85,7 +87,7 @@ def test_a_series_at_the_start_is_another():
     assert run == axes.SeriesKey.of(row | {"steps": 30, "evaluation": "direct", "row_block": ""})
 
 
-#: Runs commands with one file of the package changed, and everything else as it is; each in
+#: Runs commands with files of the package changed, and everything else as it is; each in
 #: a fork of the process that has imported that.
 CHANGED = """\
 import importlib.util
@@ -94,19 +96,23 @@ import os
 import sys
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork wants no threads of BLAS
-name, old, new, commands, others = json.loads(sys.argv[1])
-spec = importlib.util.find_spec(name)
-source = open(spec.origin).read()
-assert source.count(old) == 1
-module = importlib.util.module_from_spec(spec)
-sys.modules[name] = module
-exec(compile(source.replace(old, new), spec.origin, "exec"), module.__dict__)
-parent, _, child = name.rpartition(".")
-setattr(sys.modules[parent], child, module)
+changes, commands, others = json.loads(sys.argv[1])
+for name, old, new in changes:
+    spec = importlib.util.find_spec(name)
+    source = open(spec.origin).read()
+    assert source.count(old) == 1
+    assert name not in sys.modules
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    exec(compile(source.replace(old, new), spec.origin, "exec"), module.__dict__)
+    parent, _, child = name.rpartition(".")
+    setattr(sys.modules[parent], child, module)
 for other in others:
     importlib.import_module(f"newmark_cli.{other}")
+from newmark_cli import march
 from newmark_cli.cli import main
 
+march("pendulum", h=1e-2, steps=1)  # loads the kernel
 for number, arguments in enumerate(commands):
     if os.fork() == 0:
         for stream, kind in ((1, "out"), (2, "err")):
@@ -131,24 +137,6 @@ IMPORTED = (
 )
 
 
-@pytest.fixture
-def changed(cli):
-    """The command line with a change of one file: what commands print, out and err of each."""
-
-    def run(name, old, new, *commands):
-        done = subprocess.run(
-            [sys.executable, "-c", CHANGED, json.dumps([name, old, new, commands, IMPORTED])],
-            cwd=cli.folder, capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
-        return [
-            [(cli.folder / f"{number}.{kind}").read_text() for kind in ("out", "err")]
-            for number in range(len(commands))
-        ]
-
-    return run
-
-
 #: A new axis: how often a cell is repeated.  This field is the whole of it.
 REPEAT = (
     "newmark_cli.study.axes",
@@ -165,38 +153,6 @@ REPEAT = (
     stop: Tolerance | None = axis(
 """,
 )
-
-
-def test_a_new_axis_touches_one_file(cli, quick, changed, committed_folder):
-    """Its key, column, series, slopes and lines follow from the declaration."""
-    text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 1e-3, 1e-4]")
-    text = text.replace("t_end: 1.0", "t_end: 0.1") + "measure: condition\n"
-    quick.write_text(text + 'repeat: ["1", second]\n')
-    (cli.folder / "old").mkdir()
-    (cli.folder / "old/pendulum-u.csv").write_text(
-        (committed_folder / "pendulum-u.csv").read_text()
-    )
-    (_, told), (again, _), (checked, _), (older, _) = changed(
-        *REPEAT,
-        ("run", "quick.yaml", "-v"),
-        ("run", "quick.yaml"),
-        ("check", "--json"),
-        ("check", "--json", "--results", "old"),
-    )
-    assert "pendulum u-lambda optimal second h=0.001 steps=100" in told
-    with (cli.folder / "results/quick.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat"
-    assert {row["repeat"] for row in rows} == {"1", "second"}
-    record = json.loads((cli.folder / "results/quick.json").read_text())
-    assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
-    # Kept cells know it, and so do slopes.
-    assert "12 cached" in again
-    assert [row["repeat"] for row in json.loads(checked)] == ["1", "1", "second", "second"]
-    # A CSV that lacks the column has the value that goes without saying.
-    assert {row["repeat"] for row in json.loads(older)} == {"1"}
-    # Without it the key is refused.
-    assert "unknown key" in cli.refused("validate", "quick.yaml")
 
 
 #: A new measure: the largest speed along the way.  This entry is the whole of it.
@@ -231,20 +187,76 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 )
 
 
-def test_a_new_measure_touches_one_file(cli, quick, changed):
-    """Config, CSV, prediction and verdict follow from its record."""
-    text = quick.read_text().replace("h: [1e-1, 1e-2]", "h: [1e-2, 5e-3, 2e-3]")
-    quick.write_text(text.replace("t_end: 1.0", "t_end: 2.0") + "measure: speed\n")
-    _, (checked, _), (shown, _) = changed(
-        *SPEED, ("run", "quick.yaml"), ("check", "--json"), ("check", "--all")
+AXIS, MEASURE = "axis.yaml", "measure.yaml"
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory, committed_folder):
+    """A folder where a new axis and a new measure were used, and what each command printed."""
+    folder = tmp_path_factory.mktemp("changed")
+    text = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-2, 1e-3, 1e-4]")
+    text = text.replace("t_end: 1.0", "t_end: 0.1") + "measure: condition\n"
+    (folder / AXIS).write_text(text + 'repeat: ["1", second]\n')
+    text = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-2, 5e-3, 2e-3]")
+    (folder / MEASURE).write_text(text.replace("t_end: 1.0", "t_end: 2.0") + "measure: speed\n")
+    (folder / "old").mkdir()
+    shutil.copy(committed_folder / "pendulum-u.csv", folder / "old")
+    at = ("--results", "speed")
+    commands = {
+        "axis, run": ("run", AXIS, "-v"),
+        "axis, again": ("run", AXIS),
+        "axis, check": ("check", "--json"),
+        "axis, older": ("check", "--json", "--results", "old"),
+        "measure, run": ("run", MEASURE, *at),
+        "measure, check": ("check", "--json", *at),
+        "measure, all": ("check", "--all", *at),
+    }
+    asked = json.dumps([[REPEAT, SPEED], [*commands.values()], IMPORTED])
+    done = subprocess.run(
+        [sys.executable, "-c", CHANGED, asked], cwd=folder, capture_output=True, text=True
     )
-    with (cli.folder / "results/quick.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    printed = {
+        name: [(folder / f"{number}.{kind}").read_text() for kind in ("out", "err")]
+        for number, name in enumerate(commands)
+    }
+    return folder, printed
+
+
+def rows_of(path):
+    """Rows of a CSV."""
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_new_axis_touches_one_file(cli, changed):
+    """Its key, column, series, slopes and lines follow from the declaration."""
+    folder, printed = changed
+    assert "pendulum u-lambda optimal second h=0.001 steps=100" in printed["axis, run"][1]
+    rows = rows_of(folder / "results/quick.csv")
+    assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat"
+    assert {row["repeat"] for row in rows} == {"1", "second"}
+    record = json.loads((folder / "results/quick.json").read_text())
+    assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
+    # Kept cells know it, and so do slopes.
+    assert "12 cached" in printed["axis, again"][0]
+    checked = json.loads(printed["axis, check"][0])
+    assert [row["repeat"] for row in checked] == ["1", "1", "second", "second"]
+    # A CSV that lacks the column has the value that goes without saying.
+    assert {row["repeat"] for row in json.loads(printed["axis, older"][0])} == {"1"}
+    # Without it the key is refused.
+    assert "unknown key" in cli.refused("validate", folder / AXIS)
+
+
+def test_a_new_measure_touches_one_file(cli, changed):
+    """Config, CSV, prediction and verdict follow from its record."""
+    folder, printed = changed
+    rows = rows_of(folder / "speed/quick.csv")
     assert {row["measure"] for row in rows} == {"speed"}
     # The pendulum falls by 1 at most: |v| <= √2, and one component by that at the bottom.
     assert all(1.3 < float(row["max"]) < 1.4143 for row in rows)
-    found = [(row["verdict"], row["expected"]) for row in json.loads(checked)]
-    assert found == [("pass", 0.0)] * 2
-    assert "max |v|" in shown
-    assert "2 of 2 slopes as predicted" in shown
-    assert "unknown measure 'speed'" in cli.refused("validate", "quick.yaml")
+    checked = json.loads(printed["measure, check"][0])
+    assert [(row["verdict"], row["expected"]) for row in checked] == [("pass", 0.0)] * 2
+    assert "max |v|" in printed["measure, all"][0]
+    assert "2 of 2 slopes as predicted" in printed["measure, all"][0]
+    assert "unknown measure 'speed'" in cli.refused("validate", folder / MEASURE)

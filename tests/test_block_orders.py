@@ -1,5 +1,6 @@
 """Predicted orders of every block against 240-digit arithmetic at h = 1e-20."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from functools import cache
 
@@ -143,7 +144,7 @@ def assert_scaled(
 
 @each("form", FORMS)
 @given(data=st.data())
-@examples(12)
+@examples(5)
 def test_random_systems(form: str, data: st.DataObject) -> None:
     """Blocks, residual and corrections of a form on random systems."""
     damped, stiff = data.draw(st.sampled_from(KINDS))
@@ -154,12 +155,11 @@ def test_random_systems(form: str, data: st.DataObject) -> None:
         assert_scaled_corrections(system, form, variant, measured)
 
 
-@each("variant", VARIANTS)
-@each("form", FORMS)
 @given(data=st.data())
-@examples(2)
-def test_random_scaled_systems(form: str, variant: str, data: st.DataObject) -> None:
-    """The scaled matrix, formed and inverted as it is, on random systems."""
+@examples(25)
+def test_random_scaled_systems(data: st.DataObject) -> None:
+    """The scaled matrix, formed and inverted as it is, of any form on random systems."""
+    form, variant = data.draw(st.sampled_from([*FORMS])), data.draw(st.sampled_from([*VARIANTS]))
     damped, stiff = data.draw(st.sampled_from(KINDS))
     system = data.draw(systems(damped, stiff))
     found = measure_scaled(system, form, factors(form, variant))
@@ -178,10 +178,12 @@ def test_terms_of_shipped_problems(name: str, damped: bool, stiff: bool) -> None
 SMALL = [name for name in PROBLEMS if problem(name).n + problem(name).m <= 30]
 
 
-@each("form", FORMS)
-@each("name", SMALL)
+@each("name, form", [
+    (name, form) for (i, name), (k, form) in itertools.product(enumerate(SMALL), enumerate(FORMS))
+    if (i + k) % 2 == 0
+])  # fmt: skip
 def test_shipped_problems(name: str, form: str) -> None:
-    """Blocks, residual and corrections of a form on the shipped problems."""
+    """Blocks, residual and corrections of every other form, by turns, on the shipped problems."""
     system = shipped(name)
     measured = measure(system, form)
     assert_unscaled(system, form, measured)
@@ -197,7 +199,7 @@ def test_scaled_shipped_problems(name: str, form: str, variant: str) -> None:
 
 
 @given(system=systems())
-@examples(10)
+@examples(5)
 def test_inverse_of_a_form_is_part_of_the_four_field_inverse(system: System) -> None:
     """A form's inverse is the rows and columns it keeps, entry by entry."""
     h = mpf("1e-20")
@@ -221,7 +223,7 @@ def test_inverse_of_a_form_is_part_of_the_four_field_inverse(system: System) -> 
 
 
 @given(system=systems())
-@examples(10)
+@examples(6)
 def test_one_inversion_measures_every_form(system: System) -> None:
     """Forms measured through the four-field inverse, scalings through norms of blocks."""
     for form, measured in measure_all(system).items():
@@ -269,18 +271,14 @@ def test_dynamic_row(form: str, damped: bool, stiff: bool, row: list[float]) -> 
 
 @each("damped, stiff", KINDS)
 @each("form", FORMS)
-def test_condition_numbers(form: str, damped: bool, stiff: bool) -> None:
-    """Condition numbers of every variant, whatever terms the problem has."""
+def test_variants(form: str, damped: bool, stiff: bool) -> None:
+    """Condition numbers and corrections under every variant, whatever terms the problem has.
+
+    Corrections grow as 0, −1, −2, −2 unless the unknowns are scaled, then not at all.
+    """
     orders = form_orders(FORMS[form], damped=damped, stiff=stiff)
     conditions = [orders.condition(named_scaling(v, FORMS[form])) for v in VARIANT_NAMES]
     assert conditions == list(CONDITION[form])
-
-
-@each("damped, stiff", KINDS)
-@each("form", FORMS)
-def test_corrections(form: str, damped: bool, stiff: bool) -> None:
-    """Corrections grow as 0, −1, −2, −2 unless the unknowns are scaled, then not at all."""
-    orders = form_orders(FORMS[form], damped=damped, stiff=stiff)
     physical = {"u": 0, "v": -1, "a": -2, "lambda": -2}
     assert orders.physical_corrections() == physical
     kept = {unknown: physical[unknown] for unknown in FORMS[form].unknowns}

@@ -164,8 +164,9 @@ def test_a_run_with_any_name_can_be_read(cli):
     label = f"mine.py:swing(name={name})".replace(",", "_")
     path = cli.folder / "results" / "odd.csv"
     assert read_study(path)["problem"].unique().tolist() == [label]
-    for command in (("check",), ("show", "odd"), ("verify",), ("info", "--cells"), ("plot", "odd")):
+    for command in (("check",), ("show", "odd"), ("verify",), ("info", "--cells")):
         cli(*command)
+    cli("plot", "odd", "--measure", "correction", "--quantity", "u", "--format", "svg")
     cli("compare", "results", "results")
     # The name has one line feed, so that a row takes two lines.
     before, *rest = path.read_bytes().split(b",ok,")

@@ -17,30 +17,13 @@ from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, format_fit, power_law
 from newmark_cli.report.kinds import MechanismFigure, OrderFigure, Results, StudyFigure
 from newmark_cli.report.panels import LOOKS
-from newmark_cli.report.slopes import collect, study_slopes
+from newmark_cli.report.slopes import study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
-from newmark_cli.running import runner
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import RECORDS
 from newmark_cli.study.reading import read_study
 
 ORDER_FIGURES = [f for f in FIGURES.values() if isinstance(f, OrderFigure)]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Small versions of the studies that the figures read: coarse h, few steps."""
-    folder = tmp_path_factory.mktemp("results")
-    studies = []
-    for name in dict.fromkeys(f.study for f in ORDER_FIGURES):
-        study = config.find(name)
-        cases = [
-            case.model_copy(update={"h": case.h[:3], "t_end": 30 * case.h[0]})
-            for case in study.cases
-        ]
-        studies.append(study.model_copy(update={"cases": tuple(cases)}))
-    runner.run_studies(studies, folder, runner.Options(jobs=2))
-    return folder
 
 
 def order(reference):
@@ -49,10 +32,10 @@ def order(reference):
 
 
 @each("figure", ORDER_FIGURES)
-def test_order_figures_draw_the_csv(folder, figure):
+def test_order_figures_draw_the_csv(committed_folder, committed_results, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
-    sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
-    frame = read_study(folder / f"{figure.study}.csv")
+    sheet = figure.sheet(committed_results(figure.study))
+    frame = read_study(committed_folder / f"{figure.study}.csv")
     (panel,) = sheet.panels
     for trace in panel.traces:
         rows = frame[
@@ -168,13 +151,13 @@ def test_precisions_side_by_side(tmp_path):
     assert [text.get_text() for text in legend.get_texts()] == list(figure.variants)
 
 
-def test_sensitivities_have_a_panel_for_each_block(committed_folder):
+def test_sensitivities_have_a_panel_for_each_block(committed_results):
     """Unknowns down, row blocks across; slopes in the panels, and lines through the points."""
     figure = FIGURES["sensitivity"]
-    slopes = collect(committed_folder, ["sensitivity"])
-    sheet = figure.sheet(Results(committed_folder, slopes))
+    given = committed_results("sensitivity")
+    sheet = figure.sheet(given)
     assert (len(sheet.panels), sheet.columns, sheet.rows) == (16, 4, 4)
-    by_key = {slope.key: slope for slope in slopes}
+    by_key = {slope.key: slope for slope in given.slopes}
     series = [by_key[curve.key] for curve in figure.curves]
     drawn = [(panel, trace) for panel in sheet.panels for trace in panel.traces]
     for slope, (panel, trace) in zip(series, drawn, strict=True):
@@ -222,6 +205,12 @@ def test_history_draws_the_largest_multiplier(tmp_path):
     )
 
 
+@pytest.fixture(scope="module")
+def history(tmp_path_factory):
+    """Text of a file that Figure 15 is drawn from."""
+    return synthetic.write_history(tmp_path_factory.mktemp("history"), FIGURES["15"]).read_text()
+
+
 @each(
     "damage, words",
     [
@@ -234,11 +223,12 @@ def test_history_draws_the_largest_multiplier(tmp_path):
         (lambda text: text.replace(",0.0,", ",zero,", 1), "line 2: t: not a number"),
     ],
 )
-def test_damaged_history(tmp_path, damage, words):
+def test_damaged_history(tmp_path, history, damage, words):
     """One line that names the file, and what is wrong with it."""
     figure = FIGURES["15"]
-    path = synthetic.write_history(tmp_path, figure)
-    path.write_text(damage(path.read_text()))
+    path = results.history_path(tmp_path, figure.study)
+    path.parent.mkdir()
+    path.write_text(damage(history))
     with pytest.raises(ResultsError, match=words) as caught:
         figure.require(Results(tmp_path, []))
     assert str(path) in str(caught.value)
@@ -249,7 +239,9 @@ def test_only_the_drawing_modules_import_matplotlib():
     package = Path(newmark_cli.__file__).parent
     importing = set()
     for file in package.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
+        text = file.read_text()
+        drawing = "matplotlib" in text or "PIL" in text
+        for node in ast.walk(ast.parse(text)) if drawing else ():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             if {name.partition(".")[0] for name in names} & {"matplotlib", "PIL"}:
@@ -326,12 +318,12 @@ def test_shipped_configs_give_what_figures_draw(figure):
         assert {column: getattr(curve, column) for column in cells[0]} in cells, curve.label
 
 
-def test_both_files_have_the_same_bytes_again(folder, tmp_path):
+def test_both_files_have_the_same_bytes_again(committed_results, tmp_path):
     """PNG and SVG of a figure drawn twice."""
     figure = ORDER_FIGURES[1]
     contents = []
     for name in ("one", "two"):
-        sheet = figure.sheet(Results(folder, collect(folder, [figure.study])))
+        sheet = figure.sheet(committed_results(figure.study))
         files = style.save(draw.drawn(sheet), tmp_path, name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]

@@ -357,7 +357,7 @@ def test_orders_refuses_formulations(cli):
 
 
 def test_tables_of_formulations(cli):
-    """Markdown, CSV and LaTeX of every formulation and form, without any results."""
+    """Markdown, which docs/theory.md has, CSV and LaTeX of every formulation and form."""
     done = cli("tables", "--formulations")
     assert "ggl                           (a, λ)        0    0    −1  −1  0" in done.stdout
     folder = cli.folder / "results/tables"
@@ -381,6 +381,9 @@ def test_tables_of_formulations(cli):
     assert r"    index-1 & $(u, v, a, \lambda)$ & $\ge 0$ & $\ge 0$ & $0$ & $0$ & -- \\" in text
     markdown = (folder / "formulations.md").read_text()
     assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
+    docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
+    assert "`newmark-study tables --formulations` makes the tables" in docs
+    assert markdown.strip() in docs
 
 
 def test_values_of_the_new_axes_in_words():
@@ -391,15 +394,6 @@ def test_values_of_the_new_axes_in_words():
     assert in_words("multipliers", "newton") == "Newton's λ"
     assert in_words("start", "corrected") == "corrected start"
     assert in_words("formulation", "ggl") == "ggl"
-
-
-def test_the_docs_have_the_tables(cli):
-    """docs/theory.md ends its section with what the command writes."""
-    cli("tables", "--formulations")
-    text = (cli.folder / "results/tables/formulations.md").read_text()
-    docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
-    assert "`newmark-study tables --formulations` makes the tables" in docs
-    assert text.strip() in docs
 
 
 # -- the library -----------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import csv
 
 import pandas as pd
 import pytest
+from conftest import CommandLine
 from each import each
 
 import newmark_cli as newmark
@@ -32,10 +33,18 @@ def frame():
     return newmark.run(STUDY)
 
 
-def test_a_dict_a_file_and_the_command_line_agree(cli, frame):
-    """Identical rows, whoever runs the study; what is kept in a folder is the CSV of `run`."""
-    path = cli.write("swing.yaml", YAML)
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory, warm):
+    """Where the command line has run it."""
+    cli = CommandLine(tmp_path_factory.mktemp("swing"), warm)
+    cli.write("swing.yaml", YAML)
     cli("run", "swing.yaml")
+    return cli
+
+
+def test_a_dict_a_file_and_the_command_line_agree(ran, frame):
+    """Identical rows, whoever runs the study; what is kept in a folder is the CSV of `run`."""
+    cli, path = ran, ran.folder / "swing.yaml"
     ours = cli.folder / "ours"
     pd.testing.assert_frame_equal(newmark.run(path, results=ours), frame)
     written = (cli.folder / "results/swing.csv").read_bytes()
@@ -46,12 +55,10 @@ def test_a_dict_a_file_and_the_command_line_agree(cli, frame):
     assert read["quantity"].tolist() == frame["quantity"].tolist()
 
 
-def test_fits_are_those_of_check(cli, frame):
+def test_fits_are_those_of_check(ran, frame):
     """Slopes, expected orders and verdicts of the command line, to the last digit."""
-    cli.write("swing.yaml", YAML)
-    cli("run", "swing.yaml")
-    cli("check")
-    with (cli.folder / "results/slopes.csv").open(newline="") as file:
+    ran("check")
+    with (ran.folder / "results/slopes.csv").open(newline="") as file:
         expected = list(csv.DictReader(file))
     found = newmark.slopes(frame)
     assert list(found.columns) == list(expected[0])

@@ -26,6 +26,17 @@ t_end: 0.3
 """
 
 
+#: One cell of it.
+ONE = """\
+study: mine
+problem: hoist.yaml
+form: u-lambda
+preconditioning: optimal
+h: 1e-2
+t_end: 0.3
+"""
+
+
 @pytest.fixture
 def hoist(cli):
     """The example mechanism and a study of it."""
@@ -54,16 +65,19 @@ def test_a_mechanism_of_ones_own(cli, hoist):
 
 def test_advice_names_the_file(cli, hoist):
     """A mechanism is called by its file, not by one of its bodies."""
-    told = cli("advise", "hoist.yaml", "--h", "1e-3").stdout
+    told = cli(
+        "advise", "hoist.yaml", "--h", "1e-3", "--integrator", "generalized-alpha rho=0.9"
+    ).stdout
     assert told.startswith("hoist.yaml: n = 4 coordinates, m = 3 constraints, ")
 
 
 def test_files_are_found_beside_the_config(cli, hoist):
     """A mechanism is looked for in the folder of the config that names it."""
+    cli.write("mine.yaml", ONE)
     (cli.folder / "studies").mkdir()
     for name in ("hoist.yaml", "mine.yaml"):
         (cli.folder / name).rename(cli.folder / "studies" / name)
-    assert "24 ok" in cli("run", "studies/mine.yaml").stdout
+    assert "1 ok" in cli("run", "studies/mine.yaml").stdout
 
 
 def test_mistakes_in_a_mechanism_stop_the_run(cli, hoist):

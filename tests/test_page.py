@@ -165,13 +165,16 @@ def test_times_are_those_of_the_runs(text, read):
 
 def test_a_single_small_study(cli):
     """With figures of its own, without tables or Andrews' mechanism; in an empty folder."""
-    cli.write("quick.yaml", QUICK)
+    text = QUICK.replace("form: u-lambda", "form: [u-lambda, v-lambda]\nmeasure: condition")
+    cli.write("quick.yaml", text)
     cli("run", "quick.yaml")
     assert cli("report", "--output", "own/page.html").stdout == "own/page.html\n"
-    read = Reader((cli.folder / "own/page.html").read_text())
+    page = cli.folder / "own/page.html"
+    read = Reader(page.read_text())
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
-    assert len(labels) == 7
-    assert all(label.startswith("pendulum, (u, λ) form: ") for label in labels)
+    assert [label.partition(":")[0] for label in labels] == [
+        "pendulum, (u, λ) form", "pendulum, (v, λ) form"
+    ]  # fmt: skip
     assert {"#claims", "#figures", "#studies"} <= {
         attributes["href"] for attributes in read.attributes("a")
     }
@@ -181,20 +184,17 @@ def test_a_single_small_study(cli):
     for row in check.slope_rows(found):
         assert list(row) in read.rows
     cells = [row for row in read.rows if len(row) > 3 and row[0] == "pendulum"]
-    assert [row[1:5] for row in cells] == [
-        [variant, h, steps, "ok"]
+    assert [row[1:6] for row in cells] == [
+        [form, variant, h, steps, "ok"]
+        for form in ("u-lambda", "v-lambda")
         for variant in ("none", "optimal")
         for h, steps in (("0.1", "10"), ("0.01", "100"))
     ]
-    # Another process, later, makes the same bytes of one with a single figure.
-    cli.write("small.yaml", QUICK.replace("quick", "small") + "measure: condition\n")
-    cli("run", "small.yaml", "--results", "small")
-    beside = cli.folder / "small/report.html"
-    assert cli("report", "--results", "small").stdout == "small/report.html\n"
-    own = cli.folder / "own/small.html"
-    command = ["report", "--results", str(beside.parent), "--output", str(own)]
-    assert CliRunner().invoke(command_line, command).output == f"{own}\n"
-    assert beside.read_bytes() == own.read_bytes()
+    # Another process, later, makes the same bytes.
+    beside = cli.folder / "results/report.html"
+    command = ["report", "--results", str(beside.parent)]
+    assert CliRunner().invoke(command_line, command).output == f"{beside}\n"
+    assert beside.read_bytes() == page.read_bytes()
 
 
 def test_refusals(cli, monkeypatch, folder):
@@ -215,7 +215,7 @@ def test_mechanisms_in_space_are_drawn(cli):
         "measure: condition\nh: [1e-2, 1e-3, 1e-4]\nsteps: 0\n",
     )
     cli("run", "mine.yaml")
-    cli("report")
+    assert cli("report").stdout == "results/report.html\n"
     text = (cli.folder / "results/report.html").read_text()
     assert text.count("<figcaption>bricard: ") == 1
     assert "initial position; redundant, dropped: P5.q</figcaption>" in text

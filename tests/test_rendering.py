@@ -4,18 +4,23 @@ import dataclasses
 
 import numpy as np
 import pytest
+from each import each
 
 from newmark_cli.errors import InputError
 from newmark_cli.report import rendering
-from newmark_cli.report.panels import Panel, Sheet, Trace, look
+from newmark_cli.report.panels import Layout, Panel, Sheet, Trace, look
 
 
 def sheet(exponent):
-    """A line; linear axes have fewer ticks to draw."""
+    """A line; linear axes have fewer ticks to draw, and a layout that is given is not sought."""
     h = np.array([1e-3, 1e-2, 1e-1])
     trace = Trace("λ", h, h**exponent, look(0))
-    return Sheet("", (Panel((trace,), "h", "Δ", x_scale="linear", y_scale="linear"),))
+    panel = Panel((trace,), "h", "Δ", x_scale="linear", y_scale="linear")
+    return Sheet("", (panel,), layout=Layout((3.0, 2.0), (0.2, 0.3, 0.7, 0.5)))
 
+
+#: Few dots make small files.
+COARSE = {"savefig.dpi": 50}
 
 SHEETS = [sheet(exponent) for exponent in range(6)]
 
@@ -23,14 +28,14 @@ SHEETS = [sheet(exponent) for exponent in range(6)]
 @pytest.fixture(scope="module")
 def one():
     """Files of all sheets, drawn by this process."""
-    return rendering.rendered(SHEETS, ("png", "svg"), None, {}, processes=1)
+    return rendering.rendered(SHEETS, ("png", "svg"), None, COARSE, processes=1)
 
 
 def test_the_same_files_in_the_same_order(one, monkeypatch):
     """Every other figure comes from another process, and this one draws none of those."""
     here, files = [], rendering._files
     monkeypatch.setattr(rendering, "_files", lambda *given: here.append(given) or files(*given))
-    two = rendering.rendered(SHEETS, ("png", "svg"), None, {}, processes=2)
+    two = rendering.rendered(SHEETS, ("png", "svg"), None, COARSE, processes=2)
     assert one == two
     assert [given[0] for given in here] == SHEETS[::2]
     assert len({files["svg"] for files in one}) == 6
@@ -40,7 +45,7 @@ def test_the_same_files_in_the_same_order(one, monkeypatch):
 def test_what_cannot_be_handed_on_is_drawn_here(one):
     """A sheet with something that pickle does not take."""
     odd = [*SHEETS[:5], dataclasses.replace(SHEETS[5], settings={"font.size": Odd(9)})]
-    found = rendering.rendered(odd, ("svg",), None, {}, processes=2)
+    found = rendering.rendered(odd, ("svg",), None, COARSE, processes=2)
     plain = [{"svg": files["svg"]} for files in one]
     assert found[:5] == plain[:5]
     assert found[5] != plain[5]
@@ -53,7 +58,7 @@ class Odd(float):
         raise TypeError("not to be pickled")
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@each("processes", [1, 2])
 def test_one_error(processes):
     """A size that leaves no room is refused alike, wherever it is found out."""
     with pytest.raises(InputError, match="no room"):

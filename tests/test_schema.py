@@ -1,5 +1,6 @@
 """JSON Schemas: as committed, found by editors, and of one mind with `validate`."""
 
+import functools
 import importlib.util
 import itertools
 import json
@@ -271,6 +272,12 @@ def test_names_come_from_the_registries():
     assert code["required"] == ["python"]
 
 
+@functools.cache
+def committed(file):
+    """A validator by a committed schema."""
+    return Draft202012Validator(json.loads(file.read_text()))
+
+
 @each("file", FILES)
 def test_editors_find_the_schema_and_it_fits(file, folder):
     """The first line of every shipped file names the schema of its kind by a path."""
@@ -282,11 +289,12 @@ def test_editors_find_the_schema_and_it_fits(file, folder):
     data = yaml.load(text, Loader=_Yaml12)
     kind = "spatial" if loading.is_spatial(data) else "mechanism" if "points" in data else "config"
     assert target.stem == kind
-    Draft202012Validator(json.loads(target.read_text())).validate(data)
-    assert not assert_agreement(text, folder)
+    committed(target).validate(data)
+    if file.parent.name == "examples":  # others are loaded by tests of their own
+        assert not assert_agreement(text, folder)
 
 
-class _Yaml12(yaml.SafeLoader):
+class _Yaml12(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
     """Numbers of the core schema of YAML 1.2: 1e-4 is one."""
 
     yaml_implicit_resolvers = {
@@ -430,7 +438,7 @@ def test_rules_between_keys(folder):
     """Configs whose keys stand at the top or in cases: never a disagreement."""
     chance = random.Random(4)
     verdicts = Counter()
-    for _ in range(600):
+    for _ in range(480):
         sizes = itertools.count(1)
 
         def some(likely, sizes=sizes):
@@ -465,6 +473,6 @@ def test_damaged_files(folder):
     spec = importlib.util.spec_from_file_location("fuzz", ROOT / "tests/verification/fuzz.py")
     fuzz = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fuzz)
-    for _, data in fuzz.inputs(range(50), seed=11):
+    for _, data in fuzz.inputs(range(30), seed=11):
         if len(data) < 20_000:
             assert_agreement(data.decode(errors="ignore"), folder)

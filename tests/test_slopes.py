@@ -308,35 +308,24 @@ def test_records_of_all_kinds_are_read(tmp_path):
 
 
 @each(
-    "column, value",
+    "column, value, order, verdict",
     [
-        ("integrator", "bdf2"),
-        ("evaluation", "compensated"),
-        ("precision", "float32"),
-        ("linear_solver", "sparse-lu"),
-        ("problem", "pendulum"),
+        # Another case of the study: two points fit any line, but nothing was cut off.
+        ("integrator", "bdf2", -2, TOO_FEW),
+        ("evaluation", "compensated", -1, TOO_FEW),
+        ("precision", "float32", -2, TOO_FEW),
+        ("linear_solver", "sparse-lu", -2, TOO_FEW),
+        ("problem", "pendulum", -2, TOO_FEW),
+        # Fewer step sizes than others of its case have.
+        ("form", "v-lambda", -2, INCOMPLETE),
+        ("preconditioning", "right", 0, INCOMPLETE),
+        ("quantity", "u", 0, INCOMPLETE),
     ],
 )
-def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value):
-    """Another integrator, precision or solver is another case of the study."""
-    order = -1 if value == "compensated" else -2
+def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value, order, verdict):
+    """Forms, variants and quantities of a case have the same, or a series was cut."""
     short = series(power(order, STEPS[:2]), **{column: value})
-    # Two points fit any line, but nothing was cut off.
-    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, TOO_FEW]
-
-
-@each(
-    "columns, order",
-    [
-        ({"form": "v-lambda"}, -2),
-        ({"preconditioning": "right"}, 0),
-        ({"quantity": "u"}, 0),
-    ],
-)
-def test_a_series_that_was_cut(tmp_path, columns, order):
-    """Fewer step sizes than other forms, variants and quantities of its case have."""
-    short = series(power(order, STEPS[:2]), **columns)
-    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, INCOMPLETE]
+    assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, verdict]
 
 
 # -- slopes.csv -----------------------------------------------------------------------------

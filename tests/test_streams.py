@@ -1,5 +1,6 @@
 """Standard streams that are closed, full, unread, or of an encoding without λ."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -17,6 +18,18 @@ steps: 1
 """
 
 
+FULL = "newmark-study: standard output: No space left on device\n"
+
+
+@contextlib.contextmanager
+def unread():
+    """A pipe that nobody reads any more."""
+    reads, writes = os.pipe()
+    os.close(reads)
+    yield writes
+    os.close(writes)
+
+
 def shell(folder, command, **environment):
     """A command line in bash; its exit code is that of newmark-study."""
     return subprocess.run(
@@ -26,60 +39,80 @@ def shell(folder, command, **environment):
 
 
 @each("command", ["list", "orders", "schema", "--help", "validate a.yaml"])
-def test_a_full_disk_is_one_line(tmp_path, command):
+def test_a_full_disk_is_one_line(cli, command):
     """Stdout on a device without space."""
-    (tmp_path / "a.yaml").write_text(A)
-    done = shell(tmp_path, f"{command} > /dev/full")
-    assert done.stderr == "newmark-study: standard output: No space left on device\n"
-    assert done.returncode == 2
+    cli.write("a.yaml", A)
+    with open("/dev/full", "wb") as full:
+        run = cli.start(*command.split(), stdout=full.fileno())
+    assert run.communicate(timeout=60)[1] == FULL
+    assert run.returncode == 2
 
 
 @each("command", ["list", "orders", "schema", "--help"])
-def test_output_that_nobody_reads_ends_a_command_silently(tmp_path, command):
+def test_output_that_nobody_reads_ends_a_command_silently(cli, command):
     """As other tools end in a pipe: with 141, and never 1."""
-    done = shell(tmp_path, f"{command} | (exec <&-)")
+    with unread() as pipe:
+        run = cli.start(command, stdout=pipe)
+    assert run.communicate(timeout=60)[1] == ""
+    assert run.returncode == 141
+
+
+def test_nothing_is_said_as_python_ends(tmp_path):
+    """Where it would say that it could not write what is left."""
+    done = shell(tmp_path, "orders > /dev/full")
+    assert (done.returncode, done.stderr) == (2, FULL)
+    done = shell(tmp_path, "orders | (exec <&-)")
     assert (done.returncode, done.stderr) == (141, "")
 
 
 @each("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
-def test_closed_streams_change_nothing(tmp_path, closed):
+def test_closed_streams_change_nothing(cli, committed_folder, closed):
     """What cannot be printed is not; files that are written do not take the streams' places."""
-    done = shell(tmp_path, f"list {closed}")
-    assert done.returncode == 0
-    assert done.stderr == ""
-    done = shell(tmp_path, f"orders --form nothing {closed}")
+    done = shell(cli.folder, f"orders --form nothing {closed}")
     assert done.returncode == 2
     if closed in (">&-", "2>&-"):
+        done = shell(cli.folder, f"orders {closed}")
+        assert (done.returncode, done.stderr) == (0, "")
         return  # both together are harder
-    done = shell(tmp_path, f"draw pendulum {closed}")
-    assert done.returncode == 0
-    svg = (tmp_path / "results/figures/pendulum.svg").read_text()
-    assert svg.startswith("<?xml")
-    assert "newmark-study" not in svg
-    assert "figures/pendulum" not in svg
+    study = cli.write("results/pendulum-u.csv", (committed_folder / "pendulum-u.csv").read_text())
+    done = shell(cli.folder, f"check {closed}")
+    assert (done.returncode, done.stderr) == (0, "")
+    written = study.with_name("slopes.csv").read_bytes()
+    assert written.startswith(b"figure,")
+    cli("check")
+    assert study.with_name("slopes.csv").read_bytes() == written
 
 
 def test_messages_that_nobody_reads_do_not_end_a_run(cli, quick):
     """A run of hours goes on when what reads its stderr has gone."""
-    done = shell(cli.folder, "run quick.yaml -v 2> /dev/full")
-    assert (done.returncode, done.stdout) == (0, "quick: 4 ok -> results/quick.csv\n")
-    done = shell(cli.folder, "run quick.yaml -v --force 2>&1 >/dev/null | (exec <&-)")
-    assert done.returncode == 0
+    with open("/dev/full", "wb") as full:
+        run = cli.start("run", "quick.yaml", "-v", stderr=full.fileno())
+    assert run.communicate(timeout=60)[0] == "quick: 4 ok -> results/quick.csv\n"
+    assert run.returncode == 0
+    with unread() as pipe:
+        run = cli.start("run", "quick.yaml", "-v", "--force", stderr=pipe)
+    run.communicate(timeout=60)
+    assert run.returncode == 0
 
 
 @each("encoding", ["latin-1", "cp1252", "iso8859-15"])
 def test_encodings_without_greek(cli, encoding):
     """λ is spelled; JSON stays JSON of the same values."""
-    done = subprocess.run(
-        [SCRIPT, "orders", "--form", "u-lambda", "--preconditioning", "none"],
-        capture_output=True, env=os.environ | {"PYTHONIOENCODING": encoding}, timeout=60,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout.decode(encoding).startswith("(u, lambda) form, preconditioning none\n")
-
     environment = os.environ | {"PYTHONIOENCODING": encoding}
-    done = subprocess.run([SCRIPT, "list", "--json"], capture_output=True, env=environment)
-    assert done.returncode == 0
+
+    def printed(*command):
+        with (cli.folder / "printed").open("w+b") as file:
+            run = cli.start(*command, stdout=file.fileno(), env=environment)
+            assert (run.communicate(timeout=60)[1], run.returncode) == ("", 0)
+            file.seek(0)
+            return file.read()
+
+    orders = ("orders", "--form", "u-lambda", "--preconditioning", "none")
+    text = printed(*orders)
+    assert text.decode(encoding).startswith("(u, lambda) form, preconditioning none\n")
+    if encoding == "latin-1":
+        done = subprocess.run([SCRIPT, *orders], capture_output=True, env=environment, timeout=60)
+        assert (done.returncode, done.stdout, done.stderr) == (0, text, b"")
     listed = cli("list", "--json").stdout
     assert "λ" in listed
-    assert json.loads(done.stdout.decode(encoding)) == json.loads(listed)
+    assert json.loads(printed("list", "--json").decode(encoding)) == json.loads(listed)

@@ -7,9 +7,11 @@ import shutil
 import subprocess
 import sys
 
+import matplotlib as mpl
 import pytest
 from conftest import QUICK, CommandLine
 
+from newmark_cli.cli import main
 from newmark_cli.running import store
 from newmark_cli.study import provenance
 
@@ -31,54 +33,70 @@ def other_kernel():
     pytest.skip("the BLAS of this machine has one kernel, or does not tell")
 
 
-def started(cli, *arguments, code=0, **environment):
-    """Run the command in a process that loads its libraries itself; its output and errors."""
-    run = cli.start_cold(*arguments, env=os.environ | environment)
-    output, errors = run.communicate(timeout=120)
-    assert run.returncode == code, errors
-    return output, errors
+#: Runs commands, each with its arguments, in a process that loads its libraries itself.
+IN_TURN = """
+import sys
+from newmark_cli.cli import main
+for command in {}:
+    try:
+        main(command)
+    except SystemExit as ending:
+        if ending.code:
+            raise
+"""
 
 
-def test_the_kernel_is_recorded(cli, other_kernel):
-    """What ran, not what the libraries were built with."""
+def in_turn(folder, commands, **environment):
+    """Run commands in one process of their own, which must end well; what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", IN_TURN.format(commands)], cwd=folder, text=True,
+        capture_output=True, env=os.environ | environment, timeout=120,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+#: Runs half of a study into a folder of its own.
+SHARD = ("run", "quick.yaml", "--shard")
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory, warm, other_kernel):
+    """A study run with the kernel of this process, then half of it and all with another."""
+    cli = CommandLine(tmp_path_factory.mktemp("kernels"), warm)
     cli.write("quick.yaml", QUICK)
-    for kernel in (provenance.blas_kernel(), other_kernel):
-        if kernel == other_kernel:
-            started(cli, "run", "quick.yaml", OPENBLAS_CORETYPE=kernel)
-        else:
-            cli("run", "quick.yaml")
-        record = json.loads((cli.folder / "results/quick.json").read_text())
+    cli("run", "quick.yaml")
+    commands = ([*SHARD, "2/2", "--results", "two"], ["run", "quick.yaml"])
+    printed = in_turn(cli.folder, commands, OPENBLAS_CORETYPE=other_kernel)
+    # Cells of this process's kernel are there, and none of them counts.
+    assert printed.splitlines()[-1] == "quick: 4 ok -> results/quick.csv"
+    return cli
+
+
+def test_another_kernel_computes_anew(elsewhere, other_kernel):
+    """Cells are kept of every kernel, and the record names the one that ran."""
+    cells = elsewhere.folder / "results"
+    for kernel, told in ((other_kernel, None), (provenance.blas_kernel(), " (4 cached)")):
+        if told:
+            done = elsewhere("run", "quick.yaml")
+            assert done.stdout == f"quick: 4 ok{told} -> results/quick.csv\n"
+        record = json.loads((cells / "quick.json").read_text())
         assert record["blas"]["kernel"] == kernel
         assert re.search(r"\d+\.\d+", record["blas"]["loaded"])
-        assert re.search(rf"BLAS kernel +{kernel}\n", cli("info", "quick").stdout)
+        assert re.search(rf"BLAS kernel +{kernel}\n", elsewhere("info", "quick").stdout)
 
 
-def test_another_kernel_computes_anew(cli, other_kernel):
-    """Kept cells are of the kernel that computed them; a dry run says so in words."""
-    cli.write("quick.yaml", QUICK)
-    here = provenance.blas_kernel()
-    cli("run", "quick.yaml")
-    dry, _ = started(cli, "run", "quick.yaml", "--dry-run", OPENBLAS_CORETYPE=other_kernel)
+def test_cells_of_another_kernel_are_told_in_words(elsewhere, other_kernel):
+    """Why a dry run would run them, and why a merge lacks them."""
+    change = f"BLAS kernel {other_kernel} -> {provenance.blas_kernel()}"
+    dry = elsewhere("run", "quick.yaml", "--dry-run", "--results", "two").stdout
     *lines, last = dry.splitlines()
-    assert [line.split(": ", 2)[2] for line in lines] == [
-        f"to run: BLAS kernel {here} -> {other_kernel}"
-    ] * 4
+    assert [line.split(": ", 2)[2] for line in lines].count(f"to run: {change}") == 2
     assert last == "4 of 4 cells to run"
-    output, _ = started(cli, "run", "quick.yaml", OPENBLAS_CORETYPE=other_kernel)
-    assert output == "quick: 4 ok -> results/quick.csv\n"
-    assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
-
-
-def test_merging_says_why_cells_do_not_count(cli, other_kernel):
-    """A shard of another kernel is no part of this study, and no riddle."""
-    cli.write("quick.yaml", QUICK)
-    shard = ("run", "quick.yaml", "--shard")
-    cli(*shard, "1/2", "--results", "one")
-    started(cli, *shard, "2/2", "--results", "two", OPENBLAS_CORETYPE=other_kernel)
+    elsewhere(*SHARD, "1/2", "--results", "one")
     merge = ("merge", "quick.yaml", "--from", "one", "--from", "two", "--results", "all")
-    assert cli(*merge, code=1).stderr == (
-        "newmark-study: quick: 2 of 4 cells are missing; 2 cached otherwise: "
-        f"BLAS kernel {other_kernel} -> {provenance.blas_kernel()}\n"
+    assert elsewhere(*merge, code=1).stderr == (
+        f"newmark-study: quick: 2 of 4 cells are missing; 2 cached otherwise: {change}\n"
     )
 
 
@@ -109,19 +127,18 @@ def figures(cli):
     return {file.name: file.read_bytes() for file in (cli.folder / "results/figures").iterdir()}
 
 
-def write_settings(path, kind):
-    """A file of settings, or what one may find in its place."""
-    if kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.write_bytes({
-            "ugly": b"figure.facecolor: red\nfont.size: 20\nlines.linewidth: 9\nsavefig.dpi: 30\n",
-            "broken": b"figure.facecolor: red\nno.such: key\nfont.size\n\xff\xfe: 3\n",
-        }[kind])  # fmt: skip
+def require_as_plain(cli, plain):
+    """The figures that were drawn are those that nobody's settings have touched."""
+    found = figures(cli)
+    assert found
+    assert found == {name: content for name, content in figures(plain).items() if name in found}
 
 
-#: Commands that draw a study, and a mechanism.
-DRAWING = (("plot", "quick", "--measure", "condition"), ("draw", "four-bar"))
+UGLY = "figure.facecolor: red\nfont.size: 20\nlines.linewidth: 9\nsavefig.dpi: 30\n"
+BROKEN = b"figure.facecolor: red\nno.such: key\nfont.size\n\xff\xfe: 3\n"
+
+#: Commands that draw a mechanism, and a study, each with imports of its own.
+DRAWING = (("draw", "four-bar"), ("plot", "quick", "--measure", "condition"))
 
 
 @pytest.fixture(scope="module")
@@ -142,52 +159,29 @@ def copy_results(cli, plain):
     shutil.copytree(plain.folder / "results", cli.folder / "results", ignore=ignored)
 
 
-@pytest.mark.parametrize(
-    ("where", "kind", "backend"),
-    [
-        ("current folder", "ugly", "svg"),
-        ("current folder", "pipe", None),
-        ("variable", "broken", "module://absent"),
-    ],
-)
-def test_settings_change_no_figure(cli, plain, kind, where, backend):
-    """Nor does a file that is no settings, or none that ends, nor a backend, there or not."""
-    environment = {"MPLBACKEND": backend} if backend else {}
-    file = cli.folder / "matplotlibrc"
-    if where == "variable":
-        file = cli.folder / "settings"
-        environment["MATPLOTLIBRC"] = str(file)
-    write_settings(file, kind)
+def test_settings_change_no_figure(cli, plain):
+    """Those of a file that matplotlib would read as it is imported."""
+    (cli.folder / "matplotlibrc").write_text(UGLY)
+    in_turn(cli.folder, DRAWING[:1], MPLBACKEND="svg")
+    require_as_plain(cli, plain)
+
+
+def test_what_is_no_settings_changes_no_figure(cli, plain):
+    """A pipe that nobody writes to, a file that is not of settings, a backend that is not there."""
     copy_results(cli, plain)
-    # In a process that imports matplotlib itself.
-    code = (
-        "from newmark_cli.cli import main\n"
-        f"for command in {DRAWING}:\n"
-        "    try:\n"
-        "        main(command)\n"
-        "    except SystemExit as ending:\n"
-        "        assert ending.code == 0\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=cli.folder, env=os.environ | environment, text=True,
-        capture_output=True, timeout=120,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    assert figures(cli) == figures(plain)
+    os.mkfifo(cli.folder / "matplotlibrc")
+    (cli.folder / "settings").write_bytes(BROKEN)
+    given = {"MATPLOTLIBRC": str(cli.folder / "settings"), "MPLBACKEND": "module://absent"}
+    in_turn(cli.folder, DRAWING[1:], **given)
+    require_as_plain(cli, plain)
 
 
 def test_settings_of_a_program_change_no_figure(cli, plain):
     """Nor do those of a program that uses this package as a library."""
     copy_results(cli, plain)
-    code = """
-    import matplotlib
-    matplotlib.rcParams.update({"font.size": 20, "axes.facecolor": "red", "savefig.dpi": 20})
-    from newmark_cli.cli import main
-    main(["plot", "quick", "--measure", "condition"])
-    """
-    lines = "\n".join(line.strip() for line in code.splitlines())
-    done = subprocess.run([sys.executable, "-c", lines], cwd=cli.folder, capture_output=True)
-    assert (done.returncode, done.stderr) == (0, b"")
-    found = figures(cli)
-    assert found
-    assert found == {name: content for name, content in figures(plain).items() if name in found}
+    ugly = {"font.size": 20, "axes.facecolor": "red", "savefig.dpi": 20}
+    command = [*DRAWING[1], "--results", str(cli.folder / "results")]
+    with mpl.rc_context(ugly), pytest.raises(SystemExit) as ending:
+        main(command)
+    assert not ending.value.code
+    require_as_plain(cli, plain)

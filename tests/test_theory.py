@@ -9,6 +9,7 @@ import numpy as np
 import oracles
 import pytest
 from conftest import QUICK
+from covering import covering
 from each import each
 from marching import start
 from mpmath import mp
@@ -21,7 +22,6 @@ from newmark_cli.newmark.perturbation import perturbation, sensitivities
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.report import paper_tables
-from newmark_cli.report.slopes import collect
 from newmark_cli.report.verdicts import MISS, PASS
 
 #: Powers of h in Table 2, typed again; the V row is h¹.
@@ -149,35 +149,32 @@ def test_orders_refuses(cli):
 # -- the perturbation theorem ---------------------------------------------------------------
 
 
-@each("form", FORMS)
-@each("name", oracles.REFERENCES)
-def test_sensitivities_are_columns_of_the_inverse(name, form):
+@each(
+    ("name", "form", "variant"), covering(oracles.REFERENCES, FORMS, ("none", "right", "optimal"))
+)
+def test_sensitivities_are_columns_of_the_inverse(name, form, variant):
     """‖δq̄‖/ε against J⁻¹ in 60 digits, also where J̄ is too uneven for plain elimination."""
     subject, h = problem(name), 1e-8
     state = start(subject)
-    for variant in ("none", "right", "optimal"):
-        scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
-        found = sensitivities(subject, scheme, 0.0, state)
-        with mp.workdps(oracles.DIGITS):
-            reference = oracles.REFERENCES[name]()
-            x, g = reference.jacobian_terms(
-                map(float, state.fields[0]), map(float, state.multipliers)
-            )
-            y = mp.zeros(subject.n)
-            blocks = oracles.form_jacobian(form, x, y, reference.mass, g, h)
-            scaled = oracles.scale(form, variant, *blocks, h)
-            _, row_names, column_names = blocks
-            for row in FORMS[form].rows:
-                places = [i for i, r in enumerate(row_names) if r == row]
-                rhs = mp.zeros(scaled.rows, 1)
-                for place, value in zip(places, perturbation(row, len(places)), strict=True):
-                    rhs[place] = mp.mpf(float(value))
-                change = mp.lu_solve(scaled, rhs)
-                for unknown in FORMS[form].unknowns:
-                    block = [change[i] for i, c in enumerate(column_names) if c == unknown[:6]]
-                    exact = float(mp.norm(mp.matrix(block), 2))
-                    got = found[row, unknown]
-                    assert got == pytest.approx(exact, rel=1e-9, abs=0), (row, unknown)
+    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+    found = sensitivities(subject, scheme, 0.0, state)
+    with mp.workdps(oracles.DIGITS):
+        reference = oracles.REFERENCES[name]()
+        x, g = reference.jacobian_terms(map(float, state.fields[0]), map(float, state.multipliers))
+        y = mp.zeros(subject.n)
+        blocks = oracles.form_jacobian(form, x, y, reference.mass, g, h)
+        scaled = oracles.scale(form, variant, *blocks, h)
+        _, row_names, column_names = blocks
+        for row in FORMS[form].rows:
+            places = [i for i, r in enumerate(row_names) if r == row]
+            rhs = mp.zeros(scaled.rows, 1)
+            for place, value in zip(places, perturbation(row, len(places)), strict=True):
+                rhs[place] = mp.mpf(float(value))
+            change = mp.lu_solve(scaled, rhs)
+            for unknown in FORMS[form].unknowns:
+                block = [change[i] for i, c in enumerate(column_names) if c == unknown[:6]]
+                exact = float(mp.norm(mp.matrix(block), 2))
+                assert found[row, unknown] == pytest.approx(exact, rel=1e-9, abs=0), (row, unknown)
 
 
 def test_perturbations_are_unit_vectors():
@@ -201,7 +198,7 @@ def test_sensitivity_study(cli):
     assert by_block["none", "lambda", "C"] == (pytest.approx(-2, abs=0.05), -2)
     assert by_block["optimal", "lambda", "C"] == (pytest.approx(0, abs=0.05), 0)
     assert by_block["none", "u", "V"] == (None, 2), "exactly 0: Andrews has no damping"
-    cli("plot", "sensitivity")
+    cli("plot", "sensitivity", "--format", "svg")
     assert (cli.folder / "results/figures/figure-sensitivity.svg").stat().st_size > 5000
 
 
@@ -209,9 +206,9 @@ def test_sensitivity_study(cli):
 
 
 @pytest.fixture(scope="module")
-def entries(committed_folder):
+def entries(committed_results):
     """Entries of both tables from the committed results."""
-    return paper_tables.build(collect(committed_folder, [paper_tables.STUDY]))
+    return paper_tables.build(committed_results(paper_tables.STUDY).slopes)
 
 
 def test_table_1(entries):
@@ -340,14 +337,14 @@ def test_tables_mark_a_mismatch(cli, committed_folder):
     assert "miss" in cli("check", code=1).stdout
 
 
-def test_wrong_table_entry_is_a_mismatch(monkeypatch, committed_folder):
+def test_wrong_table_entry_is_a_mismatch(monkeypatch, committed_results):
     """An exponent of Table 2 that theory does not derive is not hidden by measurements."""
     table = {
         name: {s: dict(f) for s, f in sides.items()} for name, sides in paper_tables.TABLE_2.items()
     }
     table["u-lambda"]["left"]["D"] = "beta*h"
     monkeypatch.setattr(paper_tables, "TABLE_2", table)
-    found = paper_tables.build(collect(committed_folder, [paper_tables.STUDY]))
+    found = paper_tables.build(committed_results(paper_tables.STUDY).slopes)
     wrong = {(e.form, e.entry, e.verdict) for e in paper_tables.missed(found)}
     assert wrong == {("u-lambda", "D_L D", MISS)}
 

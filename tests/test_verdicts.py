@@ -1,7 +1,10 @@
 """Verdicts on series: each rule, and a series that must not slip through it."""
 
+import re
+
 import numpy as np
 import pytest
+from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,6 +41,13 @@ def words(given):
     return found.verdict, found.reason
 
 
+def require(given, verdict, reason):
+    """The verdict is this, and the reason matches that."""
+    found = judge(given)
+    assert found.verdict == verdict
+    assert re.fullmatch(reason, found.reason)
+
+
 # -- errors -------------------------------------------------------------------------------------
 
 
@@ -57,15 +67,47 @@ def test_an_order_and_then_the_floor_of_rounding():
     assert found.reason == "rounding rules below h = 0.0001"
 
 
-def test_a_floor_far_above_rounding_is_no_floor():
-    """It converges to something else."""
-    verdict, reason = words(evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-6, 2.2e-6], quantity="u"))
-    assert verdict == NOT_CONVERGING
-    assert reason.startswith("stalls at 2.2e-06, where rounding may reach ")
-    # Undamped, an alternation grows as h falls; this one does not.
-    assert words(evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-3, 2.2e-3], damped=False))[0] == (
-        NOT_CONVERGING
-    )
+GARBAGE = {"values": [0.75, 1.9, 1.15], "h": [1e-3, 3e-4, 1e-4]}
+LOST = "at h = 0.0001 it is 1.1 times as large as what it is an error of"
+
+
+@each("said, given, verdict, reason", [
+    # It converges to something else.
+    ("a floor far above rounding is no floor",
+     evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-6, 2.2e-6], quantity="u"),
+     NOT_CONVERGING, "stalls at 2.2e-06, where rounding may reach .*"),
+    ("undamped, an alternation grows as h falls; this one does not",
+     evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-3, 2.2e-3], damped=False), NOT_CONVERGING, ".*"),
+    # The errors that were once dropped but for one, so that nothing was left to judge.
+    ("garbage is not green", evidence(**GARBAGE), NOT_CONVERGING, LOST),
+    ("nor where nothing is predicted", evidence(**GARBAGE, expected=NAN), NOT_CONVERGING, LOST),
+    ("it grows while h falls", evidence([1e-3, 2e-3, 4e-3]), NOT_CONVERGING, ".*"),
+    ("predicted or not", evidence([1e-3, 2e-3, 4e-3], expected=NAN), NOT_CONVERGING, ".*"),
+    ("at the level of rounding it may do what it likes",
+     evidence([1e-15, 2e-15, 4e-15], expected=NAN), SHOWN, ".*"),
+    ("of an error above its size at large h, it counts where it goes",
+     evidence([197, 2.16, 0.0216]), PASS, ".*"),
+    ("another order is a miss",
+     evidence([1e-2, 1e-3, 1e-4]), MISS, "order 1 over h = 0.01 … 0.0001"),
+    ("also with a floor behind it", evidence([1e-2, 1e-3, 1e-4, 1e-5]), MISS, ".*"),
+    ("three points of order 2 do not hide what follows",
+     evidence([1e-1, 1e-3, 1e-5, 1e-6, 1e-7], quantity="u"), MISS, ".*"),
+    # It falls, and the local orders go their way to the prediction.
+    ("coarse steps are not asymptotic",
+     evidence([5e-2, 2e-2, 1e-3, 2e-5], h=[1e-1, 5e-2, 1e-2, 2e-3]), NOT_ASYMPTOTIC, ".*"),
+    ("nothing can be said of rounding from the start",
+     evidence([1e-15, 3e-15, 2e-15]), TOO_FEW, ".*"),
+    ("two points fit any line", evidence([1e-4, 1e-6]), TOO_FEW, ".*"),
+    ("so do two clean ones before rounding",
+     evidence([1.5e-6, 1.5e-8, 8e-10], h=[1e-3, 1e-4, 1e-5]), TOO_FEW, ".*"),
+    # A reference that could not be had leaves an empty error.
+    ("no value is incomplete", evidence([NAN, NAN, NAN]), INCOMPLETE, ".*"),
+    ("iterations and histories are shown",
+     evidence([1, 2, 3], kind="determined", expected=NAN), SHOWN, ".*"),
+])  # fmt: skip
+def test_verdicts_on_errors(said, given, verdict, reason):
+    """The word, and the reason where there is one to give."""
+    require(given, verdict, reason)
 
 
 def test_an_alternation_that_rounding_feeds():
@@ -79,14 +121,6 @@ def test_an_alternation_that_rounding_feeds():
     assert words(evidence([*values[:4], 0.8], damped=False))[0] == NOT_CONVERGING
 
 
-@pytest.mark.parametrize("expected", [2.0, NAN])
-def test_garbage_is_not_green(expected):
-    """The errors that were once dropped but for one, so that nothing was left to judge."""
-    verdict, reason = words(evidence([0.75, 1.9, 1.15], h=[1e-3, 3e-4, 1e-4], expected=expected))
-    assert verdict == NOT_CONVERGING
-    assert reason == "at h = 0.0001 it is 1.1 times as large as what it is an error of"
-
-
 def test_multipliers_that_alternate_have_their_reason():
     """The trapezoidal rule, wrong by truncation at every h; with damping the reason is another."""
     values = [2.135, 2.135, 2.121]
@@ -98,61 +132,11 @@ def test_multipliers_that_alternate_have_their_reason():
         assert ("does not damp multipliers that alternate" in reason) == (not damped)
 
 
-def test_an_error_that_grows_while_h_falls():
-    """Far above rounding, predicted or not."""
-    for expected in (2.0, NAN):
-        assert words(evidence([1e-3, 2e-3, 4e-3], expected=expected))[0] == NOT_CONVERGING
-    # At the level of rounding it may do what it likes.
-    assert words(evidence([1e-15, 2e-15, 4e-15], expected=NAN))[0] == SHOWN
-
-
-def test_an_error_above_its_size_at_large_h_alone():
-    """What counts is where it goes."""
-    assert words(evidence([197, 2.16, 0.0216]))[0] == PASS
-
-
-def test_another_order_is_a_miss():
-    """Order 1 where 2 is predicted, with and without a floor behind it."""
-    verdict, reason = words(evidence([1e-2, 1e-3, 1e-4]))
-    assert verdict == MISS
-    assert reason == "order 1 over h = 0.01 … 0.0001"
-    assert words(evidence([1e-2, 1e-3, 1e-4, 1e-5]))[0] == MISS
-
-
-def test_an_order_that_is_lost_is_a_miss():
-    """Three points of order 2 do not hide what follows."""
-    assert words(evidence([1e-1, 1e-3, 1e-5, 1e-6, 1e-7], quantity="u"))[0] == MISS
-
-
-def test_coarse_steps_are_not_asymptotic():
-    """It falls, and the local orders go their way to the prediction."""
-    assert words(evidence([5e-2, 2e-2, 1e-3, 2e-5], h=[1e-1, 5e-2, 1e-2, 2e-3]))[0] == (
-        NOT_ASYMPTOTIC
-    )
-
-
 def test_a_head_is_left_out():
     """Three step sizes that show the order are enough."""
     found = judge(evidence([0.089, 8.7e-5, 8.7e-7, 8.7e-9]))
     assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
     assert found.fitted.tolist() == [False, True, True, True]
-
-
-def test_rounding_from_the_start():
-    """Nothing can be said of an order."""
-    assert words(evidence([1e-15, 3e-15, 2e-15]))[0] == TOO_FEW
-
-
-def test_two_points_are_too_few():
-    """Two points fit any line."""
-    assert words(evidence([1e-4, 1e-6]))[0] == TOO_FEW
-    # Two clean ones before rounding as well.
-    assert words(evidence([1.5e-6, 1.5e-8, 8e-10], h=[1e-3, 1e-4, 1e-5]))[0] == TOO_FEW
-
-
-def test_no_value_is_incomplete():
-    """A reference that could not be had leaves an empty error."""
-    assert words(evidence([NAN, NAN, NAN]))[0] == INCOMPLETE
 
 
 @given(
@@ -179,9 +163,25 @@ def rounding(values, expected, **rest):
     return evidence(values, kind="rounding", expected=expected, tolerance=0.15, **rest)
 
 
-def test_scatter_about_an_order_passes():
-    """As the pendulum's corrections do."""
-    assert words(rounding([5e-9, 4e-7, 6e-5, 5e-3], -2.0))[0] == PASS
+@each("said, given, verdict, reason", [
+    # As the pendulum's corrections do.
+    ("scatter about an order passes", rounding([5e-9, 4e-7, 6e-5, 5e-3], -2.0), PASS, ".*"),
+    ("flat is no order −2", rounding([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0), MISS, ".*"),
+    ("nor is −2.6", rounding([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0), MISS, ".*"),
+    ("three points as predicted do not hide a fourth a thousand times too large",
+     rounding([1e-12, 1e-10, 1e-8, 1e-3], -2.0, damped=False), MISS, ".*"),
+    ("the multipliers' drift is a factor of a few",
+     rounding([1e-12, 1e-10, 1e-8, 5e-6], -2.0, damped=False), PASS, ".*"),
+    ("and there only where nothing damps it",
+     rounding([1e-12, 1e-10, 1e-8, 5e-6], -2.0, damped=True), MISS, ".*"),
+    # They have no logarithm, and are not silently dropped.
+    ("zeros are counted", rounding([0, 0, 1e-16], 0.0), TOO_FEW, "2 of 3 values are exactly 0"),
+    ("also where there are few",
+     rounding([0, 1e-16, 1e-16, 1e-16], 0.0), PASS, "1 of 4 values are exactly 0"),
+])  # fmt: skip
+def test_verdicts_on_corrections(said, given, verdict, reason):
+    """The word, and the reason where there is one to give."""
+    require(given, verdict, reason)
 
 
 def test_a_head_of_corrections_is_left_out():
@@ -189,30 +189,6 @@ def test_a_head_of_corrections_is_left_out():
     found = judge(rounding([4.3e-16, 6.2e-17, 6.5e-17, 8.1e-17, 6.9e-17, 5.9e-17], 0.0,
                            h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]))  # fmt: skip
     assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.01")
-
-
-def test_corrections_of_another_order_are_a_miss():
-    """Flat where −2 is predicted; −2.6 as well."""
-    assert words(rounding([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0))[0] == MISS
-    assert words(rounding([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0))[0] == MISS
-
-
-def test_a_jump_of_the_smallest_step_is_no_drift():
-    """Three points as predicted do not hide a fourth a thousand times too large."""
-    values = [1e-12, 1e-10, 1e-8, 1e-3]
-    assert words(rounding(values, -2.0, damped=False))[0] == MISS
-    # The multipliers' drift is a factor of a few.
-    drift = [1e-12, 1e-10, 1e-8, 5e-6]
-    assert words(rounding(drift, -2.0, damped=False))[0] == PASS
-    assert words(rounding(drift, -2.0, damped=True))[0] == MISS
-
-
-def test_zeros_are_counted():
-    """They have no logarithm, and are not silently dropped."""
-    verdict, reason = words(rounding([0, 0, 1e-16], 0.0))
-    assert (verdict, reason) == (TOO_FEW, "2 of 3 values are exactly 0")
-    verdict, reason = words(rounding([0, 1e-16, 1e-16, 1e-16], 0.0))
-    assert (verdict, reason) == (PASS, "1 of 4 values are exactly 0")
 
 
 # -- condition numbers ----------------------------------------------------------------------------
@@ -223,33 +199,28 @@ def condition(orders, expected, **rest):
     return evidence(values, kind="determined", expected=expected, tolerance=0.05, **rest)
 
 
+@each("said, given, verdict", [
+    ("a crossover is on its way", condition([-2.0, -2.1, -2.7], -3.0), NOT_ASYMPTOTIC),
+    ("or known to theory as what coarse steps show",
+     condition([-2.0, -2.0, -2.0], -3.0, coarse=(-3.0, -2.0)), NOT_ASYMPTOTIC),
+    ("this is not what theory knows",
+     condition([-2.5, -2.5, -2.5], -3.0, coarse=(-3.0, -2.0)), MISS),
+    ("growing faster than predicted is never for lack of smaller steps",
+     condition([-1.0, -1.0, -1.0], 0.0, coarse=(0.0, 1.0)), MISS),
+    ("the multipliers drift in the matrix",
+     condition([-2.0, -2.0, -2.34], -2.0, damped=False), PASS),
+    ("only where nothing damps it", condition([-2.0, -2.0, -2.34], -2.0, damped=True), MISS),
+    ("and only by a little", condition([-2.0, -2.0, -4.0], -2.0, damped=False), MISS),
+])  # fmt: skip
+def test_verdicts_on_condition_numbers(said, given, verdict):
+    """The word."""
+    require(given, verdict, ".*")
+
+
 def test_a_crossover_at_coarse_h():
     """(u, v, λ) without scaling: the last two local orders are the predicted one."""
     found = judge(condition([-2.65, -2.989, -2.9997], -3.0))
     assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
-
-
-def test_a_crossover_that_is_not_over():
-    """On its way, or known to theory as what coarse steps show."""
-    assert words(condition([-2.0, -2.1, -2.7], -3.0))[0] == NOT_ASYMPTOTIC
-    assert words(condition([-2.0, -2.0, -2.0], -3.0, coarse=(-3.0, -2.0)))[0] == NOT_ASYMPTOTIC
-    # Not what theory knows.
-    assert words(condition([-2.5, -2.5, -2.5], -3.0, coarse=(-3.0, -2.0)))[0] == MISS
-    # Growing faster than predicted is never for lack of smaller steps.
-    assert words(condition([-1.0, -1.0, -1.0], 0.0, coarse=(0.0, 1.0)))[0] == MISS
-
-
-def test_drift_of_the_multipliers_in_the_matrix():
-    """Only where nothing damps it, and only by a little."""
-    orders = [-2.0, -2.0, -2.34]
-    assert words(condition(orders, -2.0, damped=False))[0] == PASS
-    assert words(condition(orders, -2.0, damped=True))[0] == MISS
-    assert words(condition([-2.0, -2.0, -4.0], -2.0, damped=False))[0] == MISS
-
-
-def test_nothing_predicted_is_shown():
-    """Iterations, histories."""
-    assert words(evidence([1, 2, 3], kind="determined", expected=NAN))[0] == SHOWN
 
 
 def test_multipliers_whose_mechanism_amplifies_rounding():

@@ -5,7 +5,7 @@ command still has a process of its own, from the script's first line to its exit
 so has the server that it starts for code of the user's.  What Python and libraries read from
 the environment as they start is that of the one process: the seed of hashes, Numba's folder
 of compiled code, the kernel of the BLAS.  Only the last of a process is left out, in which
-Python takes its modules apart.
+Python takes its modules apart; and no file waits for the disk, as nobody pulls the plug.
 """
 
 import atexit
@@ -233,11 +233,14 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
     os.environ.update(environment)
     if "dask.config" in sys.modules:  # has read another
         sys.modules["dask.config"].refresh()
+    os.fsync = lambda descriptor: None
     os.chdir(folder)
     null = os.open(os.devnull, os.O_RDONLY)
     for number, descriptor in enumerate((null, stdout, stderr)):
         os.dup2(descriptor, number)
         os.close(descriptor)
+    if encoding := environment.get("PYTHONIOENCODING"):  # Python reads it as it starts
+        sys.stdout.reconfigure(encoding=encoding)
     sys.argv = command
     paths = environment.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[0:1] = [str(Path(command[0]).parent), *filter(None, paths)]

@@ -3,7 +3,8 @@
 import math
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -342,12 +343,26 @@ def _settle(drawing: Figure, grid: Sequence[Any]) -> None:
 
 
 def _measure(drawing: Figure, grid: Sequence[Any]) -> None:
-    drawing.draw_without_rendering()
-    for axes in grid:
-        label = axes.yaxis.label
-        height = axes.get_window_extent().height
-        label.set_text(_wrapped(drawing, label.get_text(), label.get_fontsize(), height))
-    drawing.draw_without_rendering()
+    engine: Any = drawing.get_layout_engine()
+    with _without_minor_ticks(grid):
+        engine.execute(drawing)
+        for axes in grid:
+            label = axes.yaxis.label
+            height = axes.get_window_extent().height
+            label.set_text(_wrapped(drawing, label.get_text(), label.get_fontsize(), height))
+        engine.execute(drawing)
+
+
+@contextmanager
+def _without_minor_ticks(grid: Sequence[Any]) -> Iterator[None]:
+    """They take no room, but time."""
+    every = [axis for axes in grid for axis in (axes.xaxis, axes.yaxis)]
+    locators = [axis.get_minor_locator() for axis in every]
+    for axis in every:
+        axis.set_minor_locator(NullLocator())
+    yield
+    for axis, locator in zip(every, locators, strict=True):
+        axis.set_minor_locator(locator)
 
 
 #: What a line is not broken in: a word, or mathematics.

@@ -116,13 +116,16 @@ def _tables(
         name: np.array([number(path, line, name, text) for line, text in frame[name].items()])
         for name in ("h", "t", *names)
     }
+    spelled = {
+        axis.name: np.array([axis.same(text) for text in frame[axis.name]], object)
+        for axis in (axes.STUDY, *axes.cell_axes())
+        if axis.series and axis.name in frame.columns
+    }
     found = []
     for curve, h in cells:
         rows = np.isclose(values["h"], h, rtol=1e-9, atol=0)
-        for axis in (axes.STUDY, *axes.cell_axes()):
-            if axis.series and axis.name in frame.columns:
-                ours = [axis.same(text) == getattr(curve, axis.name) for text in frame[axis.name]]
-                rows &= np.array(ours)
+        for name, given in spelled.items():
+            rows &= given == getattr(curve, name)
         table = np.column_stack([values[name][rows] for name in ("t", *names)])
         # Problems with fewer multipliers leave the last columns empty.
         found.append(table[np.argsort(table[:, 0])][:, ~np.isnan(table).all(axis=0)])

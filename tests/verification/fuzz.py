@@ -528,19 +528,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("count", type=int, nargs="?", default=1000, help="how many inputs")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=1, help="of their own; 0 for this one")
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--keep", type=Path, help="folder for the first input of each finding")
     options = parser.parse_args()
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    last = options.first + options.count
-    parts = [range(options.first + k, last, options.processes) for k in range(options.processes)]
+    last, count = options.first + options.count, max(options.processes, 1)
+    parts = [range(options.first + k, last, count) for k in range(count)]
     tally = Tally()
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(options.processes, mp_context=spawn) as pool:
-        for part in pool.map(fuzz, parts, [options.seed] * len(parts)):
-            tally.add(part)
+    if options.processes == 0:
+        tally.add(fuzz(*parts, options.seed))
+    else:
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(count, mp_context=spawn) as pool:
+            for part in pool.map(fuzz, parts, [options.seed] * count):
+                tally.add(part)
     spent = sorted(tally.seconds)
     print(f"{len(spent)} inputs, seed {options.seed}")
     print("exit codes: " + ", ".join(f"{n} × {code}" for code, n in sorted(tally.codes.items())))

@@ -447,7 +447,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("inputs", type=int, nargs="?", default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=1, help="of their own; 0 for this one")
     parser.add_argument("--only", help="try this one input again, by its seed")
     given = parser.parse_args()
     total = Tally()
@@ -455,9 +455,12 @@ def main() -> int:
         template = prepared(Path(scratch) / "template")
         seeds = [given.only] if given.only else [f"{given.seed}-{i}" for i in range(given.inputs)]
         parts = [seeds[i : i + 50] for i in range(0, len(seeds), 50)]
-        with ProcessPoolExecutor(given.processes, get_context("forkserver")) as pool:
-            for tally in pool.map(work, [template] * len(parts), parts):
-                total.add(tally)
+        if given.processes == 0:
+            total.add(work(template, seeds))
+        else:
+            with ProcessPoolExecutor(given.processes, get_context("forkserver")) as pool:
+                for tally in pool.map(work, [template] * len(parts), parts):
+                    total.add(tally)
     print(f"{len(seeds)} inputs, seed {given.seed}")
     for code, count in sorted(total.codes.items()):
         print(f"  {code}: {count}")
