@@ -146,11 +146,11 @@ class Warm:
         """Have it import more, for all that it forks from now on."""
         self._control.send(json.dumps({"modules": modules}).encode())
 
-    def run(self, arguments, folder):
-        """Run the script in a folder; what it did, like `subprocess.run` with text."""
+    def run(self, arguments, folder, script=SCRIPT):
+        """Run a script in a folder; what it did, like `subprocess.run` with text."""
         out, err = folder.with_suffix(".out"), folder.with_suffix(".err")
         with out.open("wb") as to_out, err.open("wb") as to_err:
-            started = self.start([SCRIPT, *arguments], folder, to_out.fileno(), to_err.fileno())
+            started = self.start([script, *arguments], folder, to_out.fileno(), to_err.fileno())
             code = started.wait(2 * LIMIT)
         return subprocess.CompletedProcess(arguments, code, out.read_text(), err.read_text())
 
