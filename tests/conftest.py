@@ -6,6 +6,7 @@ import signal
 import subprocess
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -106,8 +107,8 @@ def scheduler(tmp_path, warm, request):
     away.mkdir()
     processes = []
 
-    def start(*arguments, script="dask", **added):
-        command = [SCRIPT.with_name(script), *arguments]
+    def start(*arguments, script=None, **added):
+        command = [script or SCRIPT.with_name("dask"), *arguments]
         if added:  # what libraries read as they start
             processes.append(
                 subprocess.Popen(
@@ -301,3 +302,15 @@ def quick(cli):
 def committed_folder():
     """The results of a full run that travel with the project."""
     return Path(__file__).parents[1] / "results"
+
+
+@pytest.fixture(scope="session")
+def committed_results(committed_folder):
+    """Names of studies → their results in it, whose slopes are fitted once."""
+    from newmark_cli.report.kinds import Results
+    from newmark_cli.report.slopes import collect
+
+    found = cache(lambda study: collect(committed_folder, [study]))
+    return lambda *studies: Results(
+        committed_folder, [slope for study in studies for slope in found(study)]
+    )

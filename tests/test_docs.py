@@ -4,7 +4,6 @@ import importlib.util
 import re
 import shutil
 import subprocess
-import sys
 
 import click
 import pytest
@@ -22,12 +21,12 @@ from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report import check, slopes
 from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.slopes import collect
 from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, TOO_FEW
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.keys import FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDS
+from newmark_cli.study.reading import study_files
 
 PAGES = pages()
 DOCS = ROOT / "docs"
@@ -314,9 +313,10 @@ def test_every_measure_command_and_name_is_there(reference):
 
 
 @pytest.fixture(scope="module")
-def committed():
+def committed(committed_folder, committed_results):
     """Slopes of the committed CSVs."""
-    return collect(ROOT / "results")
+    studies = [path.stem for path in study_files(committed_folder)]
+    return committed_results(*studies).slopes
 
 
 def test_claims_are_those_of_the_results(committed):

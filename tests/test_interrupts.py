@@ -391,7 +391,7 @@ def test_interrupted_and_resumed_again_and_again(cli):
     cli.write("mixed.yaml", MIXED)
     run = ("run", "mixed.yaml", "--allow-code")
     cli(*run, "--results", "whole")
-    moments = ((signal.SIGTERM, 2), (signal.SIGINT, 6), (signal.SIGTERM, 10))
+    moments = ((signal.SIGTERM, 2), (signal.SIGINT, 8))
     for ending, count in moments:
         before = kept(cli) if count > 2 else 0
         started = cli.start(*run, start_new_session=True)

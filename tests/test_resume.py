@@ -516,6 +516,7 @@ def test_a_folder_that_vanishes(cli):
     assert len(list((cli.folder / "taken/cells").glob("*.json"))) >= 2
 
 
+(cell, *_) = config.load_shipped("pendulum-u").cells()
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -546,7 +547,6 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
             "energy": np.array(kept) / 7,
         },
     )
-    (cell, *_) = config.load_shipped("pendulum-u").cells()
     kept = store.Store(tmp_path_factory.mktemp("store"))
     kept.prepare()
     kept.keep(cell, Done(outcome, 0.1))
