@@ -23,7 +23,7 @@ from newmark_cli.study import config
 MIXED = """\
 study: mixed
 preconditioning: [none, left, right, optimal]
-h: [8e-3, 16e-3]
+h: [12e-3, 24e-3]
 t_end: 1.0
 cases:
   - problem: pendulum
