@@ -50,11 +50,24 @@ COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
 
 
 #: The command, where advice draws less often what rounding does: no page shows its numbers.
-ADVISE = """from newmark_cli.console import main
+#: Processes for code of the user's import it, too.
+ADVISE = """from newmark_cli.cli import advising
+from newmark_cli.console import main
 from newmark_cli.library import linearised
 
 linearised._SAMPLES, linearised._ROUGHLY = 4, 2
-main()
+original = advising._advised
+
+
+def advised(spec, options):
+    return original(spec, options)
+
+
+if __name__ == "__main__":
+    import advise
+
+    advising._advised = advise.advised
+    main()
 """
 
 
