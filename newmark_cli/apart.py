@@ -399,6 +399,8 @@ def _answered(
         found = True, function(*arguments)
         answer = pickle.dumps(found)
     except InputError as error:
+        # Dask teaches pickle to take these along, and they may be of what cannot be pickled.
+        error.__cause__ = error.__context__ = error.__traceback__ = None
         answer = pickle.dumps((False, error))
     except BaseException as error:
         answer = pickle.dumps((False, described(error)))

@@ -1,6 +1,7 @@
 """Shared fixtures: the command line as a user runs it, and small helpers."""
 
 import os
+import re
 import signal
 import subprocess
 import time
@@ -37,6 +38,10 @@ def pytest_xdist_setupnodes(config):
     whole = config.args_source == config.ArgsSource.TESTPATHS and not config.option.keyword
     if whole and not is_kept():
         compile_all()
+
+
+#: What schedulers and workers of dask import, and runs on them.
+DASK = ("distributed", "distributed.cli.dask_scheduler", "distributed.cli.dask_worker")
 
 
 @dataclass
@@ -89,6 +94,59 @@ def warm():
 
 
 @pytest.fixture
+def scheduler(tmp_path, warm, request):
+    """A scheduler on loopback, its address, and a function that starts workers.
+
+    The parameter is how long it waits for workers.
+    """
+    warm.imports(*DASK)
+    patience = getattr(request, "param", "120s")
+    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
+    # Elsewhere, so that nothing is found by its path.
+    away = tmp_path / "away"
+    away.mkdir()
+    processes = []
+
+    def start(*arguments, script=None, **added):
+        command = [script or SCRIPT.with_name("dask"), *arguments]
+        if added:  # what libraries read as they start
+            processes.append(
+                subprocess.Popen(
+                    command, cwd=away, env=environment | added, text=True,
+                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                )
+            )  # fmt: skip
+        else:
+            with open(os.devnull, "wb") as nowhere:
+                processes.append(warm.start(command, away, nowhere.fileno(), env=environment))
+        return processes[-1]
+
+    main = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    for line in main.stderr:
+        found = re.search(r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", line)
+        if found:
+            address = found[1]
+            break
+
+    def workers(count, **how):
+        return [
+            start(
+                "worker", address, "--nthreads", "1", "--nworkers", "1", "--no-dashboard",
+                "--no-nanny", "--host", "127.0.0.1", **how,
+            )
+            for _ in range(count)
+        ]  # fmt: skip
+
+    try:
+        yield main, address, workers
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            process.stderr.close()
+
+
+@pytest.fixture
 def cli(tmp_path, warm):
     """The command line in an empty folder."""
     return CommandLine(tmp_path, warm)
@@ -111,13 +169,13 @@ problem: pendulum
 form: [u-lambda, v-lambda, a-lambda]
 preconditioning: [none, optimal]
 h: [1e-2, 1e-3, 1e-4, 1e-5]
-t_end: 3.0
+t_end: 1.0
 """
 
 
 #: A problem in plain Python that is well, does not end, ends its process, leaves, or fails,
 #: always or as long as there is no file "ready".  With ``steps`` it is well at their times:
-#: where a march looks at it, but not a reference.
+#: where a march looks at it, but not a reference.  One that does not end writes a file "hangs".
 SWING = """\
 import os
 import time
@@ -131,6 +189,7 @@ def swing(what="", after=0.5, steps=0):
         if t <= after or steps and abs(t * steps - round(t * steps)) < 1e-9:
             return np.array([0.0, -1.0])
         if what == "hang":
+            open("hangs", "w").close()
             time.sleep(3600)
         if what == "exit":
             os._exit(3)
@@ -169,19 +228,19 @@ def write_swings(cli, *whats):
 
 
 def require_failed_alone(told, where):
-    """What a run of hang, exit and "" says with ``-v`` and a timeout of 8 s."""
+    """What a run of hang, exit and "" says with ``-v`` and a timeout of 2 s."""
     first, well, ends, hangs, *complaints = sorted(told.splitlines())
     assert first == where
     assert complaints == [
         "newmark-study: swings: 1 of 3 cells failed: its process ended with code 3",
-        "newmark-study: swings: 1 of 3 cells failed: took longer than 8 s",
+        "newmark-study: swings: 1 of 3 cells failed: took longer than 2 s",
     ]
     assert "(what=) " in well
     assert ": ok, " in well
     assert "(what=exit) " in ends
     assert "failed: its process ended with code 3" in ends
     assert "(what=hang) " in hangs
-    assert "failed: took longer than 8 s" in hangs
+    assert "failed: took longer than 2 s" in hangs
 
 
 def wait_until(holds):
@@ -213,7 +272,7 @@ def require_interrupts_taken(cli, moments, where, *options):
 
     Args:
         cli: The command line.
-        moments: (seconds after the run's first line, signal) pairs.
+        moments: (seconds after the run's first line, or None for when it hangs, signal) pairs.
         where: That line.
         options: Of the run.
     """
@@ -223,7 +282,10 @@ def require_interrupts_taken(cli, moments, where, *options):
             "run", "swings.yaml", "--allow-code", "-v", *options, start_new_session=True
         )
         assert run.stderr.readline() == where
-        time.sleep(delay)
+        if delay is None:
+            wait_until((cli.folder / "hangs").exists)
+        else:
+            time.sleep(delay)
         os.killpg(run.pid, ending)
         _, errors = run.communicate(timeout=60)
         assert len(errors.splitlines()) == 1, errors

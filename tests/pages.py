@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,11 +111,17 @@ def _command(text, variables, shown=None):
     text = re.sub(r"(^|\s)#\s.*$", "", text).strip()
     may_fail = text.endswith("|| true")
     text, _, into = text.removesuffix("|| true").strip().partition(" > ")
+    words = _expanded(text, variables) if set("$`*?[{~") & {*text} else shlex.split(text)
+    return Command(words, may_fail, into.strip() or None, shown)
+
+
+def _expanded(text, variables):
+    """The words that bash makes of a command."""
     expanded = subprocess.run(
         ["bash", "-uc", f"printf '%s\\0' {text}"],
         env={"PATH": os.environ["PATH"], **variables}, capture_output=True, text=True, check=True,
     )  # fmt: skip
-    return Command(expanded.stdout.split("\0")[:-1], may_fail, into.strip() or None, shown)
+    return expanded.stdout.split("\0")[:-1]
 
 
 def commands(block, variables=None):

@@ -1,25 +1,22 @@
 """Cells on dask workers: scheduler and workers as processes of their own."""
 
 import contextlib
-import os
 import pickle
 import re
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from conftest import (
+    DASK,
     CommandLine,
     require_failed_alone,
     require_interrupts_taken,
     wait_for_cells,
     write_swings,
 )
-from warm import Warm
 
 import newmark_cli
 from newmark_cli.mechanisms.spec import MechanismFile, portable
@@ -40,67 +37,12 @@ points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 1}}
 bars: {rod: {from: O, to: P, length: 2}}
 gravity: [0, -9.81]
 """
-BIN = Path(sys.executable).parent
 
 
-@pytest.fixture(scope="module")
-def warm():
-    """Commands, schedulers and workers that have imported dask."""
-    running = Warm("distributed", "distributed.cli.dask_scheduler", "distributed.cli.dask_worker")
-    yield running
-    running.close()
-
-
-@pytest.fixture
-def scheduler(tmp_path, warm, request):
-    """A scheduler on loopback, its address, and a function that starts workers.
-
-    The parameter is how long it waits for workers.
-    """
-    patience = getattr(request, "param", "120s")
-    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
-    # Elsewhere, so that nothing is found by its path.
-    away = tmp_path / "away"
-    away.mkdir()
-    processes = []
-
-    def start(*arguments, **added):
-        command = [BIN / "dask", *arguments]
-        if added:  # what libraries read as they start
-            processes.append(
-                subprocess.Popen(
-                    command, cwd=away, env=environment | added, text=True,
-                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                )
-            )  # fmt: skip
-        else:
-            with open(os.devnull, "wb") as nowhere:
-                processes.append(warm.start(command, away, nowhere.fileno(), env=environment))
-        return processes[-1]
-
-    main = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
-    for line in main.stderr:
-        found = re.search(r"Scheduler at:\s+(tcp://127\.0\.0\.1:\d+)", line)
-        if found:
-            address = found[1]
-            break
-
-    def workers(count, **environment):
-        return [
-            start(
-                "worker", address, "--nthreads", "1", "--nworkers", "1", "--no-dashboard",
-                "--no-nanny", "--host", "127.0.0.1", **environment,
-            )
-            for _ in range(count)
-        ]  # fmt: skip
-
-    try:
-        yield main, address, workers
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-            process.stderr.close()
+@pytest.fixture(scope="module", autouse=True)
+def _warm_dask(warm):
+    """Commands need not import it."""
+    warm.imports(*DASK)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +104,7 @@ def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
 
 def test_no_scheduler(cli, monkeypatch):
     """One line, exit code 1, after the time that dask's configuration gives."""
-    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "2s")
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "500ms")
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
     done = cli(
@@ -188,7 +130,7 @@ def test_workers_that_come_late(cli, study, scheduler):
 def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal, those of own workers included."""
     where = "1 cell on the workers of this machine\n"
-    moments = ((0.5, signal.SIGINT), (2, signal.SIGTERM))
+    moments = ((0.5, signal.SIGINT), (None, signal.SIGTERM))
     require_interrupts_taken(cli, moments, where, "--executor", "dask", "--jobs", 1)
 
 
@@ -199,16 +141,33 @@ OTHERS = {
 }
 
 
+#: A worker whose package is the one beside this script, as far as files are read.
+ELSEWHERE = """from pathlib import Path
+
+import newmark_cli
+from dask.__main__ import main
+from newmark_cli.mechanisms import registry
+from newmark_cli.running import store
+
+package = Path(__file__).parent
+newmark_cli.__file__ = str(package / "__init__.py")
+registry._FOLDER = package / "mechanisms/shipped"
+for known in (store.core, registry.digest):
+    known.cache_clear()
+main()
+"""
+
+
 @pytest.mark.parametrize("file", OTHERS)
 def test_a_worker_with_another_core_is_refused(cli, scheduler, file):
     """Its numbers would be kept as those of the code and the mechanisms that are here."""
     _, address, workers = scheduler
     package = Path(newmark_cli.__file__).parent
     other = cli.folder / "other"
-    shutil.copytree(package, other / "newmark_cli", ignore=shutil.ignore_patterns("__pycache__"))
-    with (other / "newmark_cli" / file).open("a") as changed:
+    shutil.copytree(package, other, ignore=shutil.ignore_patterns("__pycache__"))
+    with (other / file).open("a") as changed:
         changed.write("# changed\n")
-    workers(1, PYTHONPATH=str(other))
+    workers(1, script=cli.write("other/elsewhere.py", ELSEWHERE))
     require_refused(cli, address, f"computes with another {OTHERS[file]}; ")
 
 
@@ -235,7 +194,7 @@ def require_refused(cli, address, why):
     assert not list((cli.folder / "dask/cells").iterdir())
 
 
-@pytest.mark.parametrize("scheduler", ["2s"], indirect=True)
+@pytest.mark.parametrize("scheduler", ["500ms"], indirect=True)
 def test_workers_that_never_come(cli, scheduler):
     """One line, exit code 1, after the time that the scheduler is configured for."""
     _, address, _ = scheduler
@@ -248,34 +207,18 @@ def test_workers_that_never_come(cli, scheduler):
     assert line.startswith(f"newmark-study: the dask scheduler at {address} has no workers; ")
 
 
-def test_a_cell_that_ends_its_worker_fails_alone(cli):
-    """Plain Python runs in a process of the worker, which outlives it."""
-    write_swings(cli, "exit", "")
-    done = cli(
-        "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1, "-v", code=1
-    )
-    assert done.stdout == "swings: 1 failed, 1 ok -> results/swings.csv\n"
-    failed, told = [line for line in done.stderr.splitlines() if "failed" in line]
-    reason = "failed: its process ended with code 3"
-    assert reason in failed
-    assert "swing(what=exit)" in failed
-    assert told == f"newmark-study: swings: 1 of 2 cells {reason}"
-
-
-def test_a_cell_that_does_not_come_back_fails_alone(cli):
-    """The process of the worker is ended, and the worker goes on."""
+def test_a_cell_that_does_not_come_back_fails_alone(cli, scheduler):
+    """Plain Python runs in a process of the worker, which outlives it, however it ends."""
+    _, address, workers = scheduler
+    workers(1)
     write_swings(cli, "hang", "exit", "")
-    with socket.socket() as dashboard:
-        # Somebody else's, which dask would tell of.
-        with contextlib.suppress(OSError):
-            dashboard.bind(("127.0.0.1", 8787))
-            dashboard.listen()
-        done = cli(
-            "run", "swings.yaml", "--allow-code", "--executor", "dask", "--jobs", 1,
-            "--timeout", 8, "-v", code=1,
-        )  # fmt: skip
+    done = cli(
+        "run", "swings.yaml", "--allow-code", "--executor", "dask", "--scheduler", address,
+        "--timeout", 2, "-v", code=1,
+    )  # fmt: skip
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
-    require_failed_alone(done.stderr, "3 cells on the workers of this machine")
+    waits = f"waiting for workers: the dask scheduler at {address} has none\n"
+    require_failed_alone(done.stderr.replace(waits, ""), f"3 cells on the workers of {address}")
 
 
 def test_what_travels_is_what_was_read(tmp_path):
@@ -293,33 +236,37 @@ def test_what_travels_is_what_was_read(tmp_path):
     assert (edited.label, edited.given) == (spec.label, spec.given)
 
 
-#: Tries to get into the cluster of a run, in three ways, and lets the run go on.
-INTRUDER = """import distributed
-from newmark_cli.running import cluster, executors
-from newmark_cli.study import config
+#: The command; before it reads the first result, others try to get into its cluster.
+INTRUDER = """import sys
+
+import distributed
+from newmark_cli.cli import main
+from newmark_cli.running import cluster
+
+as_done = cluster._as_done
 
 
-def main():
-    tasks = {i: executors.Task(cell) for i, cell in enumerate(config.find("spread.yaml").cells())}
-    with cluster.cluster(tasks, None, 1, None, lambda steps: None, print) as finished:
-        address = distributed.default_client().scheduler.address
-        assert address.startswith("tls://127.0.0.1:"), address
-        ways = [
-            (address.replace("tls://", "tcp://"), None),
-            (address, None),
-            (address, distributed.Security.temporary()),
-        ]
-        for where, security in ways:
-            try:
-                distributed.Client(where, security=security, timeout=3, set_as_default=False)
-            except Exception as error:
-                print("refused", type(error).__name__)
-            else:
-                print("let in")
-        print(*(done.outcome.status for _, done in finished))
+def after_intruders(*arguments):
+    mine = distributed.default_client()
+    address = mine.scheduler.address
+    assert address.startswith("tls://127.0.0.1:"), address
+    for where, security in [
+        (address.replace("tls://", "tcp://"), None),
+        (address, None),
+        (address, distributed.Security.temporary()),
+        (address, mine.security),
+    ]:
+        try:
+            distributed.Client(where, security=security, timeout=1, set_as_default=False).close()
+        except Exception as error:
+            print("refused", type(error).__name__)
+        else:
+            print("let in")
+    return as_done(*arguments)
 
 
 if __name__ == "__main__":
+    cluster._as_done = after_intruders
     main()
 """
 
@@ -327,9 +274,17 @@ if __name__ == "__main__":
 def test_nobody_else_gets_in(cli, study):
     """Who has not the credentials of the run is refused by its scheduler; the run goes on."""
     script = cli.write("intruder.py", INTRUDER)
-    output, errors = cli.warm.start([script], cli.folder).communicate(timeout=120)
-    *refused, statuses = output.splitlines()
-    assert [line.split()[0] for line in refused] == ["refused"] * 3, errors
-    assert statuses == " ".join(["ok"] * 24)
-    cli("run", "spread.yaml", "--results", "own", "--executor", "dask", "--jobs", 2)
-    assert (cli.folder / "own/spread.csv").read_bytes() == study
+    with socket.socket() as dashboard:
+        # Somebody else's, which dask would tell of.
+        with contextlib.suppress(OSError):
+            dashboard.bind(("127.0.0.1", 8787))
+            dashboard.listen()
+        run = cli.warm.start(
+            [script, "run", "spread.yaml", "--executor", "dask", "--jobs", "1"], cli.folder
+        )
+        output, errors = run.communicate(timeout=120)
+    assert errors == ""
+    *tried, summary = output.splitlines()
+    assert [line.split()[0] for line in tried] == ["refused"] * 3 + ["let"]
+    assert summary == "spread: 24 ok -> results/spread.csv"
+    assert (cli.folder / "results/spread.csv").read_bytes() == study

@@ -3,8 +3,6 @@
 import json
 import os
 import stat
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -274,12 +272,14 @@ def read_pair(folder: Path) -> dict[Path, bytes | OSError]:
 
 
 @each("killed_at", [0, 2, 4, 5, 6, 8, 9])
-def test_replaced_together_or_not_at_all(tmp_path, monkeypatch, killed_at):
+def test_replaced_together_or_not_at_all(cli, monkeypatch, killed_at):
     """Whenever a writer is killed, readers see all of the old or all of the new."""
-    (tmp_path / "history").mkdir()
-    files.replace_together(tmp_path, "a", pair(tmp_path, "old"), tmp_path)
+    folder = cli.folder / "results"
+    (folder / "history").mkdir(parents=True)
+    files.replace_together(folder, "a", pair(folder, "old"), folder)
+    new = {str(path): text for path, text in pair(folder, "new").items()}
     script = f"""
-import os, sys
+import os
 from pathlib import Path
 from newmark_cli import files
 calls = 0
@@ -293,19 +293,20 @@ def dies(function):
     return counted
 os.replace, os.fsync, os.unlink = map(dies, (os.replace, os.fsync, os.unlink))
 Path.unlink = dies(Path.unlink)
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-import test_files
-folder = Path(sys.argv[1])
-files.replace_together(folder, "a", test_files.pair(folder, "new"), folder)
+folder = Path("results").resolve()
+new = {{Path(path): text for path, text in {new!r}.items()}}
+files.replace_together(folder, "a", new, folder)
 """
-    code = subprocess.run([sys.executable, "-c", script, tmp_path], check=False).returncode
+    run = cli.warm.start([cli.write("writes.py", script)], cli.folder)
+    run.communicate(timeout=60)
+    code = run.returncode
     assert code in (0, 9)
-    seen = read_pair(tmp_path)
+    seen = read_pair(folder)
     texts = {bytes(content).split()[1] for content in seen.values() if isinstance(content, bytes)}
     assert len(seen) == 3
     assert texts == {b"old"} or texts == {b"new"}
     assert killed_at < 5 or texts == {b"new"}
-    files.settle(tmp_path)
+    files.settle(folder)
     settled = {path.read_bytes().split()[1] for path in seen}
     assert settled == texts
     assert code == 9 or killed_at >= 9

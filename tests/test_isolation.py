@@ -1,8 +1,11 @@
 """Code of the user's touches nothing but its own cell: no other cell, and not the run."""
 
+import copyreg
 import csv
 import os
+import pickle
 import signal
+import sys
 
 import pytest
 from conftest import SWING, CommandLine, wait_until
@@ -10,6 +13,7 @@ from each import each
 
 from newmark_cli import apart
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
+from newmark_cli.problems.problem import ProblemError
 
 #: What a problem may do to the process that it runs in, in a line of Python.
 HARM = {
@@ -49,9 +53,6 @@ def rows(folder, *problems):
     return found
 
 
-DASK = ("--executor", "dask")
-
-
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory, warm):
     """Results of the study where its first problem does no harm."""
@@ -61,17 +62,21 @@ def clean(tmp_path_factory, warm):
     return cli.folder / "results"
 
 
-@pytest.mark.parametrize("executor", [(), DASK], ids=["local", "dask"])
-def test_patches_stay_in_their_cells(cli, clean, executor):
+@pytest.mark.parametrize("executor", ["local", "dask"])
+def test_patches_stay_in_their_cells(cli, clean, executor, request):
     """Problems that replace a function of NumPy change their own rows, and no others."""
-    if executor:
+    where = ("--jobs", 1)
+    if executor == "dask":
         pytest.importorskip("distributed")
+        _, address, workers = request.getfixturevalue("scheduler")
+        workers(1)
+        where = ("--scheduler", address)
     write_study(cli, in_calls=HARM["patches"])
     cli.write("own/worse.py", f"{SWING}\n{HARM['patches']}\n")
     own = '{python: "own/bad.py:swing"}'
     cli.write("mixed.yaml", STUDY.replace(own, f"[{own}, {own.replace('bad', 'worse')}]"))
     # One process after the other where all cells would once have shared one.
-    cli("run", "mixed.yaml", "--allow-code", "--jobs", 1, *executor)
+    cli("run", "mixed.yaml", "--allow-code", "--executor", executor, *where)
     patched = cli.folder / "results"
     assert rows(patched, "good.py:swing", "pendulum") == rows(clean, "good.py:swing", "pendulum")
     for name in ("bad.py:swing", "worse.py:swing"):
@@ -218,6 +223,25 @@ def test_calls_end_in_time():
     with pytest.raises(apart.TookLonger, match=r"^took longer than 0\.2 s$"):
         apart.call(wait_for_ever, (), timeout=0.2, owner="late")
     assert apart.call(patch, (), owner="late")[0] is False
+
+
+def fail():
+    """With a mistake that was told from one that no other process knows."""
+    try:
+        raise type("Mine", (Exception,), {})
+    except Exception:
+        raise ProblemError("told") from None
+
+
+def test_answers_leave_behind_what_they_were_told_from(monkeypatch):
+    """Also where pickle takes along what an exception comes from, as it does with dask."""
+
+    def reduced(error):
+        return ProblemError, error.args, {"__context__": error.__context__}
+
+    monkeypatch.setitem(copyreg.dispatch_table, ProblemError, reduced)
+    well, found = pickle.loads(apart._answered(None, [*sys.path], fail, ()))
+    assert (well, type(found), str(found)) == (False, ProblemError, "told")
 
 
 def test_a_server_that_is_killed_is_started_anew():

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -168,8 +169,14 @@ for module, names in lacking.items():
     for name in names:
         if hasattr(module, name):
             delattr(module, name)
-os.environ["NEWMARK_TESTED"] = "yes"
-sys.argv = ["newmark-study", *sys.argv[1:]]
+from newmark_cli import cli
+*others, last = json.loads(sys.argv[1])
+for command in others:
+    try:
+        cli.main(command)
+    except SystemExit as end:
+        print(command[0], "ends with", end.code)
+sys.argv = ["newmark-study", *last]
 from newmark_cli.console import main
 main()
 """
@@ -184,41 +191,36 @@ t_end: 1.0
 """
 
 
-@pytest.fixture
-def elsewhere(cli):
-    """Runs a command in a Python that lacks what Windows lacks."""
+def test_without_what_windows_lacks(cli, quick):
+    """Data are run, locked, written and verified; the CSV is the same; links are refused.
 
-    def run(*arguments):
-        return subprocess.run(
-            [sys.executable, "-c", ELSEWHERE, *arguments],
-            cwd=cli.folder, capture_output=True, text=True, env=os.environ | {"COLUMNS": "120"},
-            check=False,
-        )  # fmt: skip
-
-    return run
-
-
-def test_without_what_windows_lacks(cli, quick, elsewhere):
-    """Data are run, locked, written and verified; the CSV is the same; links are refused."""
-    done = elsewhere("run", "quick.yaml")
-    assert (done.returncode, done.stderr) == (0, "")
-    there = (cli.folder / "results/quick.csv").read_bytes()
-    assert json.loads((cli.folder / "results/.lock").read_text())["what"] == "run quick"
+    Code of the user's needs fork: one line says so, with what to do.
+    """
     cli("run", "quick.yaml", "--results", "here")
-    (cli.folder / "results/quick.csv").unlink()
-    assert (cli.folder / "here/quick.csv").read_bytes() == there
-    (cli.folder / "results/quick.csv").symlink_to(cli.folder / "here/quick.csv")
-    done = elsewhere("verify")
-    assert (done.returncode, done.stdout) == (
-        1, "results/quick.csv: cannot be read: it is a symbolic link\n"
-    )  # fmt: skip
-
-
-def test_code_of_the_users_needs_fork(cli, elsewhere):
-    """One line says so, with what to do."""
+    shutil.copytree(cli.folder / "here", cli.folder / "linked")
+    (cli.folder / "linked/quick.csv").unlink()
+    (cli.folder / "linked/quick.csv").symlink_to(cli.folder / "here/quick.csv")
     cli.write("own.yaml", OWN)
     cli.write("own.py", "def swing():\n    pass\n")
-    done = elsewhere("run", "own.yaml", "--allow-code")
-    assert done.returncode != 0
-    assert len(done.stderr.splitlines()) == 1
-    assert "processes that are forked, which this system cannot; use Linux or macOS" in done.stderr
+    commands = [
+        ["verify", "--results", "linked"],
+        ["run", "own.yaml", "--allow-code", "--results", "own"],
+        ["run", "quick.yaml"],
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", ELSEWHERE, json.dumps(commands)],
+        cwd=cli.folder, capture_output=True, text=True, env=os.environ | {"COLUMNS": "120"},
+        check=False,
+    )  # fmt: skip
+    (line,) = done.stderr.splitlines()
+    assert "processes that are forked, which this system cannot; use Linux or macOS" in line
+    assert done.stdout.splitlines() == [
+        "linked/quick.csv: cannot be read: it is a symbolic link",
+        "verify ends with 1",
+        "run ends with 1",
+        "quick: 4 ok -> results/quick.csv",
+    ]
+    assert done.returncode == 0
+    there, here = (cli.folder / name / "quick.csv" for name in ("results", "here"))
+    assert there.read_bytes() == here.read_bytes()
+    assert json.loads((cli.folder / "results/.lock").read_text())["what"] == "run quick"

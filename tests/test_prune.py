@@ -225,7 +225,7 @@ def test_unfinished_studies_keep_their_cells(cli):
     *_, told = cli("prune").stdout.splitlines()
     assert told == "not finished, so that their cells stay: long"
     assert before < cells(cli)
-    cli.write("long.yaml", LONG.replace("[1e-2, 1e-3, 1e-4, 1e-5]", "[1e-1]"))
+    cli.write("long.yaml", LONG.replace("[1e-2, 1e-3, 1e-4, 1e-5]", "[2e-1]"))
     cli("run", "long.yaml")
     cli("prune")
     assert cells(cli) == files_of(cli, "long") | files_of(cli, "quick")

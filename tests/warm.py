@@ -20,6 +20,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -54,6 +55,17 @@ MODULES = (
     "study.motion",
     "study.schema",
 )
+
+#: A study that the process runs itself, of what most studies measure.
+STUDY = """\
+study: warm
+problem: pendulum
+form: u-lambda
+preconditioning: none
+h: 0.1
+steps: 2
+measure: [correction, condition, error]
+"""
 
 #: Seconds after which a command is ended.
 LIMIT = 200
@@ -122,20 +134,23 @@ class Started:
 class Warm:
     """The process that is forked."""
 
-    def __init__(self, *modules):
-        """Start it; it imports `MODULES`, and more that are given."""
+    def __init__(self):
+        """Start it; it imports `MODULES`."""
         self._control, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, __file__, str(theirs.fileno()), *modules],
-                pass_fds=[theirs.fileno()],
+                [sys.executable, __file__, str(theirs.fileno())], pass_fds=[theirs.fileno()]
             )
 
-    def run(self, arguments, folder):
-        """Run the script in a folder; what it did, like `subprocess.run` with text."""
+    def imports(self, *modules):
+        """Have it import more, for all that it forks from now on."""
+        self._control.send(json.dumps({"modules": modules}).encode())
+
+    def run(self, arguments, folder, script=SCRIPT):
+        """Run a script in a folder; what it did, like `subprocess.run` with text."""
         out, err = folder.with_suffix(".out"), folder.with_suffix(".err")
         with out.open("wb") as to_out, err.open("wb") as to_err:
-            started = self.start([SCRIPT, *arguments], folder, to_out.fileno(), to_err.fileno())
+            started = self.start([script, *arguments], folder, to_out.fileno(), to_err.fileno())
             code = started.wait(2 * LIMIT)
         return subprocess.CompletedProcess(arguments, code, out.read_text(), err.read_text())
 
@@ -201,6 +216,9 @@ def serve(control):
             asked, given, _, _ = socket.recv_fds(control, 1 << 20, 3)
             if not asked:
                 return
+            if not given:
+                load(json.loads(asked)["modules"])
+                continue
             pid = os.fork()
             if pid == 0:
                 signal.set_wakeup_fd(-1)
@@ -244,7 +262,7 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
     sys.argv = command
     paths = environment.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[0:1] = [str(Path(command[0]).parent), *filter(None, paths)]
-    if "--allow-code" in command:
+    if {"--allow-code", "worker"} & {*command}:
         spare_server()
     try:
         runpy.run_path(command[0], run_name="__main__")
@@ -294,31 +312,42 @@ def spare_server():
     apart._Server.__init__ = take
 
 
-def prepare(modules):
+def load(modules):
+    """Import modules, and keep collections in forks from copying every page."""
+    for module in modules:
+        importlib.import_module(module)
+    gc.collect()
+    gc.freeze()
+
+
+def prepare():
     """Import, and do once what every command that does it would do for itself."""
     # What all commands set before they import anything: a fork wants no threads of BLAS.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    for module in ("portalocker", *(f"newmark_cli.{name}" for name in MODULES), *modules):
-        importlib.import_module(module)
-    from newmark_cli import march
+    load(["portalocker", *(f"newmark_cli.{name}" for name in MODULES)])
     from newmark_cli.mechanisms.registry import problem
     from newmark_cli.problems import python_problem
     from newmark_cli.report import draw, panels, style, text
+    from newmark_cli.running import runner
+    from newmark_cli.study import config
 
     problem("pendulum")  # has Numba load its registries
     python_problem.warm()
     if is_kept():
-        march("pendulum", h=1e-2, steps=1)
+        # Has the libraries' versions, the commit and the core's digest found out, too.
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "study.yaml"
+            file.write_text(STUDY)
+            runner.run_studies([config.load(file)], Path(folder), runner.Options(1))
     text.text_table([("a", "b"), ("1", "2")])
     # Matplotlib makes its parser of formulas when it meets the first.
     drawing = draw.drawn(panels.Sheet("", (panels.Panel((), "$h^{-1}$"),)))
     for kind in ("png", "svg"):
         style.rendered(drawing, kind)
     gc.collect()
-    gc.freeze()  # a collection in a fork would copy every page
+    gc.freeze()
 
 
 if __name__ == "__main__":
-    descriptor, *modules = sys.argv[1:]
-    prepare(modules)
-    serve(socket.socket(fileno=int(descriptor)))
+    prepare()
+    serve(socket.socket(fileno=int(sys.argv[1])))

@@ -339,7 +339,9 @@ def _settle(drawing: Figure, grid: Sequence[Any]) -> None:
                 f"a figure of {width:g}x{height:g} inches has no room for its panels, labels and "
                 "legend"
             ) from None
-    drawing.set_layout_engine("none")
+    # With the engine "none" matplotlib would draw every file twice.
+    with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        drawing.set_layout_engine(None)
 
 
 def _measure(drawing: Figure, grid: Sequence[Any]) -> None:

@@ -13,7 +13,6 @@ import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from newmark_cli.running import sealed
 from newmark_cli.study import axes, provenance
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import STATUSES, Done, Outcome
+from newmark_cli.study.provenance import version
 
 #: Why a cell is to run of which nothing is kept.
 NOT_RUN = "not run yet"

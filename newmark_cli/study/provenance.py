@@ -8,7 +8,8 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib import metadata
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 _PACKAGES = (
     "numpy", "scipy", "numba", "llvmlite", "pandas", "matplotlib", "pydantic", "PyYAML", "click",
 )  # fmt: skip
+
+#: Version of an installed package; its metadata take as long to parse as a small cell to run.
+version = cache(metadata.version)
 
 #: Variables that say how many threads a BLAS takes; `newmark_cli.cli.main` sets them.
 THREAD_VARIABLES = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "MKL", "OMP"))
