@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse
+from each import each
 
 import newmark_cli as newmark
 from newmark_cli.documents import DocumentError, parse
@@ -62,7 +63,7 @@ def test_null_space_of_a_sparse_matrix():
     assert again == pytest.approx(exact, rel=1e-6)
 
 
-@pytest.mark.parametrize("text", [four_bars(3), BRICARD.replace("{P5: [q]}", "drop")])
+@each("text", [four_bars(3), BRICARD.replace("{P5: [q]}", "drop")])
 def test_large_mechanisms_drop_the_same_rows(text, monkeypatch):
     """The rule does not depend on how null vectors are found."""
     dense = built(text)
@@ -102,7 +103,7 @@ def test_large_mechanism_that_is_singular_at_the_start(monkeypatch):
             built(flat)
 
 
-@pytest.mark.parametrize("limit", [600, 10])
+@each("limit", [600, 10])
 def test_march_ends_where_a_row_is_needed(limit, monkeypatch):
     """Without y of P1, Bricard's first angle comes to a right one: there G has lost rank."""
     monkeypatch.setattr(needed, "_DENSE_UP_TO", limit)
@@ -126,5 +127,5 @@ def test_march_ends_where_a_row_is_needed(limit, monkeypatch):
             break
     assert stepped.trajectory.status == "redundant"
     assert times[-1] == pytest.approx(done.t[-1], abs=50 * 5e-3)
-    whole = newmark.march("bricard", h=5e-3, t_end=1.6, integrator=DAMPED, every=0)
+    whole = newmark.march("bricard", h=1e-2, t_end=1.6, integrator=DAMPED, every=0)
     assert whole.status == "ok"
