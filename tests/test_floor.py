@@ -185,7 +185,7 @@ form: u-lambda
 preconditioning: [none, optimal]
 integrator: {method: bdf2}
 measure: [correction, floor]
-samples: 6
+samples: 3
 h: [1e-4, 5e-5, 2e-5]
 t_end: 0.006
 """

@@ -10,7 +10,7 @@ import textbook
 from covering import covering
 from damped import DAMPING, MASS, STIFFNESS, damped
 from each import each
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from marching import INTEGRATORS, copy, march
 from mpmath import mp, mpf
@@ -138,6 +138,7 @@ def past_of(integrator, advance, t, h, position, rate, acceleration):
 
 
 @EVERY
+@settings(max_examples=25)  # of each integrator
 @given(h=st.floats(1e-3, 1), t=st.floats(-1, 1))
 def test_relations_are_exact_for_polynomials(integrator, h, t):
     """V and row D for the acceleration that the order promises: constant, or linear.
