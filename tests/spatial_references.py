@@ -128,6 +128,13 @@ def turned(axis, angle):
     return found
 
 
+def crossed(a, b):
+    """The cross product, without what NumPy's does for arrays of any shape."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
 def slider_crank():
     """The spatial slider-crank: q is the angle of its crank from the upright."""
 
@@ -136,9 +143,9 @@ def slider_crank():
         x = np.sqrt(0.09 - b[1] ** 2 - b[2] ** 2)
         c = np.array([x, 0 * x, 0 * x])
         along = (c - b) / 0.3
-        across = np.cross(along, [1, 0, 0])
+        across = crossed(along, [1, 0, 0])
         across = -across / np.sqrt((across**2).sum())
-        rod = np.stack([along, across, np.cross(along, across)], axis=1)
+        rod = np.stack([along, across, crossed(along, across)], axis=1)
         crank = (np.array([0, 0.1, 0.12]) + b) / 2
         # The crank of the file is centred midway, its axes those of the ground at q = 0.
         return (

@@ -759,13 +759,9 @@ def test_labels_are_read_back(label):
     ],
 )
 def test_bad_formulations_are_refused(label, words):
-    """In one line, with what is allowed."""
+    """In one line, with what is allowed; so are bad projections."""
     with pytest.raises(FormulationError, match=words):
         Formulation.parse(label)
-
-
-def test_bad_projections_are_refused():
-    """In one line."""
     for label, words in (
         ("velocities", "unknown projection 'velocities'"),
         ("none accelerations", "accelerations need velocities projected"),

@@ -408,7 +408,7 @@ def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
     assert record["estimated_error"]["lambda"] == first.multipliers_error
 
 
-@pytest.mark.parametrize(
+@each(
     "damage",
     [
         lambda text: "",
@@ -425,6 +425,7 @@ def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
 )
 def test_damaged_files_are_written_anew(tmp_path, counted, damage):
     """Cut off, of another shape, of something else: computed again, and mended."""
+    counted.clear()
     first = References(tmp_path).of(SPEC, 0.2)
     (path,) = files(tmp_path)
     whole = path.read_text()
