@@ -68,6 +68,8 @@ def broken(folder, fault, *arguments, **environment):
         ("raise BrokenPipeError(32, 'x')", "RuntimeError: BrokenPipeError: [Errno 32] x", "Broken"),
         ("raise OSError(12, 'no memory')", "OSError: [Errno 12] no memory", "no memory"),
         (r"raise KeyError('\ud800')", r"KeyError: '\ud800'", "KeyError"),
+        # Not even the text of the error can be made.
+        ("raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()", "Odd", "Odd"),
     ],
 )
 def test_an_unexpected_error_is_one_line_and_70(tmp_path, code, said, traced):
@@ -84,15 +86,6 @@ def test_an_unexpected_error_is_one_line_and_70(tmp_path, code, said, traced):
     assert "['orders']" in text
     assert "Traceback (most recent call last):" in text
     assert traced in text
-
-
-def test_a_name_whose_text_cannot_be_made(tmp_path):
-    """Not even the text of the error is needed."""
-    code = "raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()"
-    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders")
-    found = LINE.fullmatch(done.stderr)
-    assert found, done.stderr
-    assert (done.returncode, found[1]) == (70, "Odd")
 
 
 def test_an_import_that_fails_is_no_failed_check(tmp_path):

@@ -351,10 +351,7 @@ def test_smallest_singular_value(tmp_path, angle):
     assert singular.smallest(subject, 0.0, place) == pytest.approx(expected, rel=1e-9, abs=1e-15)
     assert singular.smallest(subject, 0.0, place * np.nan) == 0
     assert expected == pytest.approx(math.sqrt(1.25) * angle, rel=0.05, abs=1e-12)
-
-
-def test_smallest_singular_value_of_large_problems():
-    """Too dear to decompose."""
+    # Large problems are too dear to decompose.
     subject = FAMILIES["chain"].problem("chain", {"links": 41})
     assert singular.smallest(subject, 0.0, subject.u0) is None
     subject = FAMILIES["chain"].problem("chain", {"links": 40})
