@@ -110,7 +110,7 @@ def exactly(values):
 
 @each("name", [*QUADRATIC, "undriven"])
 @given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-9, -1))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_increments_of_phi(name, undriven, seed, exponent):
     """Φ(u + Δ) − Φ(u) to rounding of itself, however small Δ is; rationals are the oracle."""
     subject = undriven if name == "undriven" else problem(name)

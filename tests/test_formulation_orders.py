@@ -75,9 +75,10 @@ def applied(formulation, form):
 
 
 @cache
-def system(y=True, x=True, a=True, q=True, p=False, seed=0) -> System:
-    """A random system; p: P = M⁻¹G."""
-    found = random_system(random.Random(seed), y, x, a, p)
+def system(y=True, x=True, a=True, q=True, p=False) -> System:
+    """A random system, of four coordinates and two constraints; p: P = M⁻¹G."""
+    found = random_system(random.Random(4), y, x, a, p)
+    assert (found.n, found.m) == (4, 2)
     return found if q else replace(found, Q=[[ZERO] * found.n for _ in range(found.m)])
 
 
