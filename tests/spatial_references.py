@@ -223,6 +223,6 @@ def governor(t):
         )
 
     start = np.array([np.pi / 6, 0.5, 0, 0])
-    done = solve_ivp(rates, (0, t), start, method="Radau", rtol=1e-10, atol=1e-12)
+    done = solve_ivp(rates, (0, t), start, method="Radau", rtol=1e-9, atol=1e-11)
     beta, s, turn, slide = done.y[:, -1]
     return beta, s, momentum / about_shaft(beta), turn, slide, strut(beta, s, turn, slide)[0]

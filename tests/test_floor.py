@@ -91,7 +91,7 @@ def test_scaling_does_not_change_physical_floors():
     for variant in ("none", "left", "right", "optimal"):
         scheme = scheme_of("u-lambda", 1e-5, variant=variant)
         state = state or initial_state(subject, scheme)
-        predicted = floor(subject, scheme, 0.0, state, samples=200)
+        predicted = floor(subject, scheme, 0.0, state, samples=60)
         found[variant] = predicted.physical
         for unknown, factor in zip(scheme.form.unknowns, scheme.right, strict=True):
             assert predicted.physical[unknown] == pytest.approx(
@@ -104,7 +104,7 @@ def test_scaling_does_not_change_physical_floors():
 
 def test_floors_of_an_independent_march():
     """A pendulum in plain NumPy: (v, λ), unscaled, corrections until they grow."""
-    h, steps, gamma, beta = 1e-3, 2000, 0.5, 0.25
+    h, steps, gamma, beta = 1e-3, 1000, 0.5, 0.25
     u, v, a, lam = np.array([1.0, 0.0]), np.zeros(2), np.array([0.0, -1.0]), 0.0
     last = []
     states = []
@@ -133,7 +133,7 @@ def test_floors_of_an_independent_march():
         a = (new - v) / (gamma * h) - (1 / gamma - 1) * a
         v, u = new, base + h * beta / gamma * new
         last.append(recorded)
-        if step % 200 == 0:
+        if step % 100 == 0:
             states.append((u, v, a, lam))
     measured = np.array([[np.linalg.norm(c[:2]), abs(c[2])] for c in last])
     subject = subject_of("pendulum")
@@ -156,7 +156,7 @@ def test_exact_zeros_are_predicted():
     norms, zeros = [], []
     for _ in range(10):
         norms.append(march.advance(200).norms)
-        zeros.append(floor(subject, scheme, march.t, march.here).zeros["v"])
+        zeros.append(floor(subject, scheme, march.t, march.here, samples=10).zeros["v"])
     measured = np.mean(np.concatenate(norms)[:, 0] < 1e-18)
     assert 0.4 < measured < 0.8
     # What rounds only in f is not zero, but as small.

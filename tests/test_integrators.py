@@ -138,7 +138,7 @@ def past_of(integrator, advance, t, h, position, rate, acceleration):
 
 
 @EVERY
-@settings(max_examples=25)  # of each integrator
+@settings(max_examples=10)  # of each integrator
 @given(h=st.floats(1e-3, 1), t=st.floats(-1, 1))
 def test_relations_are_exact_for_polynomials(integrator, h, t):
     """V and row D for the acceleration that the order promises: constant, or linear.

@@ -149,33 +149,35 @@ def test_march_computes_in_its_precision(form, evaluation, stop, precision):
 
 
 @each(
-    ("formulation", "evaluation", "projection", "precision"),
+    ("formulation", "evaluation", "projection", "precision", "name"),
     covering(
         METHODS,
         EVALUATIONS,
         ["none", "velocity", "position-velocity accelerations"],
         PRECISIONS,
+        ["u-lambda", "v-a-lambda"],
         strength=3,
     ),
 )
-def test_formulations_march_in_their_precision(formulation, evaluation, projection, precision):
+def test_formulations_march_in_their_precision(
+    formulation, evaluation, projection, precision, name
+):
     """Compiled and interpreted they too take the same steps bit by bit."""
     subject, integrator = problem("four-bar"), GeneralizedAlpha(0.9)
-    for name in ("u-lambda", "v-a-lambda"):
-        of = Formulation(formulation)
-        form = of.applied(FORMS[name])
-        scheme = Scheme(
-            integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision,
-            None, of, Projection.parse(projection),
-        )  # fmt: skip
-        ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
-        norms, iterations = march(compiled_march, subject, scheme, ours, 0, 2)
-        expected = np.zeros_like(norms), np.zeros_like(iterations)
-        interpreted_march(subject, scheme, reference, 0, *expected)
-        np.testing.assert_array_equal(norms, expected[0])
-        np.testing.assert_array_equal(iterations, expected[1])
-        for one, other in zip(ours, reference, strict=True):
-            np.testing.assert_array_equal(one, other)
+    of = Formulation(formulation)
+    form = of.applied(FORMS[name])
+    scheme = Scheme(
+        integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision,
+        None, of, Projection.parse(projection),
+    )  # fmt: skip
+    ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
+    norms, iterations = march(compiled_march, subject, scheme, ours, 0, 2)
+    expected = np.zeros_like(norms), np.zeros_like(iterations)
+    interpreted_march(subject, scheme, reference, 0, *expected)
+    np.testing.assert_array_equal(norms, expected[0])
+    np.testing.assert_array_equal(iterations, expected[1])
+    for one, other in zip(ours, reference, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 # Floors

@@ -292,7 +292,7 @@ def test_index_1_system_by_both_factorisations(monkeypatch):
 
 def test_long_chain():
     """Sparse factors along the whole motion; its energy, which nothing enforces, is kept."""
-    subject = FAMILIES["chain"].problem("chain", {"links": 100})
+    subject = FAMILIES["chain"].problem("chain", {"links": 60})
     found = solution(subject, 1.0)
     assert found.u_error < 1e-12
     begin, end = (
