@@ -320,8 +320,8 @@ def in_motion(name, h, t):
 
 #: Problem → where it is in motion, step sizes, and how long it is marched.
 MEASURED = {
-    "andrews": (0.02, [1e-4, 2e-5, 4e-6], 5e-3),
-    "four-bar": (0.1, [1e-3, 2e-4, 4e-5], 5e-2),
+    "andrews": (0.02, [1e-4, 1e-5, 2e-6], 5e-3),
+    "four-bar": (0.1, [1e-3, 1e-4, 2e-5], 5e-2),
 }
 
 

@@ -242,17 +242,17 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     """Solves to 1e-8 do for Newton's corrections to end in rounding, the same as LU's."""
     subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
     first, second = start(subject, integrator, h), start(subject, integrator, h)
-    ours, taken = march(scipy_march, subject, scheme, first, 0, 20,
+    ours, taken = march(scipy_march, subject, scheme, first, 0, 40,
                         system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
-    theirs, _ = march(scipy_march, subject, scheme, second, 0, 20,
+    theirs, _ = march(scipy_march, subject, scheme, second, 0, 40,
                       system=SparseSystem(subject, scheme))  # fmt: skip
     assert taken.min() > 0
     rms = np.sqrt(np.mean(ours**2, 0) / np.mean(theirs**2, 0))
     assert rms == pytest.approx(1, rel=0.5)
     again = copy(first)
-    march(scipy_march, subject, scheme, first, 20, 1,
+    march(scipy_march, subject, scheme, first, 40, 1,
           system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
-    march(scipy_march, subject, scheme, again, 20, 1, system=SparseSystem(subject, scheme))
+    march(scipy_march, subject, scheme, again, 40, 1, system=SparseSystem(subject, scheme))
     assert_same_step(subject, scheme, first, again)
 
 
