@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+# Before NumPy is imported, and as the commands have it: of several processes none is to
+# wait for threads of BLAS that others hold up.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from compiled import compile_all, is_kept
 from hypothesis import settings

@@ -14,7 +14,7 @@ STIFFNESS = np.array([[60.0, 10.0, -7.0], [4.0, 80.0, 3.0], [-2.0, 9.0, 50.0]])
 DAMPING = np.array([[5.0, -3.0, 1.0], [2.0, 7.0, -1.5], [0.5, 1.0, 4.0]])
 
 
-@njit
+@njit(cache=True)
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
     phi[0] = -0.5
     for i in range(3):
@@ -29,7 +29,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         x_values[4 * i] -= multipliers[0] * weight
 
 
-@njit
+@njit(cache=True)
 def derivatives(t, u, v, w, ints, reals, rate, curvature, r_values, q_values):
     rate[0] = curvature[0] = 0.0
     for i in range(3):

@@ -20,7 +20,8 @@ import numpy as np
 PRIME = 2**61 - 1
 #: Digits of a number in base p: more than any sum cancels.
 DIGITS = 24
-_MODULUS = PRIME**DIGITS
+_POWERS = [PRIME**k for k in range(DIGITS + 1)]
+_MODULUS = _POWERS[DIGITS]
 
 Matrix = list[list["Number"]]
 
@@ -52,12 +53,24 @@ class Number:
             return other
         if not other.unit:
             return self
-        low, high = (self, other) if self.order <= other.order else (other, self)
-        shift = int(high.order - low.order)
-        total = (low.unit + high.unit * pow(PRIME, min(shift, DIGITS))) % _MODULUS
-        found = Number._normal(low.order, total)
+        return Number._sum(self.order, self.unit, other.order, other.unit)
+
+    @classmethod
+    def _sum(cls, order: float, unit: int, other_order: float, other_unit: int) -> "Number":
+        shift = int(other_order - order)
+        if shift < 0:
+            order, unit, other_unit, shift = other_order, other_unit, unit, -shift
+        total = (unit + other_unit * _POWERS[min(shift, DIGITS)]) % _MODULUS
+        found = cls._normal(order, total)
         # What is left of a sum that cancels to its last digits is no digit of it.
-        return ZERO if found.order - low.order > DIGITS // 2 else found
+        return ZERO if found.order - order > DIGITS // 2 else found
+
+    def minus_product(self, one: "Number", other: "Number") -> "Number":
+        """Itself less the product of two that are not zero."""
+        order, unit = one.order + other.order, -one.unit * other.unit
+        if not self.unit:
+            return Number(order, unit % _MODULUS)
+        return Number._sum(self.order, self.unit, order, unit)
 
     def __neg__(self) -> "Number":
         return Number(self.order, -self.unit % _MODULUS)
@@ -243,7 +256,7 @@ def inverse(matrix: Matrix) -> Matrix:
             multiple = row[k]
             if i != k and multiple.unit:
                 for j, x in live:
-                    row[j] = row[j] - multiple * x
+                    row[j] = row[j].minus_product(multiple, x)
     return [row[size:] for row in work]
 
 

@@ -16,7 +16,7 @@ from newmark_cli.problems.problem import Pattern, Problem
 N, M = 5, 2
 
 
-@njit
+@njit(cache=True)
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
     n, m, cubic = u.shape[0], phi.shape[0], reals[0, 0]
     wave = reals[0, 1] * np.sin(2.0 * t + 0.3)
@@ -42,7 +42,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             force[i] += gradient * multipliers[k]
 
 
-@njit
+@njit(cache=True)
 def derivatives(t, u, v, w, ints, reals, rate, curvature, r_values, q_values):
     n, m, cubic = u.shape[0], rate.shape[0], reals[0, 0]
     wave, turn = reals[0, 1] * np.sin(2.0 * t + 0.3), 2.0 * reals[0, 1] * np.cos(2.0 * t + 0.3)

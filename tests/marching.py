@@ -38,11 +38,27 @@ def copy(state):
     return State(*(array.copy() for array in state))
 
 
+#: The last that was needed: it holds nothing of a state, and making it takes longer than a step.
+_engine = None
+
+
+def engine_of(subject, scheme):
+    """The compiled engine of a problem and a scheme."""
+    global _engine
+    if _engine is None or _engine.problem is not subject or _engine.scheme is not scheme:
+        _engine = compiled_march.Engine(subject, scheme)
+    return _engine
+
+
 def march(engine, subject, scheme, state, first, steps, **options):
     """Norms and iterations of steps that are all taken; ``engine`` is a module."""
     norms = np.zeros((steps, len(scheme.recorded)))
     iterations = np.zeros(steps, np.int64)
-    ending = engine.march(subject, scheme, state, first, norms, iterations, **options)
+    if engine is compiled_march:
+        own = engine_of(subject, scheme)
+        ending = own.march(state, first, norms, iterations, **options)
+    else:
+        ending = engine.march(subject, scheme, state, first, norms, iterations, **options)
     assert ending == (march_data.COMPLETED, steps)
     return norms, iterations
 

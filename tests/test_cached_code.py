@@ -1,12 +1,14 @@
 """Compiled code that is kept on disk: damage is noticed, and nothing depends on the folder."""
 
 import importlib.util
+import itertools
 import pickle
 import sys
 import warnings
 
 import numba
 import pytest
+from each import each
 
 from newmark_cli import cached_code
 
@@ -45,9 +47,8 @@ DAMAGES = {
 }
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """Where code is kept."""
+def kept_in(tmp_path, monkeypatch):
+    """The folder in which code is kept from now on."""
     folder = tmp_path / "kept"
     folder.mkdir()
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
@@ -65,21 +66,22 @@ def tripled(tmp_path, value):
     return result, sum(module.triple.stats.cache_hits.values())
 
 
-@pytest.mark.parametrize("ending", ["nbi", "nbc"])
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_damaged_code_is_compiled_again(folder, tmp_path, ending, damage):
+def test_damaged_code_is_compiled_again(tmp_path, monkeypatch):
     """Whatever a file holds: right results, no exception, and good files from then on."""
+    folder = kept_in(tmp_path, monkeypatch)
     assert tripled(tmp_path, 2) == (6, 0)
     assert tripled(tmp_path, 2) == (6, 1)
-    (file,) = folder.rglob(f"*.{ending}")
-    file.write_bytes(DAMAGES[damage](file.read_bytes()))
-    assert tripled(tmp_path, 2) == (6, 0)
-    assert tripled(tmp_path, 2) == (6, 1)
+    for ending, damage in itertools.product(["nbi", "nbc"], DAMAGES):
+        (file,) = folder.rglob(f"*.{ending}")
+        file.write_bytes(DAMAGES[damage](file.read_bytes()))
+        assert tripled(tmp_path, 2) == (6, 0), (ending, damage)
+        assert tripled(tmp_path, 2) == (6, 1), (ending, damage)
 
 
-@pytest.mark.parametrize("ending", ["nbi", "nbc"])
-def test_folders_in_the_place_of_files(folder, tmp_path, ending):
+@each("ending", ["nbi", "nbc"])
+def test_folders_in_the_place_of_files(tmp_path, monkeypatch, ending):
     """Nothing can be kept: one warning, and right results."""
+    folder = kept_in(tmp_path, monkeypatch)
     tripled(tmp_path, 2)
     (file,) = folder.rglob(f"*.{ending}")
     file.unlink()
@@ -90,8 +92,9 @@ def test_folders_in_the_place_of_files(folder, tmp_path, ending):
         assert tripled(tmp_path, 2.5) == (7.5, 0)
 
 
-def test_folders_that_cannot_be_written(folder, tmp_path, monkeypatch):
+def test_folders_that_cannot_be_written(tmp_path, monkeypatch):
     """A warning that names the folder, once."""
+    kept_in(tmp_path, monkeypatch)
 
     def refuse(*arguments, **options):
         raise PermissionError(13, "Permission denied")
@@ -102,8 +105,9 @@ def test_folders_that_cannot_be_written(folder, tmp_path, monkeypatch):
     assert tripled(tmp_path, 2) == (6, 0)  # another warning would be an error
 
 
-def test_no_folder_at_all(folder, tmp_path, monkeypatch):
+def test_no_folder_at_all(tmp_path, monkeypatch):
     """As in some containers: a warning that says what to set."""
+    kept_in(tmp_path, monkeypatch)
     monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
     monkeypatch.setattr(cached_code, "_warned", set())
     with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR to one"):

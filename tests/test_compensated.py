@@ -110,7 +110,7 @@ def exactly(values):
 
 @each("name", [*QUADRATIC, "undriven"])
 @given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-9, -1))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_increments_of_phi(name, undriven, seed, exponent):
     """Φ(u + Δ) − Φ(u) to rounding of itself, however small Δ is; rationals are the oracle."""
     subject = undriven if name == "undriven" else problem(name)
@@ -148,7 +148,11 @@ def march_100(subject, engine, h, cap):
     return state, change, EPS * size * h * np.abs(state.past[1]).max()
 
 
-@each("name, engine", itertools.product([*QUADRATIC, "undriven"], ENGINES))
+#: The march in SciPy is the same code for all problems, and slow.
+SLOWLY = [(name, scipy_march) for name in ("pendulum", "undriven", "heavy-top")]
+
+
+@each("name, engine", [*itertools.product([*QUADRATIC, "undriven"], ENGINES[:1]), *SLOWLY])
 def test_constraints_are_met_beyond_the_rounding_of_coordinates(name, engine, subjects):
     """After 100 steps Φ(high + low) is rounding of increments, far below eps ‖u‖²."""
     state, change, rounding = march_100(subjects[name], engine, STEPS_OF[name] / 10, 50)
@@ -156,7 +160,7 @@ def test_constraints_are_met_beyond_the_rounding_of_coordinates(name, engine, su
     assert np.abs(change - state.phi).max() <= 100 * rounding
 
 
-@each("name, engine", itertools.product([*QUADRATIC, "undriven"], ENGINES))
+@each("name, engine", [*itertools.product([*QUADRATIC, "undriven"], ENGINES[:1]), *SLOWLY])
 def test_carried_phi_is_that_of_the_sum(name, engine, subjects):
     """What Newton leaves of Φ is carried on: seen where it may correct only once in a step."""
     state, change, rounding = march_100(subjects[name], engine, STEPS_OF[name], 1)
@@ -169,7 +173,7 @@ def test_carried_phi_is_that_of_the_sum(name, engine, subjects):
 
 #: A pendulum off the horizontal, at a rate that fits its rod to the last bit.
 MOVING = replace(problem("pendulum"), u0=np.array([0.6, 0.8]), v0=np.array([-1.6, 1.2]))
-RHO, H, STEPS = 0.9, 1e-6, 50
+RHO, H, STEPS = 0.9, 1e-6, 20
 
 
 @cache
@@ -193,7 +197,7 @@ def long_motion():
 
 @each("form, engine", itertools.product(FORMS.values(), ENGINES))
 def test_multipliers_against_long_numbers(form, engine):
-    """Over 50 steps of 1e-6: compensated λ is off by some eps/h, direct λ by some eps/h².
+    """Over 20 steps of 1e-6: compensated λ is off by some eps/h, direct λ by some eps/h².
 
     The factors of a hundred are those of generalized-α: with ρ∞ = 0.9 an error of one
     step stays for some twenty. u and v are better by h in compensated evaluation too.
@@ -269,7 +273,7 @@ def assert_same_increments(subject, scheme, first, second):
     np.testing.assert_allclose(first.phi, second.phi, rtol=0, atol=unit * np.linalg.norm(gradient))
 
 
-@each("name, engine", itertools.product(STEPS_OF, ENGINES))
+@each("name, engine", [*itertools.product(STEPS_OF, ENGINES[:1]), *SLOWLY])
 def test_stretches_join(name, engine, subjects):
     """A march in pieces is the march, bit by bit."""
     subject, form = subjects[name], FORMS["u-v-lambda"]
@@ -316,8 +320,8 @@ def in_motion(name, h, t):
 
 #: Problem → where it is in motion, step sizes, and how long it is marched.
 MEASURED = {
-    "andrews": (0.02, [1e-4, 1e-5, 1e-6], 5e-3),
-    "four-bar": (0.1, [1e-3, 1e-4, 1e-5], 5e-2),
+    "andrews": (0.02, [1e-4, 1e-5, 2e-6], 5e-3),
+    "four-bar": (0.1, [1e-3, 1e-4, 2e-5], 5e-2),
 }
 
 

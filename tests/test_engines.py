@@ -56,7 +56,7 @@ def test_engines_agree_per_step(name, form, variant, integrator):
     """
     subject = named(name)
     scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), STEP[name])
-    for first, state in states(subject, integrator, scheme.h, count=3):
+    for first, state in states(subject, integrator, scheme.h, count=2):
         ours, reference = copy(state), copy(state)
         found, _ = march(compiled_march, subject, scheme, ours, first, 1)
         expected, _ = march(scipy_march, subject, scheme, reference, first, 1)
@@ -82,7 +82,7 @@ def test_engines_converge_alike(name, form, variant):
     scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), SUBJECTS[name])
     state = initial_state(subject, scheme)
     counts = []
-    for first in range(10):
+    for first in range(6):
         reference = copy(state)
         _, ours = march(compiled_march, subject, scheme, state, first, 1)
         _, theirs = march(scipy_march, subject, scheme, reference, first, 1)
@@ -106,7 +106,7 @@ def test_newton_is_quadratic_with_damping(form, name):
 
 @each("form, variant", OF_EACH)
 def test_engines_record_the_same_statistics(form, variant):
-    """Over 150 steps the rms of every block agrees within a factor of 1.5.
+    """Over 100 steps the rms of every block agrees within a factor of 1.5.
 
     Single corrections are rounding and differ from one coding to another.
     """
@@ -115,7 +115,7 @@ def test_engines_record_the_same_statistics(form, variant):
     rms = []
     for engine in (compiled_march, scipy_march):
         state = initial_state(subject, scheme)
-        norms, iterations = march(engine, subject, scheme, state, 0, 150)
+        norms, iterations = march(engine, subject, scheme, state, 0, 100)
         assert np.all(iterations > 0)
         rms.append(np.sqrt(np.mean(norms**2, axis=0)))
     assert np.all(np.abs(np.log(rms[0] / rms[1])) < np.log(1.5)), rms
@@ -170,20 +170,13 @@ def test_terminal_phase_needs_two_small_corrections(engine):
 
 
 @each("engine", [compiled_march, scipy_march])
-def test_singular_jacobian_ends_the_march(engine):
-    """Without displacements G vanishes: a status, not a traceback."""
+def test_what_cannot_be_solved_ends_the_march(engine):
+    """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
     subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
     scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
     state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1)))
     ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
     assert ending == (march_data.SINGULAR, 0)
-
-
-@each("engine", [compiled_march, scipy_march])
-def test_infinite_numbers_end_the_march(engine):
-    """A correction that is not finite ends the march with a status."""
-    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
-    scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
     state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):

@@ -139,14 +139,10 @@ def test_code_that_is_there_is_taken():
     assert (engine.exchanges.looks, engine.exchanges.compiled) == (1, 0)
 
 
-def test_no_code_for_formulations():
-    """Their systems have rows that the lists do not know."""
+def test_no_code_for_formulations_or_much_fill(monkeypatch):
+    """Systems with rows that the lists do not know, and eliminations with many operations."""
     scheme = scheme_of("u-lambda", "optimal", 1e-3, formulation=Formulation("index-2"))
     assert run(problem("pendulum"), scheme, 3, 20)[0].exchanges is None
-
-
-def test_no_code_for_much_fill(monkeypatch):
-    """An elimination with many operations stays with the loops."""
     monkeypatch.setattr(generated, "OPERATIONS_AT_MOST", 20)
     scheme = scheme_of("u-lambda", "optimal", 1e-5)
     assert not run(problem("andrews"), scheme, 3, 20)[0].exchanges.coded

@@ -213,7 +213,7 @@ def test_a_net_of_one_column_is_a_chain():
     assert (sizes.n, sizes.m) == (12 * bars, 6 * bars + 3 * joints)
 
 
-@pytest.mark.parametrize("rows", [1, 4])
+@each("rows", [1, 4])
 def test_forces_in_a_net(rows):
     """What the ground gives and the weight together move the mass centre of all bars."""
     net = Sized("spatial-grid", (("rows", rows), ("columns", 5))).load()

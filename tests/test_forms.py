@@ -4,7 +4,7 @@ import numpy as np
 import oracles
 import pytest
 from each import each
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from newmark_cli.newmark.forms import FORMS, Form, eliminate
@@ -18,6 +18,7 @@ steps = st.floats(1e-7, 1.0)
 
 
 @each("name", FORMS)
+@settings(max_examples=10)  # of each form
 @given(betas, gammas, steps)
 def test_weights_are_those_of_the_table(name, beta, gamma, h):
     """W = ∂(u, v, a)/∂(kept), typed again from the definition of each form."""
@@ -30,6 +31,7 @@ def test_weights_are_those_of_the_table(name, beta, gamma, h):
 
 
 @each("name", FORMS)
+@settings(max_examples=10)  # of each form
 @given(betas, gammas, st.floats(1e-4, 1.0), st.integers(0, 2**32 - 1))
 def test_forms_satisfy_newmarks_relations(name, beta, gamma, h, seed):
     """Eqs. 12b and 12c hold for the fields of a form, or are what its kept rows ask."""
@@ -78,6 +80,7 @@ def test_velocity_form_history(beta, gamma, h, seed):
 
 
 @each("name", FORMS)
+@settings(max_examples=10)  # of each form
 @given(betas, gammas, steps, st.integers(0, 2**32 - 1))
 def test_predictor_is_the_same_for_all_forms(name, beta, gamma, h, seed):
     """u = u_n + h v_n, with v and a that Newmark's relations give with it."""

@@ -125,6 +125,8 @@ STEP = {
     "singular mass": 0.05,
     "car axis": 1e-2,
 }
+#: Forms in which each field is kept alone, with another, and with both.
+KEPT = ["u-lambda", "v-lambda", "a-lambda", "u-a-lambda", "u-v-a-lambda"]
 QUADRATIC = ["thrown", "andrews", "slider-crank", "quadrics"]
 OTHERS = ["driven", "general", "singular mass", "damped", "car axis"]
 
@@ -286,7 +288,7 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
     size = np.abs(expected).max()
     np.testing.assert_allclose(found, expected, rtol=0, atol=50 * EPS * size)
 
-    for variant in VARIANTS:
+    for variant in ("none", "optimal"):
         scaled = scheme_of(formulation, form, h, GeneralizedAlpha(0.6), scaling=variant)
         left, right = scaling_factors(scaled, n, m)
         wanted = left[:, None] * expected * right
@@ -378,20 +380,20 @@ def balanced_difference(subject, scheme, one, other):
 def assert_engines_agree(
     name, formulation, form, integrator, variant, evaluation, projection, engines=ENGINES
 ):
-    """One correction, two, and a whole step, from states along a run: equal to rounding.
+    """Two corrections, and a whole step, from a state along a run: equal to rounding.
 
     Rounding of the balanced residual times the condition number of the balanced matrix;
-    what the solver loses in an unscaled one, Newton's iteration makes good, so that single
-    corrections are compared where the scaling is balanced.
+    what the solver loses in an unscaled one, Newton's iteration makes good, so that corrections
+    are compared where the scaling is balanced: the second begins at what the first has left.
     """
     subject = subject_of(name)
     options = {"scaling": variant, "evaluation": evaluation, "projection": projection}
     scheme = scheme_of(formulation, form, STEP[name], integrator, **options)
-    start = march_of(subject, scheme, engines[1])
-    start.advance(3)
+    start = march_of(subject, scheme, engines["interpreted" in engines])
+    start.advance(2)
     balanced = scheme_of(formulation, form, STEP[name], integrator)
     condition = condition_number(subject, balanced, start.t, start.state)
-    caps = (1, 2, 50) if variant in ("optimal", "optimal-printed") else (50,)
+    caps = (2, 50) if variant in ("optimal", "optimal-printed") else (50,)
     for cap in caps:
         capped = scheme_of(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)
         marches = [
@@ -427,7 +429,7 @@ def test_engines_agree(formulation, form, evaluation, name, variant, integrator,
 
 @each(
     "formulation, form, name, variant, integrator, projection",
-    covering(FORMULATIONS, FORMS, OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
+    covering(FORMULATIONS, KEPT, OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
 )
 def test_engines_agree_on_other_constraints(
     formulation, form, name, variant, integrator, projection
@@ -437,13 +439,13 @@ def test_engines_agree_on_other_constraints(
     For compiled functions of one's own the whole kernel would be compiled anew: there they are
     plain, and it is run by Python.
     """
-    engines = ("interpreted", "dense", "sparse") if name == "car axis" else ENGINES
+    engines = ("interpreted", "dense") if name == "car axis" else ENGINES
     assert_engines_agree(name, formulation, form, integrator, variant, DIRECT, projection, engines)
 
 
 @each(
     "formulation, form, name, projection",
-    covering(FORMULATIONS, FORMS, ["general", "quadrics"], PROJECTIONS),
+    covering(FORMULATIONS, KEPT, ["general", "quadrics"], PROJECTIONS),
 )
 def test_the_kernel_agrees_as_python_runs_it(formulation, form, name, projection):
     """The kernel without numba takes the step of the SciPy march.
@@ -465,10 +467,10 @@ def test_carried_sums_are_the_constraints_at_the_end(formulation, engine):
     After several steps in one go: G, R, Φ and Ψ at the end of one begin the next.
     """
     subject, drifted = subject_of("quadrics"), []
-    for projection in ("none", "velocity", "position-velocity accelerations"):
+    for projection in ("none", "position-velocity accelerations"):
         scheme = scheme_of(formulation, h=0.02, evaluation=COMPENSATED, projection=projection)
         march = march_of(subject, scheme, engine)
-        march.advance(4)
+        march.advance(3)
         state = march.state
         phi = subject.constraint_values(march.t, state.fields[0])
         rate = Index1(subject).rate(march.t, *state.fields[:2])
@@ -641,7 +643,7 @@ def test_steps_end_at_a_tolerance_in_both_engines(formulation):
             scheme = scheme_of(formulation, form, 0.02, stop=stop, iteration_cap=400)
             for engine in ("kernel", "dense", "sparse"):
                 march = march_of(subject, scheme, engine)
-                stretch = march.advance(4)
+                stretch = march.advance(2)
                 assert np.all(stretch.iterations > 0)
                 # The last norms recorded are those of the correction that met it.
                 whole = np.linalg.norm(stretch.norms[:, : len(scheme.form.unknowns)], axis=1)
@@ -759,13 +761,9 @@ def test_labels_are_read_back(label):
     ],
 )
 def test_bad_formulations_are_refused(label, words):
-    """In one line, with what is allowed."""
+    """In one line, with what is allowed; so are bad projections."""
     with pytest.raises(FormulationError, match=words):
         Formulation.parse(label)
-
-
-def test_bad_projections_are_refused():
-    """In one line."""
     for label, words in (
         ("velocities", "unknown projection 'velocities'"),
         ("none accelerations", "accelerations need velocities projected"),

@@ -151,11 +151,14 @@ def test_multipliers_of_andrews(formulation):
         for h, error in zip((1e-4, 1e-5), expected, strict=True):
             found = andrews_error(formulation, "a-lambda", h, integrator)
             assert found == pytest.approx(error, rel=0.08)
-    assert andrews_error("index-3", "a-lambda", 1e-5, TRAPEZOIDAL) > 0.02
 
 
 def test_recovered_multipliers_of_andrews():
-    """Order 2 from u and v: with velocities projected also after the trapezoidal rule."""
+    """Order 2 from u and v: with velocities projected also after the trapezoidal rule.
+
+    Newton's are lost there.
+    """
+    assert andrews_error("index-3", "a-lambda", 1e-5, TRAPEZOIDAL) > 0.02
     expected = {"none": 3.8e-5, "velocity": 3.7e-5, "velocity accelerations": 2.5e-5}
     for projection, error in expected.items():
         integrators = (DAMPED,) if projection == "none" else (TRAPEZOIDAL, DAMPED)
@@ -187,7 +190,7 @@ def test_drift(formulation):
     for h in (2e-5, 1e-5):
         march = March(subject, scheme_of(formulation, "a-lambda", h, DAMPED))
         steps, sizes = round(0.03 / h), []
-        for stretch in march.recorded(steps, range(1, steps + 1, 5)):
+        for stretch in march.recorded(steps, range(1, steps + 1, 10)):
             for u, v in stretch.record.fields[:, :2]:
                 phi, rate = subject.constraint_values(0.0, u), index_1.rate(0.0, u, v)
                 sizes.append([np.abs(phi).max(), np.abs(rate).max()])
@@ -248,22 +251,20 @@ def test_a_start_whose_velocities_miss_the_constraints():
         for velocities in (state.fields[1], state.past[1]):
             velocities += along_constraints(1e-4)
 
-    def errors(formulation, integrator):
-        return [
-            andrews_error(formulation, "a-lambda", h, integrator, change=off) for h in (2e-5, 1e-5)
-        ]
+    def error(formulation, integrator, h=1e-5):
+        return andrews_error(formulation, "a-lambda", h, integrator, change=off)
 
     for formulation in ("index-2", "ggl"):
-        coarse, fine = errors(formulation, TRAPEZOIDAL)
+        coarse, fine = (error(formulation, TRAPEZOIDAL, h) for h in (2e-5, 1e-5))
         assert fine == pytest.approx(1e-4, rel=0.3)
         assert fine > 1.3 * coarse
-        assert errors(formulation, DAMPED)[1] < 1.3e-5
+        assert error(formulation, DAMPED) < 1.3e-5
     for integrator in (TRAPEZOIDAL, DAMPED):
-        coarse, fine = errors("index-1", integrator)
+        coarse, fine = (error("index-1", integrator, h) for h in (2e-5, 1e-5))
         assert fine == pytest.approx(8e-5, rel=0.2)
         assert fine > 0.6 * coarse
-        assert errors("baumgarte rate_h=1", integrator)[1] == pytest.approx(1.3e-5, rel=0.1)
-    assert errors("index-3", TRAPEZOIDAL)[1] > 1e4
+        assert error("baumgarte rate_h=1", integrator) == pytest.approx(1.3e-5, rel=0.1)
+    assert error("index-3", TRAPEZOIDAL, 2e-5) > 1e4
 
 
 def test_the_corrected_start_repairs_the_trapezoidal_rule():
@@ -302,12 +303,11 @@ def test_accelerations_that_miss_the_constraints():
         for accelerations in (state.fields[2], state.past[2]):
             accelerations += change
 
-    def error(formulation):
+    def error(formulation, h=5e-6):
         return andrews_error(
-            formulation, "a-lambda", 1e-6, TRAPEZOIDAL, evaluation=COMPENSATED, change=off
+            formulation, "a-lambda", h, TRAPEZOIDAL, evaluation=COMPENSATED, change=off
         )
 
-    assert error("index-3") > 0.5
-    for formulation in ("index-2", "ggl"):
-        assert error(formulation) == pytest.approx(4.7e-6, rel=0.1)
-    assert error("index-1") == pytest.approx(3.7e-7, rel=0.1)
+    assert error("index-3", 1e-5) > 0.5
+    for formulation, expected in (("index-2", 5.4e-6), ("ggl", 6.4e-6), ("index-1", 4.0e-6)):
+        assert error(formulation) == pytest.approx(expected, rel=0.1)

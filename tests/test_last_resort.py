@@ -6,7 +6,7 @@ import stat
 import subprocess
 import sys
 
-import pytest
+from each import each
 from warm import SCRIPT
 
 #: Replaces a function of a module when that is imported: FAULT is module:function:code.
@@ -43,26 +43,21 @@ LINE = re.compile(
 )
 
 
-@pytest.fixture
-def broken(tmp_path):
-    """Runs a command with a function that is broken from outside."""
-    site = tmp_path / "site"
-    site.mkdir()
+def broken(folder, fault, *arguments, **environment):
+    """Run a command with a function that is broken from outside."""
+    site = folder / "site"
+    site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(BROKEN)
-
-    def run(fault, *arguments, **environment):
-        variables = {
-            "PYTHONPATH": str(site), "FAULT": fault, "XDG_STATE_HOME": str(tmp_path / "state"),
-        }  # fmt: skip
-        return subprocess.run(
-            [SCRIPT, *arguments], env=os.environ | variables | environment, text=True,
-            capture_output=True, cwd=tmp_path, timeout=100,
-        )  # fmt: skip
-
-    return run
+    variables = {
+        "PYTHONPATH": str(site), "FAULT": fault, "XDG_STATE_HOME": str(folder / "state"),
+    }  # fmt: skip
+    return subprocess.run(
+        [SCRIPT, *arguments], env=os.environ | variables | environment, text=True,
+        capture_output=True, cwd=folder, timeout=100,
+    )  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each(
     ("code", "said", "traced"),
     [
         (r"raise ZeroDivisionError('a\nb')", "ZeroDivisionError: a b", "ZeroDivisionError: a\nb"),
@@ -73,11 +68,13 @@ def broken(tmp_path):
         ("raise BrokenPipeError(32, 'x')", "RuntimeError: BrokenPipeError: [Errno 32] x", "Broken"),
         ("raise OSError(12, 'no memory')", "OSError: [Errno 12] no memory", "no memory"),
         (r"raise KeyError('\ud800')", r"KeyError: '\ud800'", "KeyError"),
+        # Not even the text of the error can be made.
+        ("raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()", "Odd", "Odd"),
     ],
 )
-def test_an_unexpected_error_is_one_line_and_70(broken, tmp_path, code, said, traced):
+def test_an_unexpected_error_is_one_line_and_70(tmp_path, code, said, traced):
     """Never 1, which means a failed check; the traceback is in a file of the user only."""
-    done = broken(f"newmark_cli.report.theory:predict:{code}", "orders")
+    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders")
     found = LINE.fullmatch(done.stderr)
     assert found, done.stderr
     assert (done.returncode, done.stdout, found[1]) == (70, "", said.strip().rstrip(":"))
@@ -91,32 +88,27 @@ def test_an_unexpected_error_is_one_line_and_70(broken, tmp_path, code, said, tr
     assert traced in text
 
 
-def test_a_name_whose_text_cannot_be_made(broken):
-    """Not even the text of the error is needed."""
-    code = "raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()"
-    done = broken(f"newmark_cli.report.theory:predict:{code}", "orders")
-    found = LINE.fullmatch(done.stderr)
-    assert found, done.stderr
-    assert (done.returncode, found[1]) == (70, "Odd")
-
-
-def test_an_import_that_fails_is_no_failed_check(broken, tmp_path):
+def test_an_import_that_fails_is_no_failed_check(tmp_path):
     """A damaged installation too: the commands cannot be imported."""
-    done = broken("newmark_cli.spelling:nearest:pass", "orders", PYTHONPATH=str(tmp_path / "odd"))
+    done = broken(
+        tmp_path, "newmark_cli.spelling:nearest:pass", "orders", PYTHONPATH=str(tmp_path / "odd")
+    )
     assert done.returncode == 0
     (tmp_path / "odd").mkdir()
     (tmp_path / "odd/click.py").write_text("raise ImportError('torn')\n")
-    done = broken("newmark_cli.spelling:nearest:pass", "orders", PYTHONPATH=str(tmp_path / "odd"))
+    done = broken(
+        tmp_path, "newmark_cli.spelling:nearest:pass", "orders", PYTHONPATH=str(tmp_path / "odd")
+    )
     found = LINE.fullmatch(done.stderr)
     assert found, done.stderr
     assert (done.returncode, found[1]) == (70, "ImportError: torn")
 
 
-def test_where_nothing_can_be_kept_the_line_says_so(broken, tmp_path):
+def test_where_nothing_can_be_kept_the_line_says_so(tmp_path):
     """A state folder that is a file, and temporary files nowhere."""
     (tmp_path / "state").write_text("")
     everywhere = "import tempfile, os; tempfile.tempdir = '/dev/null'; raise IndexError"
-    done = broken(f"newmark_cli.report.theory:predict:{everywhere}", "orders")
+    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{everywhere}", "orders")
     assert done.stderr == (
         "newmark-study: internal error: IndexError; please report this; the traceback could not "
         "be kept, NEWMARK_STUDY_DEBUG=1 prints it\n"
@@ -124,7 +116,7 @@ def test_where_nothing_can_be_kept_the_line_says_so(broken, tmp_path):
     assert done.returncode == 70
 
 
-def test_only_the_last_tracebacks_stay(broken, tmp_path):
+def test_only_the_last_tracebacks_stay(tmp_path):
     """Where something fails again and again the folder does not grow."""
     folder = tmp_path / "state/newmark-study"
     folder.mkdir(parents=True)
@@ -132,7 +124,7 @@ def test_only_the_last_tracebacks_stay(broken, tmp_path):
         (folder / f"traceback-{i}.txt").write_text("old")
         os.utime(folder / f"traceback-{i}.txt", (i, i))
     (folder / "mine.txt").write_text("stays")
-    broken("newmark_cli.report.theory:predict:1 / 0", "orders")
+    broken(tmp_path, "newmark_cli.report.theory:predict:1 / 0", "orders")
     names = {file.name for file in folder.iterdir()}
     assert len(names) == 21
     assert "mine.txt" in names
@@ -140,29 +132,33 @@ def test_only_the_last_tracebacks_stay(broken, tmp_path):
     assert "traceback-10.txt" not in names
 
 
-def test_a_link_in_the_place_of_the_state_folder_is_not_written_through(broken, tmp_path):
+def test_a_link_in_the_place_of_the_state_folder_is_not_written_through(tmp_path):
     """Names cannot be guessed and files are new: what links point to stays as it is."""
     target = tmp_path / "target"
     target.write_text("mine")
     (tmp_path / "state").mkdir()
     (tmp_path / "state/newmark-study").symlink_to(target)
-    done = broken("newmark_cli.report.theory:predict:1 / 0", "orders", TMPDIR=str(tmp_path))
+    done = broken(
+        tmp_path, "newmark_cli.report.theory:predict:1 / 0", "orders", TMPDIR=str(tmp_path)
+    )
     found = LINE.fullmatch(done.stderr)
     assert found, done.stderr
     assert found[2].startswith(f"{tmp_path}/traceback-")
     assert target.read_text() == "mine"
 
 
-def test_developers_get_the_traceback(broken):
+def test_developers_get_the_traceback(tmp_path):
     """With NEWMARK_STUDY_DEBUG=1 it is on stderr, before the same line and the same code."""
-    done = broken("newmark_cli.report.theory:predict:1 / 0", "orders", NEWMARK_STUDY_DEBUG="1")
+    done = broken(
+        tmp_path, "newmark_cli.report.theory:predict:1 / 0", "orders", NEWMARK_STUDY_DEBUG="1"
+    )
     *trace, line = done.stderr.splitlines(keepends=True)
     assert "ZeroDivisionError: division by zero\n" in trace
     assert LINE.fullmatch(line)
     assert done.returncode == 70
 
 
-@pytest.mark.parametrize(
+@each(
     ("code", "said"),
     [
         (r"import warnings; warnings.warn('two\nlines')", "two lines"),
@@ -180,9 +176,11 @@ def test_developers_get_the_traceback(broken):
         ),
     ],
 )
-def test_what_libraries_print_is_a_line(broken, code, said):
+def test_what_libraries_print_is_a_line(tmp_path, code, said):
     """Warnings, log messages, errors of threads and finalizers; the command goes on."""
-    done = broken(f"newmark_cli.report.theory:predict:{code}", "orders", "--form", "u-lambda")
+    done = broken(
+        tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders", "--form", "u-lambda"
+    )
     assert done.returncode == 0
     assert done.stdout.startswith("(u, λ) form, preconditioning none")
     lines = set(re.sub(r"traceback-\w+", "", done.stderr).splitlines())
@@ -190,14 +188,14 @@ def test_what_libraries_print_is_a_line(broken, code, said):
     assert lines.pop().startswith(f"newmark-study: warning: {said}")
 
 
-def test_what_python_says_at_the_end_is_silent(broken):
+def test_what_python_says_at_the_end_is_silent(tmp_path):
     """An error of a finalizer when the command has come to its end."""
     code = (
         "import sys; sys.kept = type('Odd', (), {'__del__': lambda self: 1 / 0})();"
         "import atexit; atexit.register(lambda: delattr(sys, 'kept'))"
     )
     one = ("--form", "u-lambda", "--preconditioning", "none")
-    done = broken(f"newmark_cli.report.theory:predict:{code}", "orders", *one)
+    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders", *one)
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -42,16 +42,12 @@ def test_scaled_corrections(name, variant):
     assert found == {u: 0 if scaled else physical[u] for u in form.unknowns}
 
 
-def test_two_field_blocks_are_eqs_33_34():
-    """Orders of J, J⁻¹ and the residual of the (u, λ) form."""
+def test_blocks_are_those_of_the_paper():
+    """Orders of J, J⁻¹ and the residual of (u, λ), eqs. 33 and 34, and of (u, v, λ), 21 to 23."""
     orders = form_orders(FORMS["u-lambda"])
     np.testing.assert_array_equal(orders.jacobian, [[-2, 0], [0, np.inf]])
     np.testing.assert_array_equal(orders.inverse, [[2, 0], [0, -2]])
     np.testing.assert_array_equal(orders.residual, [-2, 0])
-
-
-def test_three_field_blocks_are_eqs_21_23():
-    """Orders of J, J⁻¹ and the residual of the (u, v, λ) form."""
     orders = form_orders(FORMS["u-v-lambda"])
     np.testing.assert_array_equal(
         orders.jacobian, [[0, -1, 0], [0, 1, np.inf], [0, np.inf, np.inf]]

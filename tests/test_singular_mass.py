@@ -76,7 +76,7 @@ CARRIED = {
 def test_a_driven_point_needs_no_mass():
     """A pendulum on a driven point moves the same, whatever the point weighs."""
     heavy = CARRIED | {"points": {**CARRIED["points"], "C": {**CARRIED["points"]["C"], "mass": 3}}}
-    options = {"h": 1e-3, "t_end": 0.5, "every": 0, "integrator": DAMPED}
+    options = {"h": 1e-3, "t_end": 0.2, "every": 0, "integrator": DAMPED}
     one, other = (newmark.march(given, **options) for given in (CARRIED, heavy))
     np.testing.assert_allclose(one.point("P"), other.point("P"), rtol=0, atol=1e-11)
     rods = (one.constraint("bars.rod"), other.constraint("bars.rod"))

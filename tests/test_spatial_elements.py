@@ -1,8 +1,11 @@
 """Elements and joints of spatial mechanisms against complex steps and differences."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import spatial
+from each import each
 
 from newmark_cli.documents import parse
 from newmark_cli.mechanisms import loading, spatial_elements
@@ -12,17 +15,14 @@ from newmark_cli.problems.index_1 import Index1
 T = 0.4
 
 
-@pytest.fixture(scope="module", params=spatial.SETS)
-def subject(request):
+@cache
+def subject_of(joints):
     """A mechanism with every element, and some of the joints."""
-    text = spatial.everything(request.param)
-    return loading.built(request.param, parse(text, "everything.yaml"))
+    return loading.built(joints, parse(spatial.everything(joints), "everything.yaml"))
 
 
-@pytest.fixture
-def random():
-    """Random numbers."""
-    return np.random.default_rng(7)
+#: Those that have every joint together.
+EVERY = each("joints", spatial.SETS)
 
 
 def states(subject, random):
@@ -51,8 +51,10 @@ def test_sets_have_every_joint():
     )
 
 
-def test_tangents_are_derivatives(subject, random):
+@EVERY
+def test_tangents_are_derivatives(joints):
     """X, Y, G against complex steps, to 1e-10 of their largest entry."""
+    subject, random = subject_of(joints), np.random.default_rng(7)
     u, v, _, multipliers = states(subject, random)
     found = subject.evaluate(T, u, v, multipliers)
     # Whatever a wrong entry is, a random direction sees it.
@@ -68,9 +70,11 @@ def test_tangents_are_derivatives(subject, random):
     np.testing.assert_allclose(found.phi, phi.real, rtol=1e-12, atol=1e-12)
 
 
-def test_rates_of_constraints(subject, random):
+@EVERY
+def test_rates_of_constraints(joints):
     """Φ', Φ'' and their tangents against differences of Φ along a motion, and of each other."""
-    u, v, w, multipliers = states(subject, random)
+    subject = subject_of(joints)
+    u, v, w, multipliers = states(subject, np.random.default_rng(7))
 
     def along(s):
         return u + s * v + s**2 / 2 * w, v + s * w
@@ -105,8 +109,9 @@ def test_rates_of_constraints(subject, random):
         np.testing.assert_allclose(dense(of), expected, rtol=0, atol=1e-8)
 
 
-def test_forces_derive_from_the_potential(random):
+def test_forces_derive_from_the_potential():
     """f = −∂V/∂u where nothing damps or drives, by differences."""
+    random = np.random.default_rng(7)
     text = spatial.everything("pairs")
     for section in ("dampers", "torsion_dampers", "torques", "motions"):
         begin = text.index(f"{section}:\n")
@@ -126,8 +131,10 @@ def test_forces_derive_from_the_potential(random):
         assert -(sides[0] - sides[1]) / 2e-5 == pytest.approx(force[j], abs=1e-7)
 
 
-def test_single_precision_stays_single(subject):
+@EVERY
+def test_single_precision_stays_single(joints):
     """The loop gives float32 where it is handed float32."""
+    subject = subject_of(joints)
     pattern = subject.pattern
     u, v = subject.u0.astype(np.float32), subject.v0.astype(np.float32)
     out = [np.zeros(k, np.float32) for k in (
@@ -141,8 +148,10 @@ def test_single_precision_stays_single(subject):
     assert np.abs(out[0] - exact.force).max() < 1e-5 * np.abs(exact.force).max()
 
 
-def test_accelerations_meet_the_constraints(subject):
+@EVERY
+def test_accelerations_meet_the_constraints(joints):
     """Gᵀa = −Φ'' and M a = f + Gλ at the start."""
+    subject = subject_of(joints)
     a, multipliers = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     found = subject.evaluate(0.0, subject.u0, subject.v0, multipliers)
     size = np.abs(found.force).max()

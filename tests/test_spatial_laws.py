@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from each import each
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
@@ -127,7 +128,7 @@ def test_a_law_where_a_number_stood_changes_nothing():
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each(
     ("old", "new", "words"),
     [
         ("[0, 0, {powers: [0, 4]}]", "{powers: [0, 4]}", "must be \\[x, y, z\\] on a body"),

@@ -207,17 +207,6 @@ def test_several_mistakes_are_told_at_once():
     ]
 
 
-def test_planar_file_with_three_components():
-    """A vector of three components in a planar file asks for the key that is missing."""
-    text = (
-        "points: {O: {fixed: [0, 0, 0]}, P: {at: [1, 0], mass: 1}}\n"
-        "bars: {b: {from: O, to: P, length: 1}}\n"
-    )
-    (mistake,) = mistakes(text)
-    assert mistake.text.startswith("arm.yaml, line 1: points.O.fixed: ")
-    assert "given three; is 'dimensions: 3' missing?" in mistake.text
-
-
 ROD = """\
 dimensions: 3
 bodies:
@@ -225,38 +214,8 @@ bodies:
 joints:
   O: {type: spherical, from: ground, to: rod, at: [0, 0, 0]}
 """
-
-
-def test_body_with_a_position():
-    """A single body in space, its dimensions left out: one mistake, not one for each key."""
-    (mistake,) = mistakes("bodies: {b: {position: [0, 0, 1], mass: 1, inertia: [1, 1, 1]}}\n")
-    assert mistake.text == (
-        "arm.yaml, line 1: bodies.b.position: only spatial mechanisms have it; is 'dimensions: 3' "
-        "missing?"
-    )
-
-
-def test_thin_rod_without_inertia_about_its_axis():
-    """A rod on a spherical joint can spin about itself, where it has no inertia."""
-    (mistake,) = mistakes(ROD)
-    assert mistake.text == (
-        "arm.yaml, line 3: bodies.rod: nothing stops rod from spinning about z, and it has no "
-        "inertia there"
-    )
-
-
-def test_thin_rod_on_a_revolute_joint_has_what_it_needs():
-    """Across the axis of a revolute joint the same rod marches: M is singular, no matter."""
-    text = ROD.replace("spherical", "revolute").replace(
-        "at: [0, 0, 0]}", "at: [0, 0, 0], axis: [1, 0, 0]}"
-    )
-    subject = loading.built("rod", parse(text, "rod.yaml"))
-    assert (subject.drawing.mass_rank, subject.n) == (6, 12)
-
-
-def test_singular_position():
-    """A flat four-bar has one dependence more than its neighbours; it is not redundancy."""
-    text = """\
+#: At its start it has one dependence more than its neighbours, which is no redundancy.
+FLAT = """\
 dimensions: 3
 bodies:
   crank: {position: [0.5, 0, 0], mass: 1, box: [1, 0.1, 0.1]}
@@ -269,33 +228,62 @@ joints:
   D: {type: revolute, from: ground, to: rocker, at: [2, 0, 0], axis: [0, 0, 1]}
 redundant: drop
 """
+
+#: Text, where its one mistake is, and words of it.
+OTHERS = {
+    "three components in the plane": (
+        "points: {O: {fixed: [0, 0, 0]}, P: {at: [1, 0], mass: 1}}\n"
+        "bars: {b: {from: O, to: P, length: 1}}\n",
+        "arm.yaml, line 1: points.O.fixed: ", "given three; is 'dimensions: 3' missing?",
+    ),
+    # One mistake, not one for each key.
+    "a body with a position": (
+        "bodies: {b: {position: [0, 0, 1], mass: 1, inertia: [1, 1, 1]}}\n",
+        "arm.yaml, line 1: bodies.b.position: ",
+        "only spatial mechanisms have it; is 'dimensions: 3' missing?",
+    ),
+    "a thin rod without inertia about its axis": (
+        ROD, "arm.yaml, line 3: bodies.rod: ",
+        "nothing stops rod from spinning about z, and it has no inertia there",
+    ),
+    "a singular position": (
+        FLAT, "arm.yaml, line 10: joints.D: ", "the start is a singular position",
+    ),
+    "rates that contradict": (
+        ARM.replace(
+            "springs:",
+            "  C: {type: revolute, from: arm, to: ground, at: [0, 0, 0], axis: [0, 1, 0]}\n"
+            "redundant: drop\nrates: {A: 1, C: 2}\nsprings:",
+        ),
+        "arm.yaml, line 13: rates.", "contradicts other rates or the constraints",
+    ),
+    "a guess that cannot be assembled": (
+        ARM.replace("at: [1, 0, 0]", "at: {arm: [0.5, 0, 0], rod: [0, -0.5, 0]}").replace(
+            "springs:",
+            "  C: {type: distance, from: ground, to: rod, at: {ground: [9, 0, 0], rod: [0, 0, 0]},"
+            " length: 2}\nassemble: true\nsprings:",
+        ),
+        "arm.yaml, line 12: assemble: ", "C.length",
+    ),
+}  # fmt: skip
+
+
+@each("name", OTHERS)
+def test_mistakes_of_other_mechanisms(name):
+    """Each is the only one that is told, with its place and what is to be done."""
+    text, place, words = OTHERS[name]
     (mistake,) = mistakes(text)
-    assert "the start is a singular position" in mistake.text
-    assert mistake.path[0] == "joints"
+    assert mistake.text.startswith(place), mistake.text
+    assert words in mistake.text
 
 
-def test_contradicting_rates():
-    """Two rates of one freedom that cannot both be are refused at the one that is missed."""
-    text = ARM.replace("springs:", (
-        "  C: {type: revolute, from: arm, to: ground, at: [0, 0, 0], axis: [0, 1, 0]}\n"
-        "redundant: drop\nrates: {A: 1, C: 2}\nsprings:"
-    ))  # fmt: skip
-    (mistake,) = mistakes(text)
-    assert mistake.path[0] == "rates"
-    assert "contradicts other rates or the constraints" in mistake.text
-
-
-def test_guess_that_cannot_be_assembled():
-    """Places that cannot meet are named with what they miss."""
-    text = ARM.replace(
-        "at: [1, 0, 0]", "at: {arm: [0.5, 0, 0], rod: [0, -0.5, 0]}"
-    ).replace("springs:", (
-        "  C: {type: distance, from: ground, to: rod, at: {ground: [9, 0, 0], rod: [0, 0, 0]},"
-        " length: 2}\nassemble: true\nsprings:"
-    ))  # fmt: skip
-    (mistake,) = mistakes(text)
-    assert mistake.path == ("assemble",)
-    assert "C.length" in mistake.text
+def test_thin_rod_on_a_revolute_joint_has_what_it_needs():
+    """Across the axis of a revolute joint the same rod marches: M is singular, no matter."""
+    text = ROD.replace("spherical", "revolute").replace(
+        "at: [0, 0, 0]}", "at: [0, 0, 0], axis: [1, 0, 0]}"
+    )
+    subject = loading.built("rod", parse(text, "rod.yaml"))
+    assert (subject.drawing.mass_rank, subject.n) == (6, 12)
 
 
 def test_command_line_refuses_in_one_line(cli):

@@ -1,11 +1,11 @@
 """Static elimination: as right as partial pivoting, or left to it, and counted."""
 
-import itertools
 import json
 
 import numpy as np
 import pytest
 import yaml
+from covering import covering
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
@@ -78,24 +78,25 @@ def test_solutions_are_right_whatever_the_scaling(name):
     values = subject.values(0.0, state.fields[0], state.fields[1], state.multipliers)
     random = np.random.default_rng(5)
     large = subject.n > 30
-    for h, form in itertools.product((1e-3, 1e-5, 1e-7), ALSO_LARGE if large else FORMS):
+    cases = covering(
+        (1e-3, 1e-5, 1e-7),
+        ALSO_LARGE if large else FORMS,
+        ("none", "optimal") if large else VARIANTS,
+    )
+    for h, form, variant in cases:
         best = DenseSystem(subject, scheme_of(form, "optimal", h)).balanced(0.0, state)
         bound = 20 * EPS * np.linalg.cond(best._balanced)
-        for variant in ("none", "optimal") if large else VARIANTS:
-            system = StaticSystem(subject, scheme_of(form, variant, h))
-            rhs = random.normal(size=system.elimination.size)
-            rhs *= np.repeat(system.scheme.left, system.scheme.form.sizes(subject.n, subject.m))
-            sources, tables = system.elimination.sources(values), system.elimination.tables
-            found = rhs.copy()
-            assert system.elimination.solve(sources, found, *tables) == 0, (h, form, variant)
-            assert error(system, found, solved_exactly(system, values, rhs)) < bound, (
-                h,
-                form,
-                variant,
-            )
-            lists = rhs.copy()
-            assert static_elimination.solve_in_order(sources, lists, *tables) == 0
-            np.testing.assert_allclose(lists, found, rtol=1e-9, atol=0)
+        system = StaticSystem(subject, scheme_of(form, variant, h))
+        rhs = random.normal(size=system.elimination.size)
+        rhs *= np.repeat(system.scheme.left, system.scheme.form.sizes(subject.n, subject.m))
+        sources, tables = system.elimination.sources(values), system.elimination.tables
+        found = rhs.copy()
+        assert system.elimination.solve(sources, found, *tables) == 0, (h, form, variant)
+        expected = solved_exactly(system, values, rhs)
+        assert error(system, found, expected) < bound, (h, form, variant)
+        lists = rhs.copy()
+        assert static_elimination.solve_in_order(sources, lists, *tables) == 0
+        np.testing.assert_allclose(lists, found, rtol=1e-9, atol=0)
 
 
 @each("name", ["andrews", "bars"])
@@ -276,6 +277,8 @@ def test_what_needs_pivoting_is_pivoted(toppling, form, h):
     assert stretch.pivoted >= 5
     for ours, theirs in zip(static.state.fields, dense.state.fields, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.abs(theirs).max())
+    # In a small step M/(βh²) outweighs the same X.
+    assert March(toppling, scheme_of(form, "none", 1e-4), STATIC).advance(50).pivoted == 0
 
 
 @each("form", ["u-lambda", "v-lambda", "u-v-a-lambda"])
@@ -295,11 +298,6 @@ def test_lists_refuse_what_code_refuses(toppling, form):
             assert codes[0] == codes[1]
             refused += codes[0] == PIVOTING
     assert refused >= 5
-
-
-def test_a_small_step_needs_no_pivoting(toppling):
-    """M/(βh²) outweighs the same X: nothing is left to partial pivoting."""
-    assert March(toppling, scheme_of("u-lambda", "none", 1e-4), STATIC).advance(200).pivoted == 0
 
 
 def test_halts_do_not_change_a_march(toppling):
@@ -424,7 +422,10 @@ def test_studies_that_it_cannot_solve_are_refused(cli, tmp_path, keys, message):
 
 
 def test_code_of_a_pattern_is_made_once():
-    """Step size and scaling are no part of it; another form is."""
+    """Step size and scaling are no part of it; another form is.
+
+    Large patterns go through lists, and no code is made.
+    """
     tables = [
         StaticSystem(problem("andrews"), scheme_of(form, variant, h)).elimination.tables
         for form, variant, h in (
@@ -434,10 +435,6 @@ def test_code_of_a_pattern_is_made_once():
     first, same, other = (int(each.room[static_elimination.ADDRESS]) for each in tables)
     assert first == same != other
     assert first != 0
-
-
-def test_large_patterns_are_not_written_out():
-    """They go through lists, and no code is made."""
     system = StaticSystem(Sized("chain", (("links", 60),)).load(), scheme_of("u-lambda", "none", 1))
     assert system.elimination.lists.operations > generated.OPERATIONS_AT_MOST
     assert system.elimination.solve is static_elimination.solve_in_order

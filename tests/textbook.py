@@ -7,7 +7,7 @@ nothing comes from the package but the parameters' values.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from mpmath import lu_solve, matrix, mp, mpf, norm
+from mpmath import matrix, mp, mpf, norm
 
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 
@@ -126,14 +126,18 @@ def march(integrator, system: System, start: Motion, h: mpf, steps: int) -> Iter
         z = matrix([*old.u, *old.v, *old.rate, *old.a, *old.multipliers])
         shift = mpf(10) ** (-mp.dps // 2)
         correction = mpf(1)
+        iterations = 0
         while norm(correction) > mpf(10) ** (5 - mp.dps) * norm(z) / h**2:
             here = residual(z)
-            jacobian = matrix(len(z), len(z))
-            for j in range(len(z)):
-                moved = z.copy()
-                moved[j] += shift
-                jacobian[:, j] = (residual(moved) - here) / shift
-            correction = lu_solve(jacobian, -here)
+            if iterations < 3:  # later ones gain digits with these factors too
+                jacobian = matrix(len(z), len(z))
+                for j in range(len(z)):
+                    moved = z.copy()
+                    moved[j] += shift
+                    jacobian[:, j] = (residual(moved) - here) / shift
+                factors, swaps = mp.LU_decomp(jacobian)
+            correction = mp.U_solve(factors, mp.L_solve(factors, -here, swaps))
             z += correction
+            iterations += 1
         before, old = old, unpacked(z, t)
         yield old
