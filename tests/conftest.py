@@ -18,6 +18,8 @@ from compiled import compile_all, is_kept
 from hypothesis import settings
 from warm import SCRIPT, Warm
 
+from newmark_cli import processors
+
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
@@ -34,6 +36,12 @@ for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 
 #: Signals that end a command, with what it calls them.
 ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config):
+    """One more than processors: many tests wait, for timeouts and for other processes."""
+    return processors.usable() + 1
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -300,6 +300,25 @@ def test_lists_refuse_what_code_refuses(toppling, form):
     assert refused >= 5
 
 
+@each("solve", [static_elimination.solve_generated, static_elimination.solve_in_order])
+def test_large_multipliers_are_refused(tmp_path, solve):
+    """One link upside down: λ cancels the pivot 4 m/h² but for a part of it, which stays positive.
+
+    The elimination's multiplier is its reciprocal; at most 1e4 is allowed.
+    """
+    one = {**TOPPLING, "points": {**TOPPLING["points"]}, "bars": {"one": TOPPLING["bars"]["one"]}}
+    del one["points"]["B"]
+    file = tmp_path / "one.yaml"
+    file.write_text(yaml.safe_dump(one), encoding="utf-8")
+    subject = loading.load(file, "one")
+    system = StaticSystem(subject, scheme_of("u-lambda", "optimal", 0.02)).elimination
+    for part, code in ((1e-2, 0), (3e-4, 0), (3e-5, PIVOTING), (1e-9, PIVOTING)):
+        load = np.array([(1 - part) * 4 / 0.02**2])
+        values = subject.values(0.0, subject.u0, subject.v0, load)
+        rhs = np.ones(system.size)
+        assert solve(system.sources(values), rhs, *system.tables) == code, part
+
+
 def test_halts_do_not_change_a_march(toppling):
     """Whole or in pieces it takes the same steps, counts and records the same."""
     scheme = scheme_of("u-lambda", "optimal", 0.02)
