@@ -197,9 +197,7 @@ def test_file_folder_and_dict_say_the_same(example, double, advise_cli):
         for name, matrix in double.items():
             np.testing.assert_array_equal(np.squeeze(read[name]), np.squeeze(matrix), err_msg=name)
     of_arrays = newmark.advise(double, h=1e-4).to_dict()
-    printed = json.loads(
-        advise_cli("--matrices", example / "double.npz", "--h", "1e-4", "--json")
-    )
+    printed = json.loads(advise_cli("--matrices", example / "double.npz", "--h", "1e-4", "--json"))
     for key in ("condition", "tolerances", "noise", "code", "findings", "factors"):
         assert json.loads(json.dumps(of_arrays[key])) == json.loads(json.dumps(printed[key])), key
 
