@@ -325,10 +325,13 @@ def test_tables_mark_a_mismatch(cli, committed_folder):
     """A factor whose power does not fit is marked, and both tables and check fail."""
     text = (committed_folder / "all-forms.csv").read_text().splitlines()
     header = text[0].split(",")
-    columns = {name: header.index(name) for name in ("measure", "preconditioning", "h", "median")}
+    names = ("problem", "measure", "preconditioning", "h", "median")
+    columns = {name: header.index(name) for name in names}
     spoilt = [text[0]]
     for line in text[1:]:
         row = line.split(",")
+        if row[columns["problem"]] != "pendulum":
+            continue
         if row[columns["measure"]] == "sensitivity" and row[columns["preconditioning"]] == "left":
             value = float(row[columns["median"]]) / float(row[columns["h"]])
             row[columns["median"]] = repr(value)
