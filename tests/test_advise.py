@@ -15,6 +15,7 @@ import scipy.io
 import scipy.sparse
 from conftest import SWING
 from each import each
+from test_docs import ADVISE
 
 import newmark_cli as newmark
 from newmark_cli import matrices
@@ -66,6 +67,26 @@ def without_floors(monkeypatch):
     """Advice without noise and tolerances, for what J alone tells."""
     for subject in (linearised.OfMatrices, linearised.OfProblem):
         monkeypatch.setattr(subject, "floors", lambda *given, **options: [])
+
+
+@pytest.fixture
+def few_draws(monkeypatch):
+    """Rounding is drawn less often, for what compares no number with what rounding does."""
+    monkeypatch.setattr(linearised, "_SAMPLES", 4)
+    monkeypatch.setattr(linearised, "_ROUGHLY", 2)
+
+
+@pytest.fixture
+def advise_cli(cli, few_draws):
+    """The command `advise` that draws less often, too."""
+    script = cli.write("advise.py", ADVISE)
+
+    def run(*arguments):
+        done = cli.warm.run(["advise", *map(str, arguments)], cli.folder, script)
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    return run
 
 
 @pytest.fixture
@@ -168,7 +189,7 @@ def test_factors_are_those_of_table_2(example, form):
         np.testing.assert_allclose(values, pasted[side], rtol=1e-14)
 
 
-def test_file_folder_and_dict_say_the_same(example, double, cli):
+def test_file_folder_and_dict_say_the_same(example, double, advise_cli):
     """An .npz file, Matrix Market files and arrays give the same numbers; so does --json."""
     for path in (example / "double.npz", example / "double"):
         read = matrices.read(path, tuple(double))
@@ -176,8 +197,7 @@ def test_file_folder_and_dict_say_the_same(example, double, cli):
         for name, matrix in double.items():
             np.testing.assert_array_equal(np.squeeze(read[name]), np.squeeze(matrix), err_msg=name)
     of_arrays = newmark.advise(double, h=1e-4).to_dict()
-    printed = json.loads(cli("advise", "--matrices", example / "double.npz", "--h", "1e-4",
-                             "--json").stdout)  # fmt: skip
+    printed = json.loads(advise_cli("--matrices", example / "double.npz", "--h", "1e-4", "--json"))
     for key in ("condition", "tolerances", "noise", "code", "findings", "factors"):
         assert json.loads(json.dumps(of_arrays[key])) == json.loads(json.dumps(printed[key])), key
 
@@ -691,26 +711,24 @@ def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, 
 # -- the command -----------------------------------------------------------------------------------
 
 
-def test_studies_and_python_problems_are_subjects(cli):
+def test_studies_and_python_problems_are_subjects(cli, advise_cli):
     """A shipped study has the step sizes; code of the user's needs --allow-code."""
     # There is less to say of an integrator that damps.
     damped = ("--integrator", "generalized-alpha rho=0.9", "--json")
-    several = json.loads(
-        cli("advise", "pendulum-a", "--h", "1e-2", "--form", "a-lambda", *damped).stdout
-    )
+    several = json.loads(advise_cli("pendulum-a", "--h", "1e-2", "--form", "a-lambda", *damped))
     assert several["form"] == "a-lambda"
     assert [*several["condition"]] == ["0.01"]
     cli.write("mine.py", SWING)
     python = "mine.py:swing"
     assert "--allow-code" in cli.refused("advise", python, "--h", "1e-3")
-    found = json.loads(cli("advise", python, "--h", "1e-3", "--allow-code", *damped).stdout)
+    found = json.loads(advise_cli(python, "--h", "1e-3", "--allow-code", *damped))
     assert (found["n"], found["m"]) == (2, 1)
     assert "unknown problem 'pendulm'" in cli.refused("advise", "pendulm", "--h", "1e-3")
 
 
-def test_text_of_the_command(cli):
+def test_text_of_the_command(advise_cli):
     """What is printed has the numbers of the library."""
-    text = cli("advise", "pendulum", "--h", "1e-3,1e-4").stdout
+    text = advise_cli("pendulum", "--h", "1e-3,1e-4")
     advice = newmark.advise("pendulum", h=[1e-3, 1e-4])
     assert text == f"{advice}\n"
     for value in advice.condition[1e-4].values():
@@ -774,7 +792,7 @@ def one_constraint():
     return {"M": np.eye(2), "G": np.array([[1.0], [0.5]]), **state}
 
 
-@pytest.mark.usefixtures("without_noise")
+@pytest.mark.usefixtures("without_noise", "few_draws")
 def test_numbers_and_arrays_of_one_number_are_alike(one_constraint):
     """λ of one constraint as a number, G as a vector, and h as an array without dimensions."""
     alike = {**one_constraint, "G": np.array([1.0, 0.5]), "lambda": 3.0}
@@ -843,6 +861,7 @@ def test_jacobians_may_be_sparse():
     assert expected.h == (1e-3,)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):
     """Coarse compensated steps, and formulations with a penalty, are said to have no floors."""
     coarse = newmark.advise("double-pendulum", h=0.3, evaluation="compensated", tolerance=1e-8)

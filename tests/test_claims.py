@@ -54,6 +54,12 @@ def scaled(factor):
     return change
 
 
+def rows_of(claim):
+    """Rows of its curves: whether other series are there changes nothing, where these are."""
+    curves = dict.fromkeys(synthetic.curves_of(claim))
+    return [row for curve in curves for row in synthetic.rows_of(curve)]
+
+
 def spoil(claim, table):
     """Rows that a claim is false of, and nothing else is wrong with."""
     if isinstance(claim, SlopeClaim):
@@ -87,7 +93,7 @@ def test_claims_hold_on_good_results(tmp_path, figure):
 def test_claims_fail_on_spoilt_results(tmp_path, figure):
     """Each claim is false of numbers that say otherwise, though all cells are as before."""
     fail = {
-        claim.text: judged(tmp_path, figure, spoil(claim, synthetic.rows(figure)))[i].verdict
+        claim.text: judged(tmp_path, figure, spoil(claim, rows_of(claim)))[i].verdict
         for i, claim in enumerate(figure.claims)
     }
     assert fail == dict.fromkeys(fail, MISS)
@@ -107,13 +113,12 @@ def test_claims_need_their_data(tmp_path, figure):
 
     every = synthetic.rows(figure)
     for claim in figure.claims:
-        needed = synthetic.curves_of(claim)
-        # Whether other series are there changes nothing, where those of the claim are.
-        table = [row for curve in dict.fromkeys(needed) for row in synthetic.rows_of(curve)]
+        needed, table = synthetic.curves_of(claim), rows_of(claim)
+        given = table if len(needed) > 1 else every
         for curve in needed[:: max(len(needed) - 1, 1)]:
             picked = where(curve)
-            rest = [r for r in every if not all(r[k] == v for k, v in picked.items())]
-            assert len(rest) < len(every), "the study has what is claimed"
+            rest = [r for r in given if not all(r[k] == v for k, v in picked.items())]
+            assert len(rest) < len(given), "the study has what is claimed"
             # What is left must not be empty, or it would be no study at all.
             rest = rest or synthetic.spoilt(table, picked, lambda row: {"quantity": "v"})
             require(claim, rest, INCOMPLETE, f"without {picked}")

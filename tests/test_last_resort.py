@@ -5,6 +5,7 @@ import re
 import stat
 import subprocess
 import sys
+from unittest import mock
 
 from each import each
 from warm import SCRIPT
@@ -43,8 +44,8 @@ LINE = re.compile(
 )
 
 
-def broken(folder, fault, *arguments, **environment):
-    """Run a command with a function that is broken from outside."""
+def broken_cold(folder, fault, *arguments, **environment):
+    """Run a command with a function that is broken from outside, as Python imports it."""
     site = folder / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(BROKEN)
@@ -55,6 +56,34 @@ def broken(folder, fault, *arguments, **environment):
         [SCRIPT, *arguments], env=os.environ | variables | environment, text=True,
         capture_output=True, cwd=folder, timeout=100,
     )  # fmt: skip
+
+
+#: The command line, where a function does something else first.
+SCRIPT_OF_BROKEN = """
+import os
+from newmark_cli.console import main
+from newmark_cli.report import theory
+
+kept = theory.predict
+
+def deep():
+    deep()
+
+def broken(*args, **options):
+    exec(os.environ["CODE"])
+    return kept(*args, **options)
+
+theory.predict = broken
+main()
+"""
+
+
+def broken(cli, code, *arguments):
+    """Run `orders` with one of its functions broken, in a process that has imported them."""
+    script = cli.write("broken.py", SCRIPT_OF_BROKEN)
+    variables = {"CODE": code, "XDG_STATE_HOME": str(cli.folder / "state")}
+    with mock.patch.dict(os.environ, variables):
+        return cli.warm.run(["orders", *arguments], cli.folder, script)
 
 
 @each(
@@ -72,13 +101,13 @@ def broken(folder, fault, *arguments, **environment):
         ("raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()", "Odd", "Odd"),
     ],
 )
-def test_an_unexpected_error_is_one_line_and_70(tmp_path, code, said, traced):
+def test_an_unexpected_error_is_one_line_and_70(cli, code, said, traced):
     """Never 1, which means a failed check; the traceback is in a file of the user only."""
-    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders")
+    done = broken(cli, code)
     found = LINE.fullmatch(done.stderr)
     assert found, done.stderr
     assert (done.returncode, done.stdout, found[1]) == (70, "", said.strip().rstrip(":"))
-    (kept,) = (tmp_path / "state/newmark-study").iterdir()
+    (kept,) = (cli.folder / "state/newmark-study").iterdir()
     assert found[2] == str(kept)
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600
     assert stat.S_IMODE(kept.parent.stat().st_mode) == 0o700
@@ -90,13 +119,13 @@ def test_an_unexpected_error_is_one_line_and_70(tmp_path, code, said, traced):
 
 def test_an_import_that_fails_is_no_failed_check(tmp_path):
     """A damaged installation too: the commands cannot be imported."""
-    done = broken(
+    done = broken_cold(
         tmp_path, "newmark_cli.spelling:nearest:pass", "orders", PYTHONPATH=str(tmp_path / "odd")
     )
     assert done.returncode == 0
     (tmp_path / "odd").mkdir()
     (tmp_path / "odd/click.py").write_text("raise ImportError('torn')\n")
-    done = broken(
+    done = broken_cold(
         tmp_path, "newmark_cli.spelling:nearest:pass", "orders", PYTHONPATH=str(tmp_path / "odd")
     )
     found = LINE.fullmatch(done.stderr)
@@ -104,11 +133,11 @@ def test_an_import_that_fails_is_no_failed_check(tmp_path):
     assert (done.returncode, found[1]) == (70, "ImportError: torn")
 
 
-def test_where_nothing_can_be_kept_the_line_says_so(tmp_path):
+def test_where_nothing_can_be_kept_the_line_says_so(cli):
     """A state folder that is a file, and temporary files nowhere."""
-    (tmp_path / "state").write_text("")
+    (cli.folder / "state").write_text("")
     everywhere = "import tempfile, os; tempfile.tempdir = '/dev/null'; raise IndexError"
-    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{everywhere}", "orders")
+    done = broken(cli, everywhere)
     assert done.stderr == (
         "newmark-study: internal error: IndexError; please report this; the traceback could not "
         "be kept, NEWMARK_STUDY_DEBUG=1 prints it\n"
@@ -116,15 +145,15 @@ def test_where_nothing_can_be_kept_the_line_says_so(tmp_path):
     assert done.returncode == 70
 
 
-def test_only_the_last_tracebacks_stay(tmp_path):
+def test_only_the_last_tracebacks_stay(cli):
     """Where something fails again and again the folder does not grow."""
-    folder = tmp_path / "state/newmark-study"
+    folder = cli.folder / "state/newmark-study"
     folder.mkdir(parents=True)
     for i in range(30):
         (folder / f"traceback-{i}.txt").write_text("old")
         os.utime(folder / f"traceback-{i}.txt", (i, i))
     (folder / "mine.txt").write_text("stays")
-    broken(tmp_path, "newmark_cli.report.theory:predict:1 / 0", "orders")
+    broken(cli, "1 / 0")
     names = {file.name for file in folder.iterdir()}
     assert len(names) == 21
     assert "mine.txt" in names
@@ -138,7 +167,7 @@ def test_a_link_in_the_place_of_the_state_folder_is_not_written_through(tmp_path
     target.write_text("mine")
     (tmp_path / "state").mkdir()
     (tmp_path / "state/newmark-study").symlink_to(target)
-    done = broken(
+    done = broken_cold(
         tmp_path, "newmark_cli.report.theory:predict:1 / 0", "orders", TMPDIR=str(tmp_path)
     )
     found = LINE.fullmatch(done.stderr)
@@ -149,7 +178,7 @@ def test_a_link_in_the_place_of_the_state_folder_is_not_written_through(tmp_path
 
 def test_developers_get_the_traceback(tmp_path):
     """With NEWMARK_STUDY_DEBUG=1 it is on stderr, before the same line and the same code."""
-    done = broken(
+    done = broken_cold(
         tmp_path, "newmark_cli.report.theory:predict:1 / 0", "orders", NEWMARK_STUDY_DEBUG="1"
     )
     *trace, line = done.stderr.splitlines(keepends=True)
@@ -176,11 +205,9 @@ def test_developers_get_the_traceback(tmp_path):
         ),
     ],
 )
-def test_what_libraries_print_is_a_line(tmp_path, code, said):
+def test_what_libraries_print_is_a_line(cli, code, said):
     """Warnings, log messages, errors of threads and finalizers; the command goes on."""
-    done = broken(
-        tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders", "--form", "u-lambda"
-    )
+    done = broken(cli, code, "--form", "u-lambda")
     assert done.returncode == 0
     assert done.stdout.startswith("(u, λ) form, preconditioning none")
     lines = set(re.sub(r"traceback-\w+", "", done.stderr).splitlines())
@@ -195,7 +222,7 @@ def test_what_python_says_at_the_end_is_silent(tmp_path):
         "import atexit; atexit.register(lambda: delattr(sys, 'kept'))"
     )
     one = ("--form", "u-lambda", "--preconditioning", "none")
-    done = broken(tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders", *one)
+    done = broken_cold(tmp_path, f"newmark_cli.report.theory:predict:{code}", "orders", *one)
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -165,12 +165,13 @@ def test_sensitivities_are_columns_of_the_inverse(name, form, variant):
         blocks = oracles.form_jacobian(form, x, y, reference.mass, g, h)
         scaled = oracles.scale(form, variant, *blocks, h)
         _, row_names, column_names = blocks
+        factored, order = mp.LU_decomp(scaled)
         for row in FORMS[form].rows:
             places = [i for i, r in enumerate(row_names) if r == row]
             rhs = mp.zeros(scaled.rows, 1)
             for place, value in zip(places, perturbation(row, len(places)), strict=True):
                 rhs[place] = mp.mpf(float(value))
-            change = mp.lu_solve(scaled, rhs)
+            change = mp.U_solve(factored, mp.L_solve(factored, rhs, order))
             for unknown in FORMS[form].unknowns:
                 block = [change[i] for i, c in enumerate(column_names) if c == unknown[:6]]
                 exact = float(mp.norm(mp.matrix(block), 2))
@@ -324,10 +325,13 @@ def test_tables_mark_a_mismatch(cli, committed_folder):
     """A factor whose power does not fit is marked, and both tables and check fail."""
     text = (committed_folder / "all-forms.csv").read_text().splitlines()
     header = text[0].split(",")
-    columns = {name: header.index(name) for name in ("measure", "preconditioning", "h", "median")}
+    names = ("problem", "measure", "preconditioning", "h", "median")
+    columns = {name: header.index(name) for name in names}
     spoilt = [text[0]]
     for line in text[1:]:
         row = line.split(",")
+        if row[columns["problem"]] != "pendulum":
+            continue
         if row[columns["measure"]] == "sensitivity" and row[columns["preconditioning"]] == "left":
             value = float(row[columns["median"]]) / float(row[columns["h"]])
             row[columns["median"]] = repr(value)

@@ -466,10 +466,11 @@ class TableScene:
                     [x, x + width, x + width, x], [y, y, y + _ROW, y + _ROW],
                     facecolor=shades[place], edgecolor="white", linewidth=0.8,
                 )  # fmt: skip
-            axes.text(
+            written = axes.text(
                 x + 0.03, y + 0.5 * _ROW, text.replace("n/a", "·"), va="center",
                 fontsize=5.4 if place else 6, weight="bold" if bold else "normal",
             )  # fmt: skip
+            written.set_in_layout(False)  # inside the axes, and hundreds to measure
             x += width
 
     def handles(self) -> Sequence[Any]:
