@@ -1,7 +1,6 @@
 """Cells on dask workers: scheduler and workers as processes of their own."""
 
 import contextlib
-import os
 import pickle
 import re
 import shutil
@@ -280,11 +279,9 @@ def test_nobody_else_gets_in(cli, study):
         with contextlib.suppress(OSError):
             dashboard.bind(("127.0.0.1", 8787))
             dashboard.listen()
-        # Workers that are forks need not import dask.
         run = cli.warm.start(
-            [script, "run", "spread.yaml", "--executor", "dask", "--jobs", "1"], cli.folder,
-            env=os.environ | {"DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD": "fork"},
-        )  # fmt: skip
+            [script, "run", "spread.yaml", "--executor", "dask", "--jobs", "1"], cli.folder
+        )
         output, errors = run.communicate(timeout=120)
     assert errors == ""
     *tried, summary = output.splitlines()
