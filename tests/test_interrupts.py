@@ -24,7 +24,7 @@ MIXED = """\
 study: mixed
 preconditioning: [none, left, right, optimal]
 h: [12e-3, 24e-3]
-t_end: 1.0
+t_end: 0.6
 cases:
   - problem: pendulum
     form: [u-lambda, a-lambda]
@@ -322,7 +322,7 @@ def test_an_interrupt_does_not_wait_for_threads():
     def command(arguments):
         cells = config.load_shipped("pendulum-u").cells()
         tasks = {i: executors.Task(cell) for i, cell in enumerate(cells)}
-        executors.perform = endless
+        executors.perform, executors._PATIENCE = endless, 0.2
         with executors.local(tasks, 2, None, print):
             inside.wait()
             print("begun")

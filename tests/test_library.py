@@ -403,15 +403,15 @@ for _ in range(2):
 """
 
 
-def test_an_interrupt_leaves_a_usable_trajectory():
+def test_an_interrupt_leaves_a_usable_trajectory(cli):
     """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
-    command = [sys.executable, "-c", INTERRUPTED]
-    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as child:
-        for delay in (0.05, 0.21):
-            assert child.stdout.readline() == "ready\n"
-            time.sleep(delay)
-            child.send_signal(signal.SIGINT)
-            assert child.stdout.readline() == "interrupted True True True True ok\n"
+    child = cli.warm.start([cli.write("interrupted.py", INTERRUPTED)], cli.folder)
+    for delay in (0.05, 0.21):
+        assert child.stdout.readline() == "ready\n"
+        time.sleep(delay)
+        child.send_signal(signal.SIGINT)
+        assert child.stdout.readline() == "interrupted True True True True ok\n"
+    assert child.communicate(timeout=60) == ("", "")
 
 
 def test_an_interrupt_while_steps_are_kept(monkeypatch):
