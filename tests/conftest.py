@@ -240,19 +240,19 @@ def write_swings(cli, *whats):
 
 
 def require_failed_alone(told, where):
-    """What a run of hang, exit and "" says with ``-v`` and a timeout of 1 s."""
+    """What a run of hang, exit and "" says with ``-v`` and a timeout of 3 s."""
     first, well, ends, hangs, *complaints = sorted(told.splitlines())
     assert first == where
     assert complaints == [
         "newmark-study: swings: 1 of 3 cells failed: its process ended with code 3",
-        "newmark-study: swings: 1 of 3 cells failed: took longer than 1 s",
+        "newmark-study: swings: 1 of 3 cells failed: took longer than 3 s",
     ]
     assert "(what=) " in well
     assert ": ok, " in well
     assert "(what=exit) " in ends
     assert "failed: its process ended with code 3" in ends
     assert "(what=hang) " in hangs
-    assert "failed: took longer than 1 s" in hangs
+    assert "failed: took longer than 3 s" in hangs
 
 
 def wait_until(holds):

@@ -214,7 +214,7 @@ def test_a_cell_that_does_not_come_back_fails_alone(cli, scheduler):
     write_swings(cli, "hang", "exit", "")
     done = cli(
         "run", "swings.yaml", "--allow-code", "--executor", "dask", "--scheduler", address,
-        "--timeout", 1, "-v", code=1,
+        "--timeout", 3, "-v", code=1,
     )  # fmt: skip
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
     waits = f"waiting for workers: the dask scheduler at {address} has none\n"
