@@ -15,7 +15,7 @@ import scipy.io
 import scipy.sparse
 from conftest import SWING
 from each import each
-from test_docs import ADVISE
+from test_docs import QUICKER
 
 import newmark_cli as newmark
 from newmark_cli import matrices
@@ -79,7 +79,7 @@ def few_draws(monkeypatch):
 @pytest.fixture
 def advise_cli(cli, few_draws):
     """The command `advise` that draws less often, too."""
-    script = cli.write("advise.py", ADVISE)
+    script = cli.write("quicker.py", QUICKER)
 
     def run(*arguments):
         done = cli.warm.run(["advise", *map(str, arguments)], cli.folder, script)
