@@ -310,6 +310,15 @@ def quick(cli):
     return cli.write("quick.yaml", QUICK)
 
 
+@pytest.fixture
+def few_draws(monkeypatch):
+    """Rounding is drawn less often, for what compares no number with what rounding does."""
+    from newmark_cli.library import linearised
+
+    monkeypatch.setattr(linearised, "_SAMPLES", 4)
+    monkeypatch.setattr(linearised, "_ROUGHLY", 2)
+
+
 @pytest.fixture(scope="session")
 def committed_folder():
     """The results of a full run that travel with the project."""

@@ -70,13 +70,6 @@ def without_floors(monkeypatch):
 
 
 @pytest.fixture
-def few_draws(monkeypatch):
-    """Rounding is drawn less often, for what compares no number with what rounding does."""
-    monkeypatch.setattr(linearised, "_SAMPLES", 4)
-    monkeypatch.setattr(linearised, "_ROUGHLY", 2)
-
-
-@pytest.fixture
 def advise_cli(cli, few_draws):
     """The command `advise` that draws less often, too."""
     script = cli.write("quicker.py", QUICKER)

@@ -14,7 +14,6 @@ from warm import SCRIPT
 import newmark_cli as newmark
 from newmark_cli import documents
 from newmark_cli.cli.commands import cli as group
-from newmark_cli.library import linearised
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -194,13 +193,12 @@ class Reader:
         assert any(all(line in example for line in lines) for example in whole), text
 
 
+@pytest.mark.usefixtures("few_draws")
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page_can_be_followed(name, cli, cache, monkeypatch):
     """Every command runs and prints what is shown, all code runs, all files are valid."""
     reader = Reader(cli, cache)
     monkeypatch.chdir(cli.folder)
-    monkeypatch.setattr(linearised, "_SAMPLES", 4)
-    monkeypatch.setattr(linearised, "_ROUGHLY", 2)
     found = blocks(PAGES[name])
     run = "".join(block.text for block in found if block.language in ("bash", "console"))
     for block in found:

@@ -126,19 +126,9 @@ def test_solver_computes_in_its_precision(size, seed, dtype):
     np.testing.assert_array_equal(*solutions)
 
 
-@each(
-    "form, evaluation, stop, precision",
-    covering(FORMS.values(), EVALUATIONS, [None, Tolerance(1e-5, 1e-4)], PRECISIONS),
-)
-def test_march_computes_in_its_precision(form, evaluation, stop, precision):
-    """Compiled and interpreted it takes the same steps bit by bit."""
-    subject, steps = problem("four-bar"), 3
-    integrator = BDF2() if evaluation == "direct" else GeneralizedAlpha(0.9)
-    scheme = Scheme(
-        integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision, stop
-    )
+def require_interpreted_steps(subject, scheme, steps):
+    """Compiled and interpreted marches agree bit by bit; the state at the end."""
     ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
-    assert {array.dtype for array in ours} == {np.dtype(precision)}
     norms, iterations = march(compiled_march, subject, scheme, ours, 0, steps)
     expected = np.zeros_like(norms), np.zeros_like(iterations)
     interpreted_march(subject, scheme, reference, 0, *expected)
@@ -146,6 +136,22 @@ def test_march_computes_in_its_precision(form, evaluation, stop, precision):
     np.testing.assert_array_equal(iterations, expected[1])
     for one, other in zip(ours, reference, strict=True):
         np.testing.assert_array_equal(one, other)
+    return ours
+
+
+@each(
+    "form, evaluation, stop, precision",
+    covering(FORMS.values(), EVALUATIONS, [None, Tolerance(1e-5, 1e-4)], PRECISIONS),
+)
+def test_march_computes_in_its_precision(form, evaluation, stop, precision):
+    """Compiled and interpreted it takes the same steps bit by bit."""
+    subject = problem("four-bar")
+    integrator = BDF2() if evaluation == "direct" else GeneralizedAlpha(0.9)
+    scheme = Scheme(
+        integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision, stop
+    )
+    ours = require_interpreted_steps(subject, scheme, 3)
+    assert {array.dtype for array in ours} == {np.dtype(precision)}
 
 
 @each(
@@ -170,14 +176,7 @@ def test_formulations_march_in_their_precision(
         integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision,
         None, of, Projection.parse(projection),
     )  # fmt: skip
-    ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
-    norms, iterations = march(compiled_march, subject, scheme, ours, 0, 2)
-    expected = np.zeros_like(norms), np.zeros_like(iterations)
-    interpreted_march(subject, scheme, reference, 0, *expected)
-    np.testing.assert_array_equal(norms, expected[0])
-    np.testing.assert_array_equal(iterations, expected[1])
-    for one, other in zip(ours, reference, strict=True):
-        np.testing.assert_array_equal(one, other)
+    require_interpreted_steps(subject, scheme, 2)
 
 
 # Floors

@@ -157,10 +157,15 @@ def size_of(vector, least):  # type: ignore[no-untyped-def]
 
 
 @cached_njit(nogil=True, error_model="numpy")
+def steps_of_tangents(u, v):  # type: ignore[no-untyped-def]
+    """By how much coordinates and velocities are moved, see `states_around`."""
+    return 1e-3 * size_of(u, 1e-8), 1e-3 * size_of(v, 1e-3)
+
+
+@cached_njit(nogil=True, error_model="numpy")
 def states_of_tangents(u, v, multipliers, of_u, of_v):  # type: ignore[no-untyped-def]
     """`states_around` with the steps that suit them; arrays for f and G there."""
-    step = 1e-3 * size_of(u, 1e-8)
-    pace = 1e-3 * size_of(v, 1e-3)
+    step, pace = steps_of_tangents(u, v)
     us, vs = states_around(u, v, of_u, of_v, step, pace)
     n, m = u.shape[0], multipliers.shape[0]
     gradients = np.empty((1 + 4 * n * int(of_u), n, m))

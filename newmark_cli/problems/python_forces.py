@@ -73,8 +73,7 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
         before(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-        step = 1e-3 * differences.size_of(u, 1e-8)
-        pace = 1e-3 * differences.size_of(v, 1e-3)
+        step, pace = differences.steps_of_tangents(u, v)
         qs, ws = differences.states_around(
             _chosen(u, coordinates), _chosen(v, coordinates), True, True, step, pace
         )

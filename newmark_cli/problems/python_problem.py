@@ -482,7 +482,6 @@ def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[...
 
 def warm() -> None:
     """Have Numba load what it needs for its first call, and for any problem: it takes long."""
-    differences.extrapolated(np.zeros((2, 1)), differences.STEP_RATIO, np.zeros(2))
     rod = Definition(
         mass_matrix=np.eye(2),
         u0=np.array([1.0, 0.0]),
