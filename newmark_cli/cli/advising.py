@@ -223,12 +223,12 @@ def _of_subject(
 
 def _is_study(subject: str) -> bool:
     from newmark_cli import documents
+    from newmark_cli.mechanisms import loading
     from newmark_cli.mechanisms.registry import PROBLEMS
     from newmark_cli.study import config
 
     if Path(subject).suffix in (".yaml", ".yml"):
-        data = documents.read(Path(subject), subject).data
-        return isinstance(data, dict) and "points" not in data
+        return not loading.is_mechanism(documents.read(Path(subject), subject).data)
     return subject in config.shipped() and subject not in PROBLEMS
 
 

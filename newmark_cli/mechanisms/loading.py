@@ -12,6 +12,8 @@ from newmark_cli.problems.problem import Problem, Push
 
 #: Keys that only spatial mechanisms have.
 _SPATIAL = ("joints", "rates", "redundant")
+#: Keys of which a mechanism has at least one, and a study has none.
+_OF_MECHANISMS = ("points", "bodies", "dimensions")
 
 
 def load(path: Path, name: str, spelled: str | None = None, allow_code: bool = False) -> Problem:
@@ -85,6 +87,11 @@ def made(name: str, data: dict[str, Any]) -> Problem:
     from newmark_cli.mechanisms.models import Mechanism
 
     return planar.build(name, Mechanism.model_validate(data))
+
+
+def is_mechanism(data: Any) -> bool:
+    """Whether the data of a file are those of a mechanism rather than of a study."""
+    return isinstance(data, dict) and not data.keys().isdisjoint(_OF_MECHANISMS)
 
 
 def is_spatial(data: Any) -> bool:

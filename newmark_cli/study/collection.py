@@ -22,7 +22,7 @@ from newmark_cli import __version__, documents, files
 from newmark_cli.apart import ApartError
 from newmark_cli.documents import Document
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms import registry
+from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import is_code, with_problem
 from newmark_cli.newmark.forms import INDEX_3
@@ -476,8 +476,7 @@ def _is_study(subject: str) -> bool:
     if _is_python(subject) or subject.endswith(")"):
         return False
     if path.suffix in (".yaml", ".yml"):
-        data = documents.read(path, subject).data
-        return not (isinstance(data, dict) and "points" in data)
+        return not loading.is_mechanism(documents.read(path, subject).data)
     known = (*config.shipped(), *registry.PROBLEMS, *FAMILIES)
     if subject not in known:
         raise InputError(

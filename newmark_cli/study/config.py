@@ -680,11 +680,9 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
         DocumentError: For every mistake.
     """
     document = documents.read(path, name)
-    if isinstance(document.data, dict) and not document.data.keys().isdisjoint(
-        ("points", "bodies", "dimensions")
-    ):
-        from newmark_cli.mechanisms import loading
+    from newmark_cli.mechanisms import loading
 
+    if loading.is_mechanism(document.data):
         if allow_code and loading.has_code(document.data):
             problem = ForcedMechanism(path.absolute(), "", (), name).load()
         else:
