@@ -9,7 +9,7 @@ problem", after Schneider, 1996.
 import numpy as np
 from numba import njit
 
-from newmark_cli.problems.python_problem import Definition
+from newmark_cli import Definition
 
 LENGTH, REST_LENGTH, EPSILON, MASS = 1.0, 0.5, 1e-2, 10.0
 AMPLITUDE, FREQUENCY = 0.1, 10.0

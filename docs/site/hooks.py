@@ -47,8 +47,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links to figures of the results, from a page anywhere."""
+    """Links to figures of the results and to pages of the repository, from a page anywhere."""
     up = "../" * page.file.src_uri.count("/")
+    for path, name in PROJECT.items():
+        markdown = markdown.replace(f"](../{up}{name})", f"]({up}{path})")
     return _FIGURE.sub(rf"]({up}figures/\1)", markdown)
 
 

@@ -191,8 +191,8 @@ class Cell:
         config=lambda: _keys().LinearSolvers,
         default=(AUTO,),
         about="what solves for the corrections; auto: by size",
-        shows="what solves for the corrections; with `sparse-lu`, and above 300 unknowns with "
-        "`static-lu`, `condition` is estimated in the 1-norm",
+        shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
+        "with `static-lu` up to 300 unknowns, else estimated in the 1-norm",
     )
     formulation: Formulation = axis(
         write=lambda cell: cell.formulation.label,
