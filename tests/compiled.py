@@ -12,10 +12,14 @@ import newmark_cli
 
 KERNEL = Path(newmark_cli.__file__).parent / "newmark/kernel.py"
 
-#: What marches, by the types that the kernel is compiled for: about as long for each process.
+#: What marches, by the types that the kernel is compiled for and the functions of a problem:
+#: about as long for each process.
 PARTS = (
-    ({"formulation": "index-2"},),
-    ({}, {"precision": "float32"}),
+    (
+        ("pendulum", {"formulation": "index-2"}),
+        ("spatial-slider-crank", {"formulation": "index-2"}),
+    ),
+    (("pendulum", {}), ("pendulum", {"precision": "float32"})),
 )
 
 
@@ -37,5 +41,5 @@ def compile_all():
 
 
 if __name__ == "__main__":
-    for how in PARTS[int(sys.argv[1])]:
-        newmark_cli.march("pendulum", h=1e-2, steps=1, **how)
+    for problem, how in PARTS[int(sys.argv[1])]:
+        newmark_cli.march(problem, h=1e-3, steps=1, **how)

@@ -344,6 +344,9 @@ def prepare():
     drawing = draw.drawn(panels.Sheet("", (panels.Panel((), "$h^{-1}$"),)))
     for kind in ("png", "svg"):
         style.rendered(drawing, kind)
+    if "colorama" in sys.modules:
+        # Numba, as it compiles, has it write to the terminal of every process that ends.
+        atexit.unregister(importlib.import_module("colorama.initialise").reset_all)
     gc.collect()
     gc.freeze()
 

@@ -23,7 +23,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import from_dtype, typeof, types
+from numba import from_dtype, njit, typeof, types
 from numba.extending import intrinsic
 
 from newmark_cli.cached_code import cached_njit
@@ -37,9 +37,12 @@ from newmark_cli.newmark.march_data import (
     UNSOLVED,
 )
 
-#: A function by itself, and one that becomes a part of its caller.  Without fastmath:
-#: compiled and interpreted, the march gives the same bits.
+#: A function by itself, one that only the march calls, and one that becomes a part of its
+#: caller.  The second has no entry for Python, which would take as long to compile as the
+#: function, and is kept with the march.  Without fastmath: compiled and interpreted, the march
+#: gives the same bits.
 _compile = cached_njit(nogil=True, error_model="numpy")
+_part = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 _inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 
@@ -187,7 +190,7 @@ def _allocate(problem, tables, state, compensated, h):
     return sources, values, iterate, history, np.empty(_size(tables, n, m), dtype)
 
 
-@_compile
+@_part
 def _allocate_system(size, like):
     """Return room for a dense matrix."""
     matrix = np.empty((size, size), like.dtype)
@@ -476,7 +479,7 @@ def _scaled_size(fields, multipliers, kept, right):
 # -- formulations beside index 3 ------------------------------------------------------------
 
 
-@_compile
+@_part
 def _allocate_constraining(problem, tables, state, extra, recorded):
     """Return room for what a formulation overwrites in every step."""
     n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
@@ -505,7 +508,7 @@ def _allocate_constraining(problem, tables, state, extra, recorded):
     )
 
 
-@_compile
+@_part
 def _begin_step(extra, g, work):
     """Set η = 0 and P from the entries of G at the beginning of the step."""
     if extra.stabilised != 0:
@@ -517,7 +520,7 @@ def _begin_step(extra, g, work):
             work.p[row, column] += extra.projector_values[e] * g[extra.projector_sources[e]]
 
 
-@_compile
+@_part
 def _rate_of_constraints(problem, iterate, state, values, work):
     """Set Ψ = Gᵀv + Φ_t; compensated: Ψ_n + ½(G_n + G)ᵀν + ½(R_n + R)Δ."""
     half = values.phi.dtype.type(0.5)
@@ -533,7 +536,7 @@ def _rate_of_constraints(problem, iterate, state, values, work):
             work.psi[k] += values.g[e] * state.fields[1, i]
 
 
-@_compile
+@_part
 def _assemble_constraints(problem, extra, state, values, work):
     """Set the rows of constraints and their tangents to u, v and a."""
     two = values.phi.dtype.type(2)
@@ -556,7 +559,7 @@ def _assemble_constraints(problem, extra, state, values, work):
             work.tangents[row, 2, e] = s2 * extra.inertia * g
 
 
-@_compile
+@_part
 def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
     """Set the rows of constraints of −D_L b, and add Pη to rows D, V and K."""
     p, kept_rows = tables.kept.shape[0], tables.row_weights.shape[0]
@@ -574,7 +577,7 @@ def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
                 rhs[(1 + r) * n + i] -= tables.left[1 + r] * extra.rows_eta[r] * work.push[i]
 
 
-@_compile
+@_part
 def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
     """Add what η does through u, v and a, and in the kept row K."""
     p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
@@ -617,7 +620,7 @@ def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
                     matrix[row, column + k] += factor * work.p[source, k]
 
 
-@_compile
+@_part
 def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system):
     """Add the rows of constraints, −G, the columns of η and the penalty to D_L J D_R."""
     entries, matrix, weights = system.entries, system.matrix, tables.weights
@@ -650,7 +653,7 @@ def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system
         _add_columns_of_eta(problem, tables, extra, n, values, work, matrix)
 
 
-@_compile
+@_part
 def _norms_of_blocks(tables, extra, correction, n, work):
     """Set the norms of the blocks of a correction but for λ that is no unknown.
 
@@ -691,7 +694,7 @@ def _norms_of_blocks(tables, extra, correction, n, work):
     return displacement_square
 
 
-@_compile
+@_part
 def _apply(tables, extra, correction, moving, multipliers, work):
     """Apply a correction (N,) to the kept fields, λ and η."""
     n, m, p = moving.shape[1], multipliers.shape[0], tables.kept.shape[0]
@@ -710,7 +713,7 @@ def _apply(tables, extra, correction, moving, multipliers, work):
                 work.push[i] += work.p[i, k] * work.eta[k]
 
 
-@_compile
+@_part
 def _recover_pushed(tables, extra, moving, work):
     """Add Pη to the eliminated fields."""
     for f in range(3):
@@ -719,7 +722,7 @@ def _recover_pushed(tables, extra, moving, work):
                 moving[f, i] += extra.eta[f] * work.push[i]
 
 
-@_compile
+@_part
 def _take_norms(work, norms, s, settled):
     """Record the blocks that still decrease; True when none does any more.
 
@@ -738,7 +741,7 @@ def _take_norms(work, norms, s, settled):
     return all_done
 
 
-@_compile
+@_part
 def _solve_saddle(problem, extra, g, n, work):
     """Overwrite ``work.rhs`` with the solution of [[M, −G], [Gᵀ, 0]] x = ``work.rhs``."""
     work.matrix[:] = 0
@@ -757,7 +760,7 @@ def _solve_saddle(problem, extra, g, n, work):
     return solved
 
 
-@_compile
+@_part
 def _project(problem, extra, misfit, g, work):
     """Set ``work.rhs`` to δ and μ of [[M, −G], [Gᵀ, 0]] (δ, μ) = (0, −misfit)."""
     n = work.matrix.shape[0] - misfit.shape[0]
