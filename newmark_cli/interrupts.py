@@ -14,6 +14,7 @@ import gc
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from types import CodeType, FrameType, FunctionType
@@ -124,6 +125,28 @@ def postponed() -> Iterator[None]:
     finally:
         _state.postponed -= 1
         _raise(sys._getframe())
+
+
+@contextlib.contextmanager
+def after() -> Iterator[None]:
+    """Signals are handled at the end of this context, whoever handles them.
+
+    For calls of C that go on when a handler raises an exception in what they call, and lose it.
+    Outside the main thread, where no handler runs, this does nothing.
+    """
+    arrived: list[tuple[int, FrameType | None]] = []
+    handlers: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        handlers = {n: found for n in NAMES if callable(found := signal.getsignal(n))}
+    for number in handlers:
+        signal.signal(number, lambda *given: arrived.append(given))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number, frame in arrived:
+            handlers[number](number, frame)
 
 
 def unbroken(function: _Function) -> _Function:

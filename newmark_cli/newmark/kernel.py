@@ -20,12 +20,13 @@ small mechanism: measure a change with `benchmarks/kernel.py`.
 import threading
 import weakref
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import from_dtype, njit, typeof, types
 from numba.extending import intrinsic
 
+from newmark_cli import interrupts
 from newmark_cli.cached_code import cached_njit
 from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark.march_data import (
@@ -42,7 +43,8 @@ from newmark_cli.newmark.march_data import (
 #: function, and is kept with the march.  Without fastmath: compiled and interpreted, the march
 #: gives the same bits.
 _compile = cached_njit(nogil=True, error_model="numpy")
-_part = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_WITHOUT_ENTRY: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # numba types neither
+_part = njit(nogil=True, error_model="numpy", **_WITHOUT_ENTRY)
 _inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 
@@ -1199,4 +1201,6 @@ def march(
             # one function, in every process.
             made.disable_compile()
             _compiled[dtype, formulated] = made
-    return _compiled[dtype, formulated](*given, *arguments)
+    # Numba runs Python for each function that it is given, and goes on if that raises.
+    with interrupts.after():
+        return _compiled[dtype, formulated](*given, *arguments)
