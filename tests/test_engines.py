@@ -48,6 +48,29 @@ STEPPED = (
 )  # fmt: skip
 
 
+@given(st.integers(1, 5), st.integers(1, 3), st.integers(0, 2), st.integers(0, 2**32 - 1))
+def test_the_residual_is_that_of_the_equations(n, m, extra, seed):
+    """−D_L b, wherever the fields are: in a march rows V and K are met but for rounding."""
+    random = np.random.default_rng(seed)
+    kept = random.permutation(3)[: 1 + extra]
+    mass, moving = random.normal(size=(n, n)), random.normal(size=(3, n))
+    left, weights = random.normal(size=2 + extra), random.normal(size=1 + extra)
+    row_weights, rows = random.normal(size=(extra, 1 + extra)), random.normal(size=(extra, n))
+    force, dynamics, phi = (random.normal(size=size) for size in (n, n, m))
+    found = np.empty((1 + extra) * n + m)
+    kernel.assemble_residual(
+        *np.indices((n, n)).reshape(2, -1), mass.ravel(), kept, left, weights, row_weights,
+        dynamics, rows, moving, force, phi, found,
+    )  # fmt: skip
+    equations = [
+        mass @ (weights @ moving[kept]) + dynamics - force,
+        *(row_weights @ moving[kept] + rows),
+        phi,
+    ]
+    expected = np.concatenate([-f * b for f, b in zip(left, equations, strict=True)])
+    assert np.allclose(found, expected, rtol=0, atol=1e-12)
+
+
 @each("name, form, variant, integrator", covering(STEPPED, FORMS, VARIANTS, INTEGRATORS))
 def test_engines_agree_per_step(name, form, variant, integrator):
     """Kernel and SciPy march take the same step, to rounding, from states along a run.
