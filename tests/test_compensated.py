@@ -158,6 +158,9 @@ def test_constraints_are_met_beyond_the_rounding_of_coordinates(name, engine, su
     state, change, rounding = march_100(subjects[name], engine, STEPS_OF[name] / 10, 50)
     assert np.abs(change).max() <= 100 * rounding
     assert np.abs(change - state.phi).max() <= 100 * rounding
+    # What the sums of u and of v have lost is carried on, too.
+    assert state.lows.any(axis=1).all()
+    assert (np.abs(state.lows) <= np.spacing(np.abs(state.past[:2])) / 2).all()
 
 
 @each("name, engine", [*itertools.product([*QUADRATIC, "undriven"], ENGINES[:1]), *SLOWLY])
