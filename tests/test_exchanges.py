@@ -90,6 +90,20 @@ def test_ever_other_exchanges():
     assert max(seen) == 20
 
 
+def test_the_march_halts_where_code_is_given_up(monkeypatch):
+    """After so many such steps, and not at the end of a stretch only."""
+    halts, took = [], exchanges.Exchanges.took
+
+    def seen(exchanges, given_up):
+        halts.append(len(given_up))
+        took(exchanges, given_up)
+
+    monkeypatch.setattr(exchanges.Exchanges, "took", seen)
+    monkeypatch.setattr(exchanges.Exchanges, "patience", 5)
+    run(problem("andrews"), scheme_of("u-lambda", "optimal", 1e-3), 3, 20)
+    assert halts == [20, *[5] * 8]
+
+
 def test_compiler_is_bounded(monkeypatch):
     """Exchanges that are new at every look: looked up now and then, compiled more seldom."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "optimal", 1e-3)
