@@ -4,6 +4,7 @@ Nothing is ever unpickled, and nothing large is read, or unpacked, before its si
 """
 
 import io
+import warnings
 import zipfile
 import zlib
 from collections.abc import Collection, Mapping
@@ -155,7 +156,10 @@ def _market(path: Path, where: str) -> Array:
         # Every entry takes two bytes at least.
         if entries > (rows * columns if layout == "array" else len(content)):
             raise MatrixError(f"{where} is cut off, or not a Matrix Market file")
-        matrix = mmread(io.BytesIO(content))
+        with warnings.catch_warnings():
+            # SciPy will return another class; both become dense.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            matrix = mmread(io.BytesIO(content))
         dense = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     except MatrixError:
         raise

@@ -235,14 +235,18 @@ def test_motions_that_do_not_get_through(tmp_path, law):
 
 
 def test_multipliers_close_to_a_singular_position(tmp_path):
-    """What is left of them is estimated, and no reference if that is too little."""
+    """What is left of them is estimated, and no reference if that is too little.
+
+    Rounding decides whether there is a motion to estimate them of.
+    """
     linkage, bars, t, _ = LAWS["at the end"]
     subject = built(tmp_path, mechanism(linkage, bars))
     found = solution(subject, 0.9999 * t)
     assert singular.smallest(subject, 0.9999, found.u) < 1e-4
     assert found.u_error < 1e-11
     assert 1e-7 < found.multipliers_error < 1e-3
-    with pytest.raises(NoReference, match=r"nearly lose rank there, and λ is known to .* only"):
+    refusals = r"nearly lose rank there, and λ is known to .* only|it ends or is not smooth there"
+    with pytest.raises(NoReference, match=refusals):
         solution(subject, 0.99998 * t)
 
 

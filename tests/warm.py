@@ -23,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+import warnings
 from pathlib import Path
 
 from compiled import is_kept
@@ -352,6 +353,7 @@ def prepare():
 
 
 if __name__ == "__main__":
+    warnings.filterwarnings("ignore", "This process", DeprecationWarning)  # has threads of NumPy
     prepare()
     with socket.socket(fileno=int(sys.argv[1])) as asked:
         serve(asked)

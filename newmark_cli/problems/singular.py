@@ -100,7 +100,9 @@ def crossings(times: Array, g: Array) -> list[Crossing]:
     found = []
     passed = np.zeros(len(steps), bool)
     # A value cannot vanish in between unless G changes by both its values.
-    for i in np.flatnonzero(least[:-1] + least[1:] <= changes).tolist():
+    near = least[:-1] + least[1:] <= changes
+    # The sign of a value that is zero at a sample is that of rounding; see below.
+    for i in np.flatnonzero(near & (np.minimum(least[:-1], least[1:]) > _ZERO)).tolist():
         ratios = np.linalg.eigvals(np.linalg.pinv(g[i], rcond=0) @ g[i + 1]).real
         rate = (least[i] + least[i + 1]) / steps[i]
         for ratio in ratios[ratios < 0]:
