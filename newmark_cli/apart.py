@@ -11,6 +11,7 @@ program's main module into every process, and listens on a socket with a name.  
 cannot fork: there problems in Python are refused.
 """
 
+import atexit
 import contextlib
 import gc
 import importlib
@@ -219,6 +220,16 @@ def stop() -> None:
         if _server is not None:
             _server.close()
             _server = None
+
+
+@atexit.register
+def _stop_at_exit() -> None:
+    # Python warns of a socket that its end closes.  Not if a thread is just asking: it may hang.
+    if _guard.acquire(blocking=False):
+        try:
+            stop()
+        finally:
+            _guard.release()
 
 
 def _folder() -> str | None:

@@ -46,10 +46,19 @@ def pytest_xdist_auto_num_workers(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes(config):
-    """Before the whole suite runs in several processes: compile what all of them need."""
-    whole = config.args_source == config.ArgsSource.TESTPATHS and not config.option.keyword
-    if whole and not is_kept():
-        compile_all()
+    """Before the whole suite runs in several processes: what all of them need."""
+    if config.args_source == config.ArgsSource.TESTPATHS and not config.option.keyword:
+        if not is_kept():
+            compile_all()
+        config.warm = Warm()
+        config.add_cleanup(config.warm.close)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node):
+    """Tell a worker of what was started for all of them."""
+    if warm := getattr(node.config, "warm", None):
+        node.workerinput["warm"] = warm.address
 
 
 #: What schedulers and workers of dask import, and runs on them.
@@ -98,9 +107,9 @@ class CommandLine:
 
 
 @pytest.fixture(scope="session")
-def warm():
+def warm(request):
     """What runs the command line."""
-    running = Warm()
+    running = Warm(getattr(request.config, "workerinput", {}).get("warm"))
     yield running
     running.close()
 

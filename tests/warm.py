@@ -133,14 +133,28 @@ class Started:
 
 
 class Warm:
-    """The process that is forked."""
+    """The process that is forked.
 
-    def __init__(self):
-        """Start it; it imports `MODULES`."""
+    Attributes:
+        address: Where other processes reach it.
+    """
+
+    def __init__(self, address=None):
+        """Reach that of another process, or start one, which imports `MODULES`."""
+        self.address, self._folder = address, None
+        if address:
+            self._control = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            self._control.connect(address)
+            return
+        self._folder = tempfile.TemporaryDirectory()
+        self.address = str(Path(self._folder.name) / "warm")
         self._control, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-        with theirs:
+        with theirs, socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as entrance:
+            entrance.bind(self.address)
+            entrance.listen()
+            given = [theirs.fileno(), entrance.fileno()]
             self._process = subprocess.Popen(
-                [sys.executable, __file__, str(theirs.fileno())], pass_fds=[theirs.fileno()]
+                [sys.executable, __file__, *map(str, given)], pass_fds=given
             )
 
     def imports(self, *modules):
@@ -192,31 +206,44 @@ class Warm:
         return Started(os.fdopen(report), *streams)
 
     def close(self):
-        """End the process."""
+        """End the process, if it was started here."""
         self._control.close()
-        self._process.wait()
+        if self._folder:
+            self._process.wait()
+            self._folder.cleanup()
 
 
-def serve(control):
-    """Fork for everyone who asks; tell the number of the process, and its exit code."""
+def serve(control, entrance):
+    """Fork for everyone who asks; tell the number of the process, and its exit code.
+
+    Args:
+        control: Socket of who has started this process, which ends with it.
+        entrance: Listens for others.
+    """
     woken, wakes = os.pipe()
     for end in (woken, wakes):
         os.set_blocking(end, False)
     signal.signal(signal.SIGCHLD, lambda number, frame: None)
     signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
-    running = {}
+    running, clients = {}, [control]
     while True:
-        ready, _, _ = select.select([control, woken], [], [])
+        ready, _, _ = select.select([*clients, entrance, woken], [], [])
         if woken in ready:
             os.read(woken, 4096)
             for pid in [*running]:
                 ended, status = os.waitpid(pid, os.WNOHANG)
                 if ended:
                     tell(running.pop(pid), os.waitstatus_to_exitcode(status))
-        if control in ready:
-            asked, given, _, _ = socket.recv_fds(control, 1 << 20, 3)
+        if entrance in ready:
+            clients.append(entrance.accept()[0])
+        for client in [client for client in clients if client in ready]:
+            asked, given, _, _ = socket.recv_fds(client, 1 << 20, 3)
             if not asked:
-                return
+                if client is control:
+                    return
+                clients.remove(client)
+                client.close()
+                continue
             if not given:
                 load(json.loads(asked)["modules"])
                 continue
@@ -224,7 +251,8 @@ def serve(control):
             if pid == 0:
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                control.close()
+                for one in (*clients, entrance):
+                    one.close()
                 for descriptor in (woken, wakes, given[0], *running.values()):
                     os.close(descriptor)
                 become(stdout=given[1], stderr=given[2], **json.loads(asked))
@@ -355,5 +383,4 @@ def prepare():
 if __name__ == "__main__":
     warnings.filterwarnings("ignore", "This process", DeprecationWarning)  # has threads of NumPy
     prepare()
-    with socket.socket(fileno=int(sys.argv[1])) as asked:
-        serve(asked)
+    serve(*(socket.socket(fileno=int(descriptor)) for descriptor in sys.argv[1:]))
