@@ -5,6 +5,7 @@ import csv
 import os
 import pickle
 import signal
+import subprocess
 import sys
 
 import pytest
@@ -252,6 +253,14 @@ def test_a_server_that_is_killed_is_started_anew():
     os.kill(server, signal.SIGKILL)
     wait_until(lambda: apart.call(os.getppid, ()) != server)
     assert apart.call(patch, ())[0] is False
+
+
+def test_a_program_ends_without_a_warning():
+    """Nothing that was opened to reach the server is left open."""
+    code = 'from newmark_cli import apart\napart._START = "{path}; {fd}"\napart._started()'
+    warns = [sys.executable, "-W", "always::ResourceWarning", "-c", code]
+    done = subprocess.run(warns, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_no_code_runs_here(tmp_path):
