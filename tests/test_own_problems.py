@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from each import each
+from matplotlib.axes import Axes
 from PIL import Image
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.report import draw_mechanism, draw_spatial
@@ -226,16 +228,59 @@ def test_view_has_up_against_gravity_and_keeps_its_hand():
         assert towards[up] == pytest.approx(np.sin(np.radians(20)))
 
 
-def test_animation(cli):
-    """A GIF with as many different frames as asked for."""
+def test_animation(cli, monkeypatch):
+    """A GIF with as many different frames as asked for, each with its time."""
     cli("draw", "slider-crank", "--at", "0.3", "--animate", "motion.gif", "--frames", "5")
     with Image.open(cli.folder / "motion.gif") as image:
         assert image.n_frames == 5
+    titles = []
+    monkeypatch.setattr(Axes, "set_title", lambda axes, title: titles.append(title))
+    names = [f"t = {time} s" for time in range(3)]
+    subject = problem("slider-crank")
+    draw_mechanism.animation(names, subject, [subject.u0] * 3, cli.folder / "titles.gif")
+    assert titles == names
+
+
+#: A bead on an arm, and a block on the ground.
+GUIDED = {
+    "points": {
+        "O": {"fixed": [0, 0]}, "A": {"at": [1, 0], "mass": 1},
+        "P": {"at": [0.5, 0], "mass": 1}, "B": {"at": [2, 1], "mass": 1},
+    },
+    "bodies": {"arm": {
+        "from": "O", "to": "A", "length": 1, "mass": 1, "centre": [0.5, 0], "inertia": 0.1,
+    }},
+    "sliders": {
+        "bead": {"point": "P", "on": "arm", "through": [0, 0], "direction": [2, 0]},
+        "rail": {"point": "B", "through": [0, 1], "direction": [-3, 0]},
+    },
+}  # fmt: skip
+
+
+def test_guides_do_not_travel():
+    """One stands where its point starts, on the ground or its body, and reaches it."""
+    subject = newmark.problem(GUIDED)
+    assert subject.points == ("A", "P", "B")
+    half = 0.12 * 2
+    for u, bead, rail in (
+        ([1, 0, 0.5, 0, 2, 1], (0.5 - half, 0.5 + half), (2 + half, 2 - half)),
+        # The arm upright, the bead further out, the block further to the left.
+        ([0, 1, 0, 0.8, 1.5, 1], (1j * (0.5 - half), 1j * (0.8 + half)), (2 + half, 1.5 - half)),
+        (
+            [0, -1, 0, -0.1, 2.5, 1],
+            (-1j * (0.1 - half), -1j * (0.5 + half)),
+            (2.5 + half, 2 - half),
+        ),
+    ):
+        scene = draw_mechanism._scene(subject, np.array(u, float), 1.0)
+        found = [mark.places for mark in draw_mechanism._marks(scene) if mark.symbol == "guide"]
+        np.testing.assert_allclose(found, [bead, np.array(rail) + 1j], atol=1e-12)
 
 
 def test_draw_refuses(cli):
     """Unknown problems, times and steps without sense."""
     assert "unknown problem 'andrew'; did you mean 'andrews'" in cli.refused("draw", "andrew")
+    assert "command line: problem: a.yaml: cannot be read" in cli.refused("draw", "a.yaml")
     assert "--at: must be" in cli.refused("draw", "andrews", "--at", "-1")
     assert "--h: must be" in cli.refused("draw", "andrews", "--at", "1", "--h", "2")
     assert "--animate: needs --at" in cli.refused("draw", "andrews", "--animate", "x.gif")

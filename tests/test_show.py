@@ -208,7 +208,10 @@ def test_check_of_one_study(cli):
     assert (cli.folder / "results/slopes.csv").read_text() == rows
     assert [r["study"] for r in json.loads(cli("check", "good", "--json").stdout)] == ["good"]
     assert cli("check", "bad", code=1).stdout == whole.stdout.replace("1 of 2", "0 of 1")
-    assert "miss: bad andrews u-lambda none, Δλ: local orders −3.00 −3.00 −3.00" in whole.stdout
+    assert (
+        "miss: bad andrews u-lambda trapezoidal none, Δλ: local orders −3.00 −3.00 −3.00"
+        in whole.stdout
+    )
 
 
 def test_check_warns_of_what_it_cannot_judge(cli):

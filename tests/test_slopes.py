@@ -196,10 +196,24 @@ def test_a_miss_has_its_local_orders_and_its_reason(tmp_path):
     table = series((1e-1, 1e-2, 1e-3, 1e-4), measure="error", quantity="u")
     (line,) = check.remarks(found(tmp_path, table))
     assert line == (
-        "miss: own andrews u-lambda none, error of u: local orders 1.00 1.00 1.00; "
+        "miss: own andrews u-lambda trapezoidal none, error of u: local orders 1.00 1.00 1.00; "
         "order 1 over h = 0.01 … 0.0001"
     )
     assert check.remarks(found(tmp_path, series(power(-2)))) == []
+
+
+def test_an_order_that_ends_is_told(tmp_path):
+    """Nothing is predicted of λ, and the check passes; that it gets worse again is said."""
+    table = series((1e-2, 1e-4, 1e-6, 1e-3), measure="error", quantity="lambda")
+    slopes = found(tmp_path, table)
+    (line,) = check.remarks(slopes)
+    assert line == (
+        "shown: own andrews u-lambda trapezoidal none, error of λ: local orders 2.00 2.00 −3.00; "
+        "order 2 down to h = 0.0001; below it rounding feeds an alternation that is not damped"
+    )
+    assert (slopes[0].verdict, slopes[0].fails) == (SHOWN, False)
+    table = series((1e-2, 1e-4, 1e-6, 1e-8), measure="error", quantity="lambda")
+    assert check.remarks(found(tmp_path, table)) == []
 
 
 def test_singular_positions_and_rest_are_told(tmp_path):

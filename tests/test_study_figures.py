@@ -1,5 +1,6 @@
 """Figures of any study: what results arrange by themselves, and what a config defines."""
 
+import dataclasses
 import itertools
 import json
 
@@ -13,6 +14,7 @@ from newmark_cli.newmark.invariants import INVARIANTS
 from newmark_cli.report import automatic, cures, draw, page, plot
 from newmark_cli.report.figures import FIGURES, TABLED
 from newmark_cli.report.kinds import Results
+from newmark_cli.report.panels import WIDTH
 from newmark_cli.report.slopes import collect
 from newmark_cli.study import config, drawing, results
 from newmark_cli.study.measures import RECORDS
@@ -136,6 +138,21 @@ def test_the_axis_with_most_values_is_the_series(tmp_path, values, series, panel
     for part in figure.parts:
         assert [curve.label for curve in part.curves] == series
     assert figure.columns == columns
+
+
+def test_panels_side_by_side_have_room(tmp_path):
+    """A row of three is as tall as a panel alone, and leaves room for the orders."""
+    integrators = [TRAPEZOIDAL, "bdf2", DAMPED]
+    scalings = ["none", "left", "right", "optimal"]
+    found = written(tmp_path, table(integrator=integrators, preconditioning=scalings))
+    (figure,) = drawn(found).values()
+    assert len(figure.parts) == 3
+    three = dataclasses.replace(figure, columns=3).sheet(found)
+    assert three.size == (2 * WIDTH / 3, 2.6)
+    assert {panel.x_room for panel in three.panels} == {0.16}
+    two = dataclasses.replace(figure, columns=2).sheet(found)
+    assert two.size == (WIDTH, 2.1)
+    assert {panel.x_room for panel in two.panels} == {0.08}
 
 
 def test_what_would_be_too_many_panels_becomes_figures(tmp_path):

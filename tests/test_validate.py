@@ -118,6 +118,15 @@ def test_surroundings_do_not_remember(tmp_path):
             config.parse(document, around)
 
 
+def test_a_mechanism_is_no_study(cli):
+    """Who runs one is told what a study of it says."""
+    cli.write("hoist.yaml", HOIST)
+    assert cli.refused("run", "hoist.yaml") == (
+        "newmark-study: hoist.yaml, line 5: is a mechanism; a study of it says "
+        "'problem: hoist.yaml'"
+    )
+
+
 def test_every_mistake_of_a_mechanism(cli):
     """Keys, values and references, also of parts next to wrong ones; nothing that follows."""
     text = HOIST
@@ -249,6 +258,12 @@ def test_a_comma_in_a_file_name(tmp_path):
             "{method: generalized-alpha, rho_inf: 0.9}",
             ["rho_inf: unknown key; did you mean 'rho'? allowed: method, beta, gamma, rho, alpha; "
              "for example {method: generalized-alpha, rho: 0.9}"],
+        ),
+        (
+            "{method: hht, alpha: -0.1}",
+            ["alpha: alpha = -0.1: must be within [0, 0.333333]; above 1/3 the damping does not "
+             "grow any further; texts that have alpha from -1/3 to 0 mean -alpha; for example "
+             "{method: hht, alpha: 0.1}"],
         ),
         (
             "generalized_alpha",

@@ -81,7 +81,7 @@ def _tolerances(
     multiple=True,
     callback=_numbers,
     metavar="H",
-    help="Step size (s); several with commas, or repeated.  Those of a study by default.",
+    help="Step size (s); several with commas, or repeated.  Only a study brings its own.",
 )
 @click.option(
     "--form",

@@ -214,10 +214,12 @@ def draw(
         if moved.doubt:
             advice = "" if step is None else "; try a smaller --h"
             screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
-    title = (subject.drawing.title or spec.label) + (f", t = {time:g} s" if time else "")
+    title = subject.drawing.title or spec.label
     if animated is not None:
-        screen.line(draw_mechanism.animation(title, subject, places, animated))
+        titles = [f"{title}, t = {part * time / (frames - 1):.3g} s" for part in range(frames)]
+        screen.line(draw_mechanism.animation(titles, subject, places, animated))
         return 0
+    title += f", t = {time:g} s" if time else ""
     name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-") or "mechanism"
     figure = draw_mechanism.mechanism_figure(title, subject, places[-1])
     for file in style.save(figure, folder, name):

@@ -153,10 +153,17 @@ def _slider(builder: "Builder", slider: Slider, path: "KeyPath") -> None:
 
 
 def _slider_sketch(scene: Scene, slider: Slider) -> tuple[Mark, ...]:
-    direction = complex(*slider.direction) * scene.along(slider.on)
-    half = 0.12 * scene.size * direction / abs(direction)
-    place = scene.points[slider.point]
-    return (Stroke((place - half, place + half), "guide"),)
+    # A guide does not travel with what it guides: it is drawn where that starts, and as far
+    # as that has got.
+    direction = complex(*slider.direction) / abs(complex(*slider.direction))
+    first = (scene.start or scene).seen_from(slider.on, slider.point)
+    moved = ((scene.seen_from(slider.on, slider.point) - first) * direction.conjugate()).real
+    half = 0.12 * scene.size
+    ends = (
+        scene.placed(slider.on, (first + reach * direction) / scene.factor)
+        for reach in (min(moved, 0) - half, max(moved, 0) + half)
+    )
+    return (Stroke(tuple(ends), "guide"),)
 
 
 # -- laws of time ---------------------------------------------------------------------------

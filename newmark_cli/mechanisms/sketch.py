@@ -15,12 +15,14 @@ class Scene:
         points: Places of its points.
         size: Its extent.
         factor: Lengths in the figure of a metre.
+        start: The mechanism where it starts; None if this is it.
     """
 
     mechanism: Mechanism
     points: Mapping[str, complex]
     size: float
     factor: float
+    start: "Scene | None" = None
 
     def along(self, body: str | None) -> complex:
         """Direction of a body from its first to its second point, of length 1; 1 of the ground."""
@@ -33,6 +35,10 @@ class Scene:
         """First point of a body; None of the ground."""
         given = self.mechanism.bodies.get(body or "")
         return None if given is None else self.points[given.from_]
+
+    def seen_from(self, body: str | None, point: str) -> complex:
+        """Place of a point in the axes of a body, or of the ground, in lengths of the figure."""
+        return (self.points[point] - (self.centre(body) or 0)) / self.along(body)
 
     def placed(self, on: str | None, at: complex) -> complex:
         """A place that is given in the axes of a body, or of the ground (m)."""

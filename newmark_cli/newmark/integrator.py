@@ -257,8 +257,10 @@ class HHT:
 
     def __post_init__(self) -> None:
         _refuse_outside(
-            "alpha", self.alpha, 0, 1 / 3, "above 1/3 the damping does not grow any further"
-        )
+            "alpha", self.alpha, 0, 1 / 3,
+            "above 1/3 the damping does not grow any further; texts that have alpha from -1/3 "
+            "to 0 mean -alpha",
+        )  # fmt: skip
 
     @property
     def label(self) -> str:

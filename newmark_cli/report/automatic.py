@@ -19,6 +19,7 @@ from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import (
     LOOKS,
+    WIDTH,
     Legend,
     Look,
     Panel,
@@ -86,6 +87,8 @@ class SeriesFigure(OfParts):
             replace(panel, traces=(*panel.traces, *_floors(part, every_slope)))
             for panel, part in zip(panels, self.parts, strict=True)
         ]
+        if self.columns > 2:  # narrow ones, where orders take a larger share
+            panels = [replace(panel, x_room=2 * panel.x_room) for panel in panels]
         fitted = any(not np.isnan(slope.expected) for slope in series.values())
         apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
         notes = ["fitted slope"] if fitted and not several else []
@@ -95,10 +98,17 @@ class SeriesFigure(OfParts):
             tuple(panels),
             self.columns,
             Legend("; ".join(notes)),
-            panel_size=None if several else (3.5, 2.5),
+            panel_size=self._panel_size if several else (3.5, 2.5),
             share_y=alike,
             ticks=(8, 8),
         )
+
+    @property
+    def _panel_size(self) -> tuple[float, float] | None:
+        """Of panels side by side, tall enough for the fits and the orders in them."""
+        if self.columns == 1:
+            return None
+        return 2 * WIDTH / self.columns, 2.6 if len(self.parts) <= self.columns else 2.1
 
     def _panel(
         self, part: Part, slopes: Sequence["Slope"], places: Mapping[str, int], several: bool

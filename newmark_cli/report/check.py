@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.report.claims import Claim, Finding, FloorClaim, evaluate
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
@@ -213,8 +215,8 @@ def claim_rows(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
 def _where(slope: Slope) -> str:
     if slope.figures:
         return slope.study
-    beside = "" if slope.integrator == TRAPEZOIDAL else f" {slope.integrator}"
-    return f"{slope.study} {slope.problem} {slope.form}{beside}"
+    rule = "trapezoidal" if slope.integrator == TRAPEZOIDAL else slope.integrator
+    return f"{slope.study} {slope.problem} {slope.form} {rule}"
 
 
 #: What stands in columns of its own, or is said by the quantity.
@@ -252,17 +254,24 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
     """A line for each series that is not as predicted: its local orders, and why.
 
     Args:
-        slopes: The series; those as predicted, and shown ones, have no line.
+        slopes: The series; those as predicted have no line, and of those that are shown
+            only the ones that lose their order at the smallest step size.
     """
     lines = []
     for slope in slopes:
-        if slope.verdict not in (PASS, SHOWN) and not slope.accepted:
+        if not slope.accepted and (slope.verdict not in (PASS, SHOWN) or _loses_order(slope)):
             where = f"{_where(slope)} {_variant(slope)}, {quantity(slope)}"
             orders = format_orders(slope)
             said = (f"local orders {orders}" if orders else "", slope.reason)
             told = "; ".join(filter(None, said))
             lines.append(f"{slope.verdict}: {where}: {told or 'no reason known'}")
     return lines
+
+
+def _loses_order(slope: Slope) -> bool:
+    """Whether a series that is shown has an order, but not down to the smallest step size."""
+    fitted = slope.fitted[np.argsort(slope.h)]
+    return slope.verdict == SHOWN and bool(slope.reason) and bool(fitted.any() and not fitted[0])
 
 
 def format_prediction(slope: Slope) -> str:

@@ -113,7 +113,9 @@ def _draw(axes: Any, panel: Panel) -> tuple[Entries, Entries]:
     if panel.scene is not None:
         panel.scene.draw(axes)
         axes.set_aspect("equal")
-        axes.margins(0.1)
+        width, height = axes.dataLim.width or 1.0, axes.dataLim.height or 1.0
+        # Names need room beside what is flat, too.
+        axes.margins(max(0.1, 0.07 * height / width), max(0.1, 0.07 * width / height))
         return [(handle.get_label(), handle) for handle in panel.scene.handles()], []
     if panel.x_scale != "linear":
         axes.set_xscale(panel.x_scale)

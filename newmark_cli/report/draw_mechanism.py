@@ -165,9 +165,13 @@ def _extent(positions: Mapping[str, complex]) -> float:
 
 def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
     """A planar mechanism at a position u, lengths multiplied by ``factor``."""
-    points = {name: factor * place for name, place in places(problem, u).items()}
     size = factor * _extent(places(problem, problem.u0))
-    return Scene(problem.drawing, points, size, factor)
+
+    def scene(at: Array, start: Scene | None = None) -> Scene:
+        points = {name: factor * place for name, place in places(problem, at).items()}
+        return Scene(problem.drawing, points, size, factor, start)
+
+    return scene(u, scene(problem.u0))
 
 
 def _marks(scene: Scene) -> list[Mark]:
@@ -195,8 +199,9 @@ def draw_mechanism(
             _body(axes, mechanism, name, points)
             _body_label(axes, mechanism, name, points, size)
     else:
-        for body in mechanism.bodies.values():
-            line(axes, [points[body.from_], points[body.to]], color="#0072B2", linewidth=0.8)
+        for name, body in mechanism.bodies.items():
+            color = "#D55E00" if _is_driven(mechanism, name) else "#0072B2"
+            line(axes, [points[body.from_], points[body.to]], color=color, linewidth=0.8)
     for mark in _marks(scene):
         _draw_mark(axes, mark, size, labelled)
     for name, place in points.items():
@@ -280,6 +285,10 @@ def _corners(mechanism: Mechanism, name: str) -> list[str]:
     ]
 
 
+def _is_driven(mechanism: Mechanism, body: str) -> bool:
+    return body in {torque.on for torque in mechanism.torques.values()}
+
+
 def _body(axes: Any, mechanism: Mechanism, name: str, points: Mapping[str, complex]) -> None:
     body = mechanism.bodies[name]
     start, end = points[body.from_], points[body.to]
@@ -293,7 +302,7 @@ def _body(axes: Any, mechanism: Mechanism, name: str, points: Mapping[str, compl
         axes.add_patch(
             Polygon(outline, closed=True, fill=False, edgecolor="#0072B2", linewidth=0.7, zorder=2)
         )
-    driven = name in {torque.on for torque in mechanism.torques.values()}
+    driven = _is_driven(mechanism, name)
     color, width, order = ("#D55E00", 3.2, 3) if driven else ("#0072B2", 1.8, 2)
     line(axes, [start, end], color=color, linewidth=width, solid_capstyle="round", zorder=order)
     axes.plot(
@@ -458,11 +467,13 @@ def _torque(axes: Any, centre: complex, radius: float, torque: float) -> None:
     _arrow(axes, back, tip, 1.0)
 
 
-def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: Path) -> Path:
+def animation(
+    titles: Sequence[str], problem: Drawable, positions: Sequence[Array], stem: Path
+) -> Path:
     """Write a looping GIF of a mechanism.
 
     Args:
-        title: Title of every frame.
+        titles: Title of each frame.
         problem: A problem that is a mechanism.
         positions: (n,) position of each frame.
         stem: File.
@@ -479,7 +490,7 @@ def animation(title: str, problem: Drawable, positions: Sequence[Array], stem: P
         corners = [part(p) for part in (np.real, np.imag) for p in everywhere]
         half = len(everywhere)
         frames = []
-        for u in positions:
+        for title, u in zip(titles, positions, strict=True):
             axes.clear()
             axes.set_aspect("equal")
             draw_mechanism(axes, problem, u, factor, labelled=False)

@@ -448,6 +448,11 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
+    from newmark_cli.mechanisms import loading
+
+    if "study" not in data and loading.is_mechanism(data):
+        said = f"problem: {document.name}"
+        raise document.error((), f"is a mechanism; a study of it says {said!r}")
     # What is reported already is so for this document only.
     around = replace(around or Surroundings(), refused=set())
     mistakes = documents.Mistakes()
@@ -658,7 +663,7 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
         value = {match[1]: {k: int(v) if v.isdecimal() else v for k, v in sizes.items()}}
     elif re.fullmatch(r".+\.py:\w+", text):
         value = {"python": text}
-    document = Document("command line", {"problem": value}, {("problem",): 1})
+    document = Document("command line", {"problem": value}, {("problem",): 0})
     around = Surroundings(allow_code=allow_code)
     spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
     return spec
