@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -95,13 +96,14 @@ def test_mistakes_in_a_mechanism_stop_the_run(cli, hoist):
 def test_validate(cli, hoist):
     """A line for each file, exit 2 when one is not valid, nothing is run."""
     done = cli("validate", "mine.yaml", "hoist.yaml")
-    assert done.stdout.splitlines() == [
-        "mine.yaml: study mine, 24 cells",
+    mechanism = [
         "hoist.yaml: mechanism, 4 coordinates, 3 constraints",
+        "  assembled: S, the farthest, is 0.00581 m from its guess",
     ]
+    assert done.stdout.splitlines() == ["mine.yaml: study mine, 24 cells", *mechanism]
     cli.write("bad.yaml", STUDY.replace("1e-3", "0").replace("PROBLEM", "pendulum"))
     done = cli("validate", "bad.yaml", "hoist.yaml", code=2)
-    assert done.stdout.splitlines() == ["hoist.yaml: mechanism, 4 coordinates, 3 constraints"]
+    assert done.stdout.splitlines() == mechanism
     assert "bad.yaml, line 5: h[2]" in done.stderr
     assert not (cli.folder / "results").exists()
 
@@ -239,6 +241,31 @@ def test_animation(cli, monkeypatch):
     subject = problem("slider-crank")
     draw_mechanism.animation(names, subject, [subject.u0] * 3, cli.folder / "titles.gif")
     assert titles == names
+
+
+def test_validate_says_what_was_assembled(cli):
+    """The farthest point or body, in the plane and in space; nothing where nothing is guessed."""
+    hanging = "points: {A: {fixed: [0, 0]}, B: {at: [3, 4], mass: 1}}\n"
+    bar = "bars: {rod: {from: A, to: B, length: LENGTH}}\n"
+    for length, said in ((5, "everything is where the file has it"),
+                         (8, "B, the farthest, is 3 m from its guess")):  # fmt: skip
+        text = hanging + bar.replace("LENGTH", str(length)) + "assemble: true\n"
+        cli.write("rod.yaml", text)
+        assert cli("validate", "rod.yaml").stdout.splitlines()[1:] == [f"  assembled: {said}"]
+    cli.write("rod.yaml", text.replace("8", "5").replace("assemble: true\n", ""))
+    assert len(cli("validate", "rod.yaml").stdout.splitlines()) == 1
+    cli.write(
+        "swing.yaml",
+        "dimensions: 3\nbodies: {box: {position: [0, 0, 7], mass: 1, box: [1, 1, 1]}}\n"
+        "joints: {ball: {type: spherical, from: ground, to: box,\n"
+        "                at: {ground: [0, 0, 0], box: [0, 0, 5]}}}\nassemble: true\n",
+    )
+    *_, last = cli("validate", "swing.yaml").stdout.splitlines()
+    origin = float(re.fullmatch(r"  assembled: box, the farthest, is ([\d.]+) m .*", last)[1])
+    # The ball is 5 m from the origin, whichever way the box has turned.
+    subject = newmark.problem(str(cli.folder / "swing.yaml"))
+    assert np.linalg.norm(subject.u0[:3]) == pytest.approx(5)
+    assert origin == pytest.approx(np.linalg.norm(subject.u0[:3] - [0, 0, 7]), rel=1e-2)
 
 
 #: A bead on an arm, and a block on the ground.

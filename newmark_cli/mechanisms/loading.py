@@ -1,5 +1,6 @@
 """Mechanism files, planar or spatial."""
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -92,6 +93,32 @@ def made(name: str, data: dict[str, Any]) -> Problem:
 def is_mechanism(data: Any) -> bool:
     """Whether the data of a file are those of a mechanism rather than of a study."""
     return isinstance(data, dict) and not data.keys().isdisjoint(_OF_MECHANISMS)
+
+
+def assembled(problem: Problem) -> list[str]:
+    """A line on how far assembling has moved what a file guesses; none if it guesses nothing.
+
+    Args:
+        problem: A mechanism; of a spatial one the origins of bodies are looked at.
+    """
+    mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
+    if mechanism is None or not mechanism.assemble:
+        return []
+    if len(problem.axes) == 3:
+        guesses = {name: body.position for name, body in mechanism.bodies.items()}
+        size = 12  # an origin and three directors
+    else:
+        guesses = {name: mechanism.points[name].at for name in problem.points}
+        size = 2
+    found = problem.u0.reshape(-1, size)[: len(guesses)]
+    moved = {
+        name: math.dist(place[: len(guess)], guess)
+        for (name, guess), place in zip(guesses.items(), found, strict=True)
+    }
+    farthest = max(moved, key=lambda name: moved[name])
+    if moved[farthest] < 1e-12:
+        return ["  assembled: everything is where the file has it"]
+    return [f"  assembled: {farthest}, the farthest, is {moved[farthest]:.3g} m from its guess"]
 
 
 def is_spatial(data: Any) -> bool:

@@ -674,7 +674,7 @@ class _OneProblem(StrictModel):
 
 
 def describe(path: Path, name: str, allow_code: bool) -> list[str]:
-    """Contents of a valid config or mechanism file, in one line; in more of a spatial one.
+    """Contents of a valid config or mechanism file, in a line or a few.
 
     Args:
         path: The file.
@@ -695,7 +695,9 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
         if loading.is_spatial(document.data):
             from newmark_cli.mechanisms import spatial_summary
 
-            return spatial_summary.lines(name, problem)
-        return [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"]
+            found = spatial_summary.lines(name, problem)
+        else:
+            found = [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"]
+        return found + loading.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))
     return [f"{name}: study {study.study}, {study.count} cells"]
