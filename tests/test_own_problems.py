@@ -212,6 +212,8 @@ def test_every_spatial_mechanism_can_be_drawn(name):
                 assert tuple((place.real, place.imag) for place in line) in ends
     labels = {text.get_text() for text in axes.texts}
     assert (labels >= joints.keys() | set(subject.drawing.bodies)) == (subject.n <= 60 * 3)
+    known = draw_spatial.symbols(subject.drawing)
+    assert ("point" in known) == bool(subject.drawing.points)
 
 
 def test_view_has_up_against_gravity_and_keeps_its_hand():

@@ -266,6 +266,17 @@ def test_fits_are_written_where_no_points_are():
         assert (text.get_ha(), text.get_va()) == aligned
 
 
+def test_fits_do_not_cover_orders():
+    """The text at the end of a line counts like a point."""
+    level = trace(0, "one", 0.0, fit="0.00")
+    for word, aligned in (("", ("right", "top")), ("h²", ("left", "top"))):
+        line = Reference(H[[0, -1]], np.array([1e-1, 1e2]), word)
+        panel = Panel((level,), y_limits=(1e-9, 1e3), references=(line,), fits=True)
+        *_, text = draw.drawn(Sheet("", (panel,))).axes[0].texts
+        assert text.get_text() == "one: 0.00"
+        assert (text.get_ha(), text.get_va()) == aligned
+
+
 def test_ticks_within_a_decade():
     """Times between 0.2 and 0.8 s have numbers at their ticks; step sizes have powers of ten."""
     times = trace(0, "a", x=np.array([0.21, 0.4, 0.79]))

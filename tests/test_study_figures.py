@@ -109,6 +109,16 @@ def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
     assert found["mine-pendulum-u-lambda-error-u"].curves[0].problem == "pendulum"
 
 
+@each("quantity, said", [("lambda", "λ"), ("omega", "ω"), ("force", "force")])
+def test_titles_and_labels_of_errors(tmp_path, quantity, said):
+    """Errors are of something; where words stand for it the label can be broken."""
+    found = written(tmp_path, table(quantity=quantity))
+    (figure,) = drawn(found).values()
+    assert figure.title == f"hoist, (u, λ) form: error of {said}"
+    (panel,) = figure.sheet(found).panels
+    assert ("$ $" in panel.y_label) == (said == "force")
+
+
 @each("values, series, panels, columns", [
         ({}, ["optimal"], [""], 1),
         ({"integrator": [TRAPEZOIDAL, "bdf2"]}, ["trapezoidal", "BDF2"], [""], 1),

@@ -19,7 +19,6 @@ from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import (
     LOOKS,
-    WIDTH,
     Legend,
     Look,
     Panel,
@@ -27,6 +26,7 @@ from newmark_cli.report.panels import (
     Trace,
     from_zero,
     look,
+    side_by_side,
     spread,
 )
 from newmark_cli.report.parts import OfParts, Part
@@ -36,7 +36,7 @@ from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
-from newmark_cli.study.measures import FLOOR_OF, RECORDS, symbol
+from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
@@ -98,17 +98,10 @@ class SeriesFigure(OfParts):
             tuple(panels),
             self.columns,
             Legend("; ".join(notes)),
-            panel_size=self._panel_size if several else (3.5, 2.5),
+            panel_size=side_by_side(len(panels), self.columns),
             share_y=alike,
             ticks=(8, 8),
         )
-
-    @property
-    def _panel_size(self) -> tuple[float, float] | None:
-        """Of panels side by side, tall enough for the fits and the orders in them."""
-        if self.columns == 1:
-            return None
-        return 2 * WIDTH / self.columns, 2.6 if len(self.parts) <= self.columns else 2.1
 
     def _panel(
         self, part: Part, slopes: Sequence["Slope"], places: Mapping[str, int], several: bool
@@ -452,7 +445,8 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
         words = "condition number"
     if not quantity or quantity in _ONLY:
         return words
-    return f"{words} of {symbol(quantity)}" if quantity in UNKNOWNS else f"{words}, {quantity}"
+    of_it = quantity in UNKNOWNS or quantity in OF_OUTPUTS
+    return f"{words} of {symbol(quantity)}" if of_it else f"{words}, {quantity}"
 
 
 # -- names of files -----------------------------------------------------------------------------

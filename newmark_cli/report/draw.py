@@ -205,7 +205,10 @@ def _write_fits(axes: Any, panel: Panel) -> None:
     lines = [f"{plain(_shortened(label, room - len(fit) - 2))}: {fit}" for label, fit in fits]
     tall = 0.05 + 0.08 * len(lines)
     shown = [(t, t.shown(panel.x_scale, panel.y_scale)) for t in panel.traces]
-    points = np.concatenate([np.column_stack([t.x[mask], t.y[mask]]) for t, mask in shown])
+    points = np.concatenate(
+        [np.column_stack([t.x[mask], t.y[mask]]) for t, mask in shown]
+        + [np.array([[line.x[-1], line.y[-1]]]) for line in panel.references if line.text]
+    )
     axes.autoscale_view()  # finds the limits, which are used here
     x, y = axes.transAxes.inverted().transform(axes.transData.transform(points)).T
     corners = [(right, top) for top in (True, False) for right in (True, False)]

@@ -297,13 +297,15 @@ def symbols(model: "SpatialModel") -> Symbols:
     dot = {"linestyle": "none", "color": "black", "markersize": 4}
     found: dict[str, Mapping[str, Any]] = {
         "joint": {**dot, "marker": "o", "markerfacecolor": "white"},
-        "joint of the ground": {**dot, "marker": "o"},
+        "joint to the ground": {**dot, "marker": "o"},
     }
     if any(joint.kind in _MARKERS for joint in model.joints.values()):
         found["joint that slides"] = {**dot, "marker": "s", "markerfacecolor": "white"}
     if any(JOINTS[joint.kind].axes for joint in model.joints.values()):
         found["axis"] = {"color": _RED, "linewidth": 1.1}
     found["mass centre"] = {**dot, "marker": "+", "color": _RED}
+    if model.points:
+        found["point"] = {**dot, "marker": "x"}
     if mechanism.springs:
         found["spring"] = {"color": _GREEN}
     if mechanism.dampers:

@@ -309,6 +309,20 @@ class Sheet:
         return " ".join(f"{part}." for part in (self.title, *(t.said for t in traces if t.said)))
 
 
+def side_by_side(count: int, columns: int) -> tuple[float, float] | None:
+    """Width and height (inch) of panels of one study, tall enough for what is written in them.
+
+    Args:
+        count: How many panels.
+        columns: Panels in a row.
+    """
+    if count == 1:
+        return WIDTH, 2.5
+    if columns == 1:
+        return None
+    return 2 * WIDTH / columns, 2.6 if count <= columns else 2.1
+
+
 def spread(values: Iterable[Array], headroom: float = 0.12) -> tuple[float, float] | None:
     """Ends of a logarithmic ordinate that shows at least four decades.
 

@@ -49,6 +49,8 @@ _MATH = {
     "lambda": r"\lambda", "eta": r"\eta", ENERGY: "E", "omega": r"\omega",
     "force": r"\mathrm{force}", "moment": r"\mathrm{moment}", OUTPUT: r"\mathrm{output}",
 }  # fmt: skip
+#: Those without a symbol.
+_WORDS = ("force", "moment")
 
 
 def symbol(quantity: str) -> str:
@@ -631,6 +633,8 @@ ERROR = Measure(
             lambda key: f"error of {symbol(key.quantity)}",
             lambda key: (
                 rf"error at the end, $\max|\Delta {_math(key.quantity)}| \,/\, "
+                # The label of a word may have to be broken here.
+                f"{'$ $' if key.quantity in _WORDS else ''}"
                 rf"\max|{_math(key.quantity)}|$"
             ),
             "last",
