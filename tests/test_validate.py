@@ -8,6 +8,7 @@ from conftest import QUICK
 from each import each
 from test_own_problems import EXAMPLES
 
+import newmark_cli as newmark
 from newmark_cli import documents
 from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.integrator import INTEGRATORS, parse
@@ -119,12 +120,14 @@ def test_surroundings_do_not_remember(tmp_path):
 
 
 def test_a_mechanism_is_no_study(cli):
-    """Who runs one is told what a study of it says."""
+    """Who runs one is told where it belongs; also one that is no file."""
     cli.write("hoist.yaml", HOIST)
     assert cli.refused("run", "hoist.yaml") == (
-        "newmark-study: hoist.yaml, line 5: is a mechanism; a study of it says "
-        "'problem: hoist.yaml'"
+        "newmark-study: hoist.yaml, line 5: is a mechanism, not a study: a study has it as its "
+        "'problem'"
     )
+    with pytest.raises(DocumentError, match=r"^study: is a mechanism, not a study: "):
+        newmark.run({"points": {"A": {"fixed": [0, 0]}}})
 
 
 def test_every_mistake_of_a_mechanism(cli):

@@ -451,8 +451,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     from newmark_cli.mechanisms import loading
 
     if "study" not in data and loading.is_mechanism(data):
-        said = f"problem: {document.name}"
-        raise document.error((), f"is a mechanism; a study of it says {said!r}")
+        raise document.error((), "is a mechanism, not a study: a study has it as its 'problem'")
     # What is reported already is so for this document only.
     around = replace(around or Surroundings(), refused=set())
     mistakes = documents.Mistakes()
