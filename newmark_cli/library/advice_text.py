@@ -55,7 +55,7 @@ def sections(advice: "Advice") -> Iterable[str]:
         fractions = [f"{fraction:.0%}" for fraction in advice.noise[0].one_step]
         kinds = ("in one step", "carried on")
         yield titled(
-            "Step size below which rounding moves λ by a part of its size, ‖λ‖ = "
+            "Step size below which rounding moves λ by a part of its size, rms ‖λ‖ = "
             f"{advice.multipliers:.3g}",
             [
                 ["", *(f"{fraction} {kind}" for kind in kinds for fraction in fractions)],

@@ -576,7 +576,7 @@ def _findings(
             yield (
                 f"{schemes.integrator.label} carries noise of λ on from step to step: "
                 + (
-                    "it does not damp it, so that it adds up at any h; an error of λ that "
+                    "it does not damp it, so that in time it adds up at any h; an error of λ that "
                     "alternates may be there from the start, too"
                     if math.isinf(grown)
                     else f"it adds up to {grown:.3g} times that of one step"
