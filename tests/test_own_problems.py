@@ -249,7 +249,7 @@ def test_validate_says_what_was_assembled(cli):
     """The farthest point or body, in the plane and in space; nothing where nothing is guessed."""
     hanging = "points: {A: {fixed: [0, 0]}, B: {at: [3, 4], mass: 1}}\n"
     bar = "bars: {rod: {from: A, to: B, length: LENGTH}}\n"
-    for length, said in ((5, "everything is where the file has it"),
+    for length, said in ((5, "nothing moved"),
                          (8, "B, the farthest, is 3 m from its guess")):  # fmt: skip
         text = hanging + bar.replace("LENGTH", str(length)) + "assemble: true\n"
         cli.write("rod.yaml", text)
@@ -268,6 +268,14 @@ def test_validate_says_what_was_assembled(cli):
     subject = newmark.problem(str(cli.folder / "swing.yaml"))
     assert np.linalg.norm(subject.u0[:3]) == pytest.approx(5)
     assert origin == pytest.approx(np.linalg.norm(subject.u0[:3] - [0, 0, 7]), rel=1e-2)
+    cli.write(
+        "turn.yaml",
+        "dimensions: 3\nbodies: {box: {position: [0, 0, 0], mass: 1, box: [1, 1, 1]}}\n"
+        "joints: {hinge: {type: revolute, from: ground, to: box, at: [0, 0, 0],\n"
+        "                 axis: {ground: [0, 0, 1], box: [0.3, 0, 1]}}}\nassemble: true\n",
+    )
+    *_, last = cli("validate", "turn.yaml").stdout.splitlines()
+    assert last == f"  assembled: box has turned most, by {np.degrees(np.arctan(0.3)):.3g}°"
 
 
 #: A bead on an arm, and a block on the ground.

@@ -265,7 +265,7 @@ def test_a_comma_in_a_file_name(tmp_path):
         (
             "{method: hht, alpha: -0.1}",
             ["alpha: alpha = -0.1: must be within [0, 0.333333]; above 1/3 the damping does not "
-             "grow any further; texts that have alpha from -1/3 to 0 mean -alpha; for example "
+             "grow any further; some texts write -alpha for it; for example "
              "{method: hht, alpha: 0.1}"],
         ),
         (

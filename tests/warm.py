@@ -224,6 +224,7 @@ def serve(control, entrance):
     for end in (woken, wakes):
         os.set_blocking(end, False)
     signal.signal(signal.SIGCHLD, lambda number, frame: None)
+    interrupted = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with who has started it
     signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
     running, clients = {}, [control]
     while True:
@@ -245,12 +246,14 @@ def serve(control, entrance):
                 client.close()
                 continue
             if not given:
-                load(json.loads(asked)["modules"])
+                with contextlib.suppress(ImportError):  # who needs it will say so
+                    load(json.loads(asked)["modules"])
                 continue
             pid = os.fork()
             if pid == 0:
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                signal.signal(signal.SIGINT, interrupted)
                 for one in (*clients, entrance):
                     one.close()
                 for descriptor in (woken, wakes, given[0], *running.values()):
@@ -259,7 +262,8 @@ def serve(control, entrance):
             running[pid] = given[0]
             for descriptor in given[1:]:
                 os.close(descriptor)
-            os.write(given[0], b"%d\n" % pid)
+            with contextlib.suppress(BrokenPipeError):
+                os.write(given[0], b"%d\n" % pid)
 
 
 def tell(descriptor, code):

@@ -216,7 +216,9 @@ def draw(
             screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
     title = subject.drawing.title or spec.label
     if animated is not None:
-        titles = [f"{title}, t = {part * time / (frames - 1):.3g} s" for part in range(frames)]
+        step = time / (frames - 1)
+        digits = max(0, -math.floor(math.log10(step)))  # those that differ from frame to frame
+        titles = [f"{title}, t = {part * step:.{digits}f} s" for part in range(frames)]
         screen.line(draw_mechanism.animation(titles, subject, places, animated))
         return 0
     title += f", t = {time:g} s" if time else ""

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from newmark_cli import documents
 from newmark_cli.documents import Document
 from newmark_cli.problems.problem import Problem, Push
@@ -99,26 +101,35 @@ def assembled(problem: Problem) -> list[str]:
     """A line on how far assembling has moved what a file guesses; none if it guesses nothing.
 
     Args:
-        problem: A mechanism; of a spatial one the origins of bodies are looked at.
+        problem: A mechanism.
     """
     mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
     if mechanism is None or not mechanism.assemble:
         return []
+    turned = {}
     if len(problem.axes) == 3:
-        guesses = {name: body.position for name, body in mechanism.bodies.items()}
-        size = 12  # an origin and three directors
+        bodies = mechanism.bodies
+        guesses = {name: body.position for name, body in bodies.items()}
+        # An origin and three directors.
+        vectors = problem.u0[: 12 * len(bodies)].reshape(-1, 4, 3)
+        found = dict(zip(bodies, vectors[:, 0], strict=True))
+        for body, (_, *directors) in zip(bodies, vectors, strict=True):
+            apart = float(np.linalg.norm(np.column_stack(directors) - bodies[body].directors))
+            turned[body] = 2 * math.degrees(math.asin(min(apart / math.sqrt(8), 1.0)))
     else:
         guesses = {name: mechanism.points[name].at for name in problem.points}
-        size = 2
-    found = problem.u0.reshape(-1, size)[: len(guesses)]
-    moved = {
-        name: math.dist(place[: len(guess)], guess)
-        for (name, guess), place in zip(guesses.items(), found, strict=True)
-    }
-    farthest = max(moved, key=lambda name: moved[name])
-    if moved[farthest] < 1e-12:
-        return ["  assembled: everything is where the file has it"]
-    return [f"  assembled: {farthest}, the farthest, is {moved[farthest]:.3g} m from its guess"]
+        places = problem.u0[: 2 * len(guesses)].reshape(-1, 2)  # angles come after them
+        found = dict(zip(problem.points, places, strict=True))
+    moved = {name: math.dist(found[name], guess) for name, guess in guesses.items()}
+    told = []
+    for by, least, text in (
+        (moved, 1e-12, "{}, the farthest, is {:.3g} m from its guess"),
+        (turned, 1e-6, "{} has turned most, by {:.3g}°"),
+    ):
+        most = max(by, key=by.__getitem__, default="")
+        if most and by[most] >= least:
+            told.append(text.format(most, by[most]))
+    return [f"  assembled: {'; '.join(told) or 'nothing moved'}"]
 
 
 def is_spatial(data: Any) -> bool:

@@ -258,8 +258,7 @@ class HHT:
     def __post_init__(self) -> None:
         _refuse_outside(
             "alpha", self.alpha, 0, 1 / 3,
-            "above 1/3 the damping does not grow any further; texts that have alpha from -1/3 "
-            "to 0 mean -alpha",
+            "above 1/3 the damping does not grow any further; some texts write -alpha for it",
         )  # fmt: skip
 
     @property

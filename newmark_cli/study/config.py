@@ -450,7 +450,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
     from newmark_cli.mechanisms import loading
 
-    if "study" not in data and loading.is_mechanism(data):
+    if loading.is_mechanism(data) and data.keys().isdisjoint(("study", "cases", "problem", "h")):
         raise document.error((), "is a mechanism, not a study: a study has it as its 'problem'")
     # What is reported already is so for this document only.
     around = replace(around or Surroundings(), refused=set())
