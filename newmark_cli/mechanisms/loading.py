@@ -110,11 +110,10 @@ def assembled(problem: Problem) -> list[str]:
     if len(problem.axes) == 3:
         bodies = mechanism.bodies
         guesses = {name: body.position for name, body in bodies.items()}
-        # An origin and three directors.
-        vectors = problem.u0[: 12 * len(bodies)].reshape(-1, 4, 3)
+        vectors = problem.u0.reshape(-1, 4, 3)  # origins and directors
         found = dict(zip(bodies, vectors[:, 0], strict=True))
-        for body, (_, *directors) in zip(bodies, vectors, strict=True):
-            apart = float(np.linalg.norm(np.column_stack(directors) - bodies[body].directors))
+        for body, directors in zip(bodies, vectors[:, 1:], strict=True):
+            apart = float(np.linalg.norm(directors.T - bodies[body].directors))
             turned[body] = 2 * math.degrees(math.asin(min(apart / math.sqrt(8), 1.0)))
     else:
         guesses = {name: mechanism.points[name].at for name in problem.points}

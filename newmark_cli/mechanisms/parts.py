@@ -158,9 +158,9 @@ def _slider_sketch(scene: Scene, slider: Slider) -> tuple[Mark, ...]:
     direction = complex(*slider.direction) / abs(complex(*slider.direction))
     first = (scene.start or scene).seen_from(slider.on, slider.point)
     moved = ((scene.seen_from(slider.on, slider.point) - first) * direction.conjugate()).real
-    half = 0.12 * scene.size
+    half = 0.12 * scene.size / scene.factor
     ends = (
-        scene.placed(slider.on, (first + reach * direction) / scene.factor)
+        scene.placed(slider.on, first + reach * direction)
         for reach in (min(moved, 0) - half, max(moved, 0) + half)
     )
     return (Stroke(tuple(ends), "guide"),)

@@ -37,8 +37,8 @@ class Scene:
         return None if given is None else self.points[given.from_]
 
     def seen_from(self, body: str | None, point: str) -> complex:
-        """Place of a point in the axes of a body, or of the ground, in lengths of the figure."""
-        return (self.points[point] - (self.centre(body) or 0)) / self.along(body)
+        """Place of a point in the axes of a body, or of the ground (m)."""
+        return (self.points[point] - (self.centre(body) or 0)) / self.along(body) / self.factor
 
     def placed(self, on: str | None, at: complex) -> complex:
         """A place that is given in the axes of a body, or of the ground (m)."""

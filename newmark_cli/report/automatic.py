@@ -26,7 +26,6 @@ from newmark_cli.report.panels import (
     Trace,
     from_zero,
     look,
-    side_by_side,
     spread,
 )
 from newmark_cli.report.parts import OfParts, Part
@@ -98,7 +97,7 @@ class SeriesFigure(OfParts):
             tuple(panels),
             self.columns,
             Legend("; ".join(notes)),
-            panel_size=side_by_side(len(panels), self.columns),
+            panel_size=None if several else (3.5, 2.5),
             share_y=alike,
             ticks=(8, 8),
         )

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.report.claims import Claim, Finding, FloorClaim, evaluate
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
@@ -215,8 +213,7 @@ def claim_rows(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
 def _where(slope: Slope) -> str:
     if slope.figures:
         return slope.study
-    rule = "trapezoidal" if slope.integrator == TRAPEZOIDAL else slope.integrator
-    return f"{slope.study} {slope.problem} {slope.form} {rule}"
+    return f"{slope.study} {slope.problem} {slope.form} {format_integrator(slope.integrator)}"
 
 
 #: What stands in columns of its own, or is said by the quantity.
@@ -270,8 +267,13 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
 
 def _loses_order(slope: Slope) -> bool:
     """Whether a series that is shown has an order, but not down to the smallest step size."""
-    fitted = slope.fitted[np.argsort(slope.h)]
-    return slope.verdict == SHOWN and bool(slope.reason) and bool(fitted.any() and not fitted[0])
+    ends = slope.verdict == SHOWN and slope.reason and slope.fitted.any()
+    return bool(ends and slope.h[slope.fitted].min() > slope.h.min())
+
+
+def format_integrator(label: str) -> str:
+    """An integrator by its label, the trapezoidal rule in a word."""
+    return "trapezoidal" if label == TRAPEZOIDAL else label
 
 
 def format_prediction(slope: Slope) -> str:

@@ -4,7 +4,7 @@ import io
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -165,13 +165,13 @@ def _extent(positions: Mapping[str, complex]) -> float:
 
 def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
     """A planar mechanism at a position u, lengths multiplied by ``factor``."""
-    size = factor * _extent(places(problem, problem.u0))
-
-    def scene(at: Array, start: Scene | None = None) -> Scene:
-        points = {name: factor * place for name, place in places(problem, at).items()}
-        return Scene(problem.drawing, points, size, factor, start)
-
-    return scene(u, scene(problem.u0))
+    begin = places(problem, problem.u0)
+    here, there = (
+        {name: factor * place for name, place in found.items()}
+        for found in (places(problem, u), begin)
+    )
+    start = Scene(problem.drawing, there, factor * _extent(begin), factor)
+    return replace(start, points=here, start=start)
 
 
 def _marks(scene: Scene) -> list[Mark]:

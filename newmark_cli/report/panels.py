@@ -295,7 +295,8 @@ class Sheet:
             return self.panel_size
         if self.columns == 1:
             return WIDTH, 2.6 if len(self.panels) == 1 else 1.9
-        return 2 * WIDTH / self.columns, 1.9 if self.columns == 2 else 1.6
+        # Tall enough for what is written in them.
+        return 2 * WIDTH / self.columns, 2.6 if self.rows == 1 else 2.1
 
     @property
     def wide(self) -> bool:
@@ -307,20 +308,6 @@ class Sheet:
         """The title and what traces say, for those who do not see the figure."""
         traces = (trace for panel in self.panels for trace in panel.traces)
         return " ".join(f"{part}." for part in (self.title, *(t.said for t in traces if t.said)))
-
-
-def side_by_side(count: int, columns: int) -> tuple[float, float] | None:
-    """Width and height (inch) of panels of one study, tall enough for what is written in them.
-
-    Args:
-        count: How many panels.
-        columns: Panels in a row.
-    """
-    if count == 1:
-        return WIDTH, 2.5
-    if columns == 1:
-        return None
-    return 2 * WIDTH / columns, 2.6 if count <= columns else 2.1
 
 
 def spread(values: Iterable[Array], headroom: float = 0.12) -> tuple[float, float] | None:

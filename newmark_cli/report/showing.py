@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.errors import ResultsError
-from newmark_cli.report.check import format_prediction, format_verdict
+from newmark_cli.report.check import format_integrator, format_prediction, format_verdict
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
 from newmark_cli.report.text import Entry, in_words, text_table, wrapped
@@ -237,17 +237,15 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
     for axis in axes.series_axes():
         if axis.name in _TABLE:
             continue
-        given = [_short(in_words(axis.name, getattr(slope, axis.name))) for slope in slopes]
+        given = [
+            format_integrator(in_words(axis.name, getattr(slope, axis.name))) for slope in slopes
+        ]
         if len(set(given)) > 1:
             for name, value in zip(names, given, strict=True):
                 name += [value] if value else []
         elif given[0] not in ("", in_words(axis.name, axis.usual or ""), TRAPEZOIDAL):
             common += [f"at the {given[0]}" if axis is axes.INITIAL else given[0]]
     return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
-
-
-def _short(value: str) -> str:
-    return TRAPEZOIDAL if value == axes.TRAPEZOIDAL else value
 
 
 def _descending(slope: Slope) -> list[int]:

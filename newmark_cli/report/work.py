@@ -11,7 +11,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
 from newmark_cli.report import records, traces
 from newmark_cli.report.kinds import Figure, Results
-from newmark_cli.report.panels import Legend, Panel, Sheet, Trace, look, side_by_side, spread
+from newmark_cli.report.panels import Legend, Panel, Sheet, Trace, look, spread
 from newmark_cli.report.parts import OfParts
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
@@ -125,7 +125,7 @@ class WorkPrecisionFigure(OfParts):
             tuple(panels),
             self.columns,
             Legend("; ".join(notes)),
-            panel_size=side_by_side(len(panels), self.columns),
+            panel_size=None if len(panels) > 1 else (3.5, 2.5),
             share_y=alike and len(panels) > 1,
             ticks=(8, 8),
         )

@@ -27,6 +27,7 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.spec import (
     ForcedMechanism,
     MechanismFile,
@@ -448,8 +449,6 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
-    from newmark_cli.mechanisms import loading
-
     if loading.is_mechanism(data) and data.keys().isdisjoint(("study", "cases", "problem", "h")):
         raise document.error((), "is a mechanism, not a study: a study has it as its 'problem'")
     # What is reported already is so for this document only.
@@ -662,7 +661,7 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
         value = {match[1]: {k: int(v) if v.isdecimal() else v for k, v in sizes.items()}}
     elif re.fullmatch(r".+\.py:\w+", text):
         value = {"python": text}
-    document = Document("command line", {"problem": value}, {("problem",): 0})
+    document = Document.of("command line", {"problem": value})
     around = Surroundings(allow_code=allow_code)
     spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
     return spec
@@ -684,8 +683,6 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
         DocumentError: For every mistake.
     """
     document = documents.read(path, name)
-    from newmark_cli.mechanisms import loading
-
     if loading.is_mechanism(document.data):
         if allow_code and loading.has_code(document.data):
             problem = ForcedMechanism(path.absolute(), "", (), name).load()

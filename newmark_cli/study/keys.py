@@ -826,5 +826,5 @@ def integrator_named(text: str) -> Integrator:
             "as in 'generalized-alpha rho=0.9'"
         ) from None
     data = {"integrator": {"method": method, **parameters}}
-    document = documents.Document("command line", data, {("integrator",): 0})
+    document = documents.Document.of("command line", data)
     return documents.validate(document, _OneIntegrator).integrator.integrator()

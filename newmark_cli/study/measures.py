@@ -47,10 +47,10 @@ if TYPE_CHECKING:
 SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
 _MATH = {
     "lambda": r"\lambda", "eta": r"\eta", ENERGY: "E", "omega": r"\omega",
-    "force": r"\mathrm{force}", "moment": r"\mathrm{moment}", OUTPUT: r"\mathrm{output}",
 }  # fmt: skip
-#: Those without a symbol.
-_WORDS = ("force", "moment")
+#: Quantities without a symbol.
+_WORDS = ("force", "moment", OUTPUT)
+_MATH |= {word: rf"\mathrm{{{word}}}" for word in _WORDS}
 
 
 def symbol(quantity: str) -> str:
