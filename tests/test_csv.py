@@ -86,6 +86,7 @@ def test_committed_files_are_written_the_same(committed_folder, file):
 @given(names.filter(bool))
 @example("=cmd|' /C calc'!A1.yaml")
 @example("a\rb\u2028c\x85d.yaml")
+@example("\0")
 def test_studies_and_slopes_read_back(tmp_path_factory, name):
     """A problem of any name through the files of a study, its slopes and its time series."""
     folder = tmp_path_factory.mktemp("any")
