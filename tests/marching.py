@@ -1,5 +1,7 @@
 """What tests of marches share: steps, states along a run, what "the same step" means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,15 @@ INTEGRATORS = [
 def copy(state):
     """The same state, in arrays of its own."""
     return State(*(array.copy() for array in state))
+
+
+def one_ulp_apart(subject, count):
+    """A problem, and others whose u₀ and v₀ differ from its by the last place: the same motion."""
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], (count - 1, 2, subject.n))
+    return [subject] + [
+        replace(subject, u0=subject.u0 * (1 + EPS * u), v0=subject.v0 * (1 + EPS * v))
+        for u, v in signs
+    ]
 
 
 #: The last that was needed: it holds nothing of a state, and making it takes longer than a step.

@@ -157,7 +157,7 @@ def test_a_run_with_any_name_can_be_read(cli):
     cli.write("mine.py", SWING)
     config = {
         "study": "odd", "problem": {"python": "mine.py:swing", "args": {"name": name}},
-        "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.05, 0.02], "t_end": 1.0,
+        "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.01, 0.001], "t_end": 1.0,
         "measure": ["correction", "history"],
     }  # fmt: skip
     cli.write("odd.yaml", json.dumps(config))

@@ -217,8 +217,9 @@ LAWS = {
         PARALLELOGRAM,
         PARALLELOGRAM_BARS + "motions: {m: {point: P, y: {rate: -0.8}}}\n",
         1.0,
-        r"no reference beyond t = 0\.99\d*, close to which the constraints lose rank: it ends or "
-        "is not smooth there",
+        # Rounding decides whether the last step arrives there.
+        r"no reference (beyond t = 0\.99\d*, close to which the constraints lose rank: it ends or "
+        r"is not smooth there|at t = 1: the index-1 matrix is singular)$",
     ),
 }
 
