@@ -1,6 +1,9 @@
 """Cells on the workers of a dask scheduler, or of one started for this run."""
 
 import logging
+import os
+import sys
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
@@ -67,24 +70,32 @@ def cluster(
         ExecutorError: When there is no scheduler, it is lost, it has no workers for
             longer than it is configured to wait, or one has another numerical core.
     """
-    try:
-        with interrupts_held():  # what imports on the way may swallow them
-            import dask
-            import distributed
-
-            security = distributed.Security.temporary() if address is None else None
-    except ImportError:
-        raise InputError(
-            "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
-        ) from None
     with ExitStack() as stack:
+        environment = stack.enter_context(_only_own_imports())
+        try:
+            with interrupts_held():  # what imports on the way may swallow them
+                import dask
+                import distributed
+
+                security = distributed.Security.temporary() if address is None else None
+        except ImportError:
+            raise InputError(
+                "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
+            ) from None
         # What it complains of is told by a cell's status, or ends the run with a line.
         stack.callback(logging.disable, logging.root.manager.disable)
         logging.disable(logging.CRITICAL)
         where: Any = address
         if address is None:
-            stack.enter_context(dask.config.set(_OWN))
             try:
+                # Others could rename, in a folder that is theirs, what is on `sys.path`.
+                scratch = tempfile.TemporaryDirectory(
+                    prefix="newmark-study-",
+                    dir=dask.config.get("temporary-directory"),
+                    ignore_cleanup_errors=True,
+                )
+                own = _OWN | {"temporary-directory": stack.enter_context(scratch)}
+                stack.enter_context(dask.config.set(own))
                 # Half a cluster does not know how to end.
                 with interrupts_held():
                     where = stack.enter_context(
@@ -100,6 +111,7 @@ def cluster(
                             # The usual port may be taken, and is another's then.
                             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                             silence_logs=logging.CRITICAL,
+                            env=environment,
                         )
                     )
             except (OSError, RuntimeError, TimeoutError) as error:
@@ -125,6 +137,26 @@ def cluster(
             )
 
         yield _as_done(submit, tasks, address, on_steps)
+
+
+@contextmanager
+def _only_own_imports() -> Iterator[dict[str, str]]:
+    """Processes that multiprocessing starts import nothing from the current folder.
+
+    What dask changes besides, of the environment and `sys.path`, is undone at the end.
+
+    Yields:
+        What the environment of workers takes back when they have started.
+    """
+    environment, path = dict(os.environ), sys.path[:]
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield {"PYTHONSAFEPATH": environment.get("PYTHONSAFEPATH", "")}
+    finally:
+        sys.path[:] = path
+        for name in os.environ.keys() - environment:
+            del os.environ[name]
+        os.environ.update(environment)
 
 
 @dataclass(frozen=True)
