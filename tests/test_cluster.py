@@ -1,16 +1,21 @@
 """Cells on dask workers: scheduler and workers as processes of their own."""
 
 import contextlib
+import json
+import os
 import pickle
 import re
 import shutil
 import signal
 import socket
+import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 from conftest import (
     DASK,
+    SWING,
     CommandLine,
     require_failed_alone,
     require_interrupts_taken,
@@ -20,6 +25,7 @@ from conftest import (
 
 import newmark_cli
 from newmark_cli.mechanisms.spec import MechanismFile, portable
+from newmark_cli.running.cluster import cluster
 from newmark_cli.study import provenance
 
 pytest.importorskip("distributed")
@@ -61,6 +67,16 @@ def study(cli, threaded):
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
     return threaded
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """The common folder for temporary files, here and in commands."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setenv("TMPDIR", str(folder))
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
 
 
 def running(cli, address, *options):
@@ -127,11 +143,12 @@ def test_workers_that_come_late(cli, study, scheduler):
     assert output.startswith("spread: 24 ok")
 
 
-def test_interrupts_are_for_the_run(cli):
-    """Ctrl-C goes to all processes of a terminal, those of own workers included."""
+def test_interrupts_are_for_the_run(cli, temporary):
+    """Ctrl-C goes to all processes of a terminal, workers included, which leave no file."""
     where = "1 cell on the workers of this machine\n"
     moments = ((0.5, signal.SIGINT), (None, signal.SIGTERM))
     require_interrupts_taken(cli, moments, where, "--executor", "dask", "--jobs", 1)
+    assert [*temporary.iterdir()] == []
 
 
 #: What another copy of the package has that this one has not, and what is said of it.
@@ -290,3 +307,85 @@ def test_nobody_else_gets_in(cli, study):
     assert [line.split()[0] for line in tried] == ["refused"] * 3 + ["let"]
     assert summary == "spread: 24 ok -> results/spread.csv"
     assert (cli.folder / "results/spread.csv").read_bytes() == study
+
+
+#: A module that notes that somebody has imported it.
+PLANTED = 'open(__file__ + ".ran", "w").close()\nraise ImportError("planted")\n'
+
+#: A problem that notes where its process imports from, and who may write there.
+LOOKS_AROUND = (
+    SWING
+    + """
+import json
+import sys
+from pathlib import Path
+
+from half import LENGTH
+
+
+def looks_around():
+    modes = {}
+    for folder in sys.path:
+        for part in (folder, *map(str, Path(folder).parents)):
+            if os.path.isdir(part):
+                modes[part] = oct(os.stat(part).st_mode & 0o777), os.stat(part).st_uid
+    with open("seen", "a") as file:
+        file.write(json.dumps([modes, os.environ.get("PYTHONSAFEPATH")]) + "\\n")
+    return swing(after=LENGTH)
+"""
+)
+
+OWN = """\
+study: own
+problem: {python: "own/problem.py:looks_around"}
+form: u-lambda
+preconditioning: none
+h: 0.1
+t_end: 1.0
+"""
+
+
+def test_nothing_of_others_is_imported(cli, temporary):
+    """Modules in the current folder, and where dask would have the folders of workers.
+
+    Everybody knows the name of that folder, and may have made it before.
+    """
+    shared = temporary / "dask-scratch-space"
+    shared.mkdir()
+    for folder in (cli.folder, shared):
+        for name in (*sys.stdlib_module_names, "distributed", "newmark_cli", "numba", "numpy"):
+            (folder / f"{name}.py").write_text(PLANTED)
+    cli.write("own/half.py", "LENGTH = 0.5\n")
+    cli.write("own/problem.py", LOOKS_AROUND)
+    cli.write("own.yaml", OWN)
+    options = ("--allow-code", "--executor", "dask", "--jobs", 1)
+    output, errors = cli.start_cold("run", "own.yaml", *options).communicate(timeout=120)
+    assert [*cli.folder.rglob("*.ran")] == []
+    assert (output, errors) == ("own: 1 ok -> results/own.csv\n", "")
+    seen = [json.loads(line) for line in (cli.folder / "seen").read_text().splitlines()]
+    below = {}
+    for modes, safe in seen:
+        assert not safe  # the user's code may start a Python that relies on its folder
+        below |= {
+            folder: mode for folder, mode in modes.items() if Path(folder).parent == temporary
+        }
+    assert [*below.values()] == [["0o700", os.getuid()]]
+    assert [*temporary.iterdir()] == [shared]
+
+
+def test_what_dask_changes_is_undone(temporary):
+    """Of the environment, where modules are found, and the folder for temporary files."""
+    before = dict(os.environ), [*sys.path]
+    with pytest.raises(ZeroDivisionError), cluster({}, None, 1, None, print, print):
+        _ = 1 / 0
+    assert (dict(os.environ), sys.path) == before
+    assert [*temporary.iterdir()] == []
+
+
+def test_no_folder_for_workers(cli, study, monkeypatch):
+    """One line, exit code 1."""
+    monkeypatch.setenv("DASK_TEMPORARY_DIRECTORY", str(cli.folder / "mine.yaml"))
+    done = cli("run", "spread.yaml", "--executor", "dask", code=1)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("newmark-study: no dask workers on this machine: ")
+    assert "Not a directory" in line

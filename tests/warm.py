@@ -282,6 +282,7 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
         signal.signal(number, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
+    tempfile.tempdir = None  # as found in another environment
     if "dask.config" in sys.modules:  # has read another
         sys.modules["dask.config"].refresh()
     os.fsync = lambda descriptor: None
