@@ -9,7 +9,8 @@ import sys
 
 import matplotlib as mpl
 import pytest
-from conftest import QUICK, CommandLine
+from conftest import QUICK, SWING, CommandLine
+from warm import SCRIPT
 
 from newmark_cli.cli import main
 from newmark_cli.running import store
@@ -185,3 +186,28 @@ def test_settings_of_a_program_change_no_figure(cli, plain):
         main(command)
     assert not ending.value.code
     require_as_plain(cli, plain)
+
+
+#: A study of a problem that a process of its own describes.
+OWN = """\
+study: own
+problem: {python: "own.py:swing"}
+form: u-lambda
+preconditioning: none
+h: 0.1
+t_end: 1.0
+"""
+
+
+def test_modules_of_the_current_folder_are_not_imported(cli):
+    """Nor by `python -m`, which has it on its path, once it is this package that runs."""
+    for name in ("threading", "subprocess", "numpy", "yaml", "click", "rich"):
+        cli.write(f"{name}.py", 'raise SystemExit("planted")\n')
+    cli.write("own.py", SWING)
+    cli.write("own.yaml", OWN)
+    for command in ([SCRIPT], [sys.executable, "-m", "newmark_cli"]):
+        done = subprocess.run(
+            [*command, "validate", "own.yaml", "--allow-code"], cwd=cli.folder,
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
