@@ -1,7 +1,9 @@
 """Compiled code that is kept on disk: damage is noticed, and nothing depends on the folder."""
 
+import hashlib
 import importlib.util
 import itertools
+import os
 import pickle
 import sys
 import warnings
@@ -26,6 +28,16 @@ class Fails:
 
     def __reduce__(self):
         return (exec, ("raise EOFError",))
+
+
+class Runs:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return (os.mkdir, (str(self.folder),))
 
 
 def random_bytes(content):
@@ -76,6 +88,21 @@ def test_damaged_code_is_compiled_again(tmp_path, monkeypatch):
         file.write_bytes(DAMAGES[damage](file.read_bytes()))
         assert tripled(tmp_path, 2) == (6, 0), (ending, damage)
         assert tripled(tmp_path, 2) == (6, 1), (ending, damage)
+
+
+def test_code_of_others_is_not_run(tmp_path, monkeypatch):
+    """Who may write to the folder may put a pickle there, with the digest that belongs to it."""
+    folder = kept_in(tmp_path, monkeypatch)
+    assert tripled(tmp_path, 2) == (6, 0)
+    (index,) = folder.rglob("*.nbi")
+    evil = pickle.dumps(Runs(tmp_path / "ran"))
+    index.write_bytes(hashlib.sha256(evil).digest() + evil)
+    if os.geteuid() == 0:
+        os.chown(index, 4321, -1)
+    else:
+        monkeypatch.setattr(cached_code, "_TRUSTED", set())
+    assert tripled(tmp_path, 2) == (6, 0)
+    assert not (tmp_path / "ran").exists()
 
 
 @each("ending", ["nbi", "nbc"])
