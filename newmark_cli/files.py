@@ -192,7 +192,7 @@ def read_json(path: Path, most: int = MOST) -> Any:
 def write(path: Path, content: str | bytes, within: Path | None = None) -> None:
     """Write a file of a results folder: whole, or as it was before.
 
-    A link that stands in its place is replaced, not followed.
+    A link that stands in its place is replaced, not followed, as is a pipe or a socket.
 
     Args:
         path: The file; its folder exists.
@@ -379,13 +379,14 @@ def _merge(folder: Path, target: Path, last: str, is_ours: Callable[[Path], bool
 
 
 def require_replaceable(path: Path) -> None:
-    """Refuse what cannot be replaced by a file: a folder, a device, a pipe.
+    """Refuse a folder in the place of a file of the results.
 
     Raises:
-        ResultsError: It is one of them.
+        ResultsError: There is one.
     """
     with _told(path, "cannot be written"):
-        _mode(path)
+        if path.is_dir() and not path.is_symlink():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder; remove it")
 
 
 def make_folder(folder: Path, within: Path, parents: bool = False) -> None:
@@ -583,17 +584,14 @@ def _temporary(path: Path, content: str | bytes) -> Path:
 
 
 def _mode(path: Path) -> int:
-    """Mode of a regular file, or the one that a new file gets; OSError for what is neither."""
-    try:
+    """Mode of a regular file, or the one that a new file gets; OSError for a folder."""
+    with contextlib.suppress(FileNotFoundError):
         mode = path.lstat().st_mode
-    except FileNotFoundError:
-        return 0o666 & ~_umask()
-    if stat.S_ISREG(mode):
-        return stat.S_IMODE(mode) & 0o777
-    if stat.S_ISLNK(mode):
-        return 0o666 & ~_umask()
-    what = "it is a folder" if stat.S_ISDIR(mode) else "it is not a regular file"
-    raise OSError(errno.EINVAL, what, str(path))
+        if stat.S_ISREG(mode):
+            return stat.S_IMODE(mode) & 0o777
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    return 0o666 & ~_umask()
 
 
 def _bytes(content: str | bytes) -> bytes:

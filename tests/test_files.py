@@ -51,6 +51,10 @@ def special(kind: str, path: Path, outside: Path) -> None:
             path.symlink_to("/dev/zero")
         case "folder":
             path.mkdir()
+        case "dangling":
+            path.symlink_to("nowhere")
+        case "socket":
+            os.mknod(path, stat.S_IFSOCK | 0o600)
 
 
 KINDS = ("fifo", "link", "endless", "folder")
@@ -97,7 +101,7 @@ def test_json_is_bounded(text, words):
     [
         ("fifo", ".lock", False),
         ("link", ".lock", False),
-        ("fifo", "quick.csv", False),
+        ("fifo", "quick.csv", True),
         ("folder", "quick.json", False),
         ("link", "quick.csv", True),
         ("endless", "quick.json", True),
@@ -121,6 +125,27 @@ def test_runs_write_no_further_than_the_folder(cli, outside, kind, name, replace
     else:
         assert done.returncode == 2
         assert str(Path("results", name)) in done.stderr
+
+
+def test_what_stands_in_the_place_of_a_cell(cli, outside):
+    """It is replaced; a folder, which may hold anything, is refused before cells are computed."""
+    cli.write("quick.yaml", STUDY.replace("5e-3", "5e-3, 2e-2, 2.5e-2"))
+    cli("run", "quick.yaml")
+    before = (cli.folder / "results/quick.csv").read_bytes()
+    cells = sorted((cli.folder / "results/cells").iterdir())
+    for place, kind in zip(cells, ("fifo", "link", "dangling", "socket"), strict=True):
+        special(kind, place, outside)
+    assert cli("run", "quick.yaml").stdout == "quick: 4 ok -> results/quick.csv\n"
+    assert (cli.folder / "results/quick.csv").read_bytes() == before
+    assert all(place.is_file() and not place.is_symlink() for place in cells)
+    assert outside.read_text() == SECRET
+    special("folder", cells[0], outside)
+    cells[1].unlink()
+    assert cli.refused("run", "quick.yaml") == (
+        f"newmark-study: results/cells/{cells[0].name}: cannot be written: "
+        "it is a folder; remove it"
+    )
+    assert not cells[1].exists()
 
 
 def test_no_folder_outside_is_written(cli, tmp_path):

@@ -187,8 +187,11 @@ def run_studies(
             _looked_after(one, references, store)
             for one in plan(studies, folder, options.force, options.shard)
         ]
-        for i in {one.study for one in planned if one.done is None}:
+        missing_cells = [one for one in planned if one.done is None]
+        for i in {one.study for one in missing_cells}:
             prune.begun(folder, studies[i])
+        for one in missing_cells:
+            store.require_replaceable(one.cell)
         watcher.planned(planned)
         found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
         open_runs = _OpenRuns(studies, folder, options, planned, writes=not shard)

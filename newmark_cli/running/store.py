@@ -95,6 +95,14 @@ class Store:
         """
         files.make_folder(self._folder, self._results)
 
+    def require_replaceable(self, cell: Cell) -> None:
+        """Refuse a folder in the place of a cell before it is computed.
+
+        Raises:
+            ResultsError: There is one.
+        """
+        files.require_replaceable(self._folder / _key(cell).file)
+
     def find(self, cell: Cell, failed: bool = False) -> Done | None:
         """The kept cell; None when it is not there or damaged.
 
