@@ -8,7 +8,7 @@ import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
@@ -172,14 +172,12 @@ class Document:
         data: Mappings, lists and scalars.
         lines: Path of keys and indices → line, counted from 1.
         linked: Whether the file is a symbolic link.  Errors then do not quote it.
-        content: What the file said, of a document that was read from one.
     """
 
     name: str
     data: Any
     lines: Mapping[KeyPath, int]
     linked: bool = False
-    content: bytes = b""
 
     @classmethod
     def of(cls, name: str, data: Any) -> "Document":
@@ -322,33 +320,59 @@ def together(misfits: Iterable[PydanticCustomError]) -> None:
         raise PydanticCustomError("own", "{message}", {**(error.context or {}), "also": also})
 
 
-def read(path: Path, name: str | None = None) -> Document:
-    """Parse one YAML file.
+@dataclass(frozen=True)
+class File:
+    """Content of a file, from which it can be read without the file.
+
+    Attributes:
+        name: File as the user named it.
+        content: What it said.
+        linked: Whether it is a symbolic link.
+    """
+
+    name: str
+    content: bytes = field(repr=False)
+    linked: bool = False
+
+    def document(self) -> Document:
+        """The document in it.
+
+        Raises:
+            DocumentError: If it is not UTF-8 text, empty, not YAML, or repeats a key.
+        """
+        try:
+            text = self.content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise DocumentError(f"{self.name}, line 1: not a text file in UTF-8") from None
+        try:
+            return replace(parse(text, self.name), linked=self.linked)
+        except DocumentError as error:
+            if not self.linked:
+                raise
+            raise DocumentError(_unquoted(self.name, error.mistakes[0].line)) from None
+
+
+def fetch(path: Path, name: str | None = None) -> File:
+    """A file's content.
 
     Args:
         path: The file.
         name: How errors name it; the path when omitted.
 
     Raises:
-        DocumentError: When the file is missing, unreadable, not UTF-8 text,
-            empty, not YAML, or repeats a key.
+        DocumentError: If it is missing or cannot be read.
     """
     name = name or str(path)
     try:
         content = files.read_given(path, _MOST_BYTES)
     except OSError as error:
         raise DocumentError(f"{one_line(name)}: cannot be read: {error.strerror}") from None
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise DocumentError(f"{name}, line 1: not a text file in UTF-8") from None
-    linked = path.is_symlink()
-    try:
-        return replace(parse(text, name), linked=linked, content=content)
-    except DocumentError as error:
-        if not linked:
-            raise
-        raise DocumentError(_unquoted(name, error.mistakes[0].line)) from None
+    return File(name, content, path.is_symlink())
+
+
+def read(path: Path, name: str | None = None) -> Document:
+    """Parse one YAML file; see :func:`fetch` and `File.document`."""
+    return fetch(path, name).document()
 
 
 def _unquoted(name: str, line: int) -> str:

@@ -18,7 +18,7 @@ from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.mechanisms.spec import MechanismFile, PythonFactory, Shipped, Sized
+from newmark_cli.mechanisms.spec import PythonFactory, Shipped, Sized
 from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
@@ -468,7 +468,7 @@ def test_changed_mechanism_has_another_reference(tmp_path, monkeypatch, old, new
         path = tmp_path / folder / "swing.yaml"
         path.parent.mkdir()
         path.write_text(text)
-        problems.append(MechanismFile(path, path.name).load())
+        problems.append(loading.load(path, path.name))
     one, two, three = (references.digest(subject, 0.5) for subject in problems)
     assert one == two != three
     assert references.digest(problems[0], 0.25) != one

@@ -304,12 +304,12 @@ def test_failures_name_the_line(cli, options):
 def test_pinned(tmp_path):
     """Another process does not take a problem whose file or import has changed."""
     made = folder(tmp_path, "here", KINDS["module"])
-    sent = pinned(factory(made))
+    sent = factory(made).read()
     assert (sent.label, sent.given) == (factory(made).label, factory(made).given)
     assert length(sent) == 2.0
     (made / "sizes.py").write_text("LENGTH = 3.0\n")
     with pytest.raises(ProblemError, match="other: has changed since the run began"):
-        replace(sent, spelled="mine.py:other").load()
+        pinned(replace(sent, spelled="mine.py:other")).load()
     assert length(portable(sent)) == 2.0
 
 

@@ -247,7 +247,7 @@ def test_a_comma_in_a_file_name(tmp_path):
     study = config.parse(
         documents.parse(QUICK.replace("pendulum", "a, b.yaml"), "c"), config.Surroundings(tmp_path)
     )
-    assert study.cases[0].problem[0].spelled == "a, b.yaml"
+    assert study.cases[0].problem[0].given == "a, b.yaml"
 
 
 @each("given, said", [

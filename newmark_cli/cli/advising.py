@@ -254,14 +254,14 @@ def _of_study(
 def _called(spec: Any, options: dict[str, Any]) -> "Advice":
     """Advice on a problem; code of the user's runs in a process of its own."""
     from newmark_cli import apart
-    from newmark_cli.mechanisms.spec import PythonFactory
+    from newmark_cli.mechanisms.spec import Code
 
-    if not isinstance(spec, PythonFactory):
+    if not isinstance(spec, Code):
         return _advised(spec, options)
     try:
-        found: Advice = apart.call(_advised, (spec, options))
+        found: Advice = apart.call(_advised, (spec.pinned(), options))
     except apart.ApartError as error:
-        raise InputError(f"{spec.spelled}: {error}") from None
+        raise InputError(f"{spec.named}: {error}") from None
     return found
 
 

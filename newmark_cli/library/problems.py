@@ -72,8 +72,7 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
     if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
         allowed = flag("allow_code", arguments.pop("allow_code", False))
         if not arguments:
-            name = Path(given).name.replace(",", "_")
-            return loading.load(Path(given), name, str(given), allowed)
+            return loading.load(Path(given), loading.label(given), str(given), allowed)
     if arguments:
         raise ArgumentError(
             f"problem {shown(given)} takes no further arguments, given {', '.join(arguments)}"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli import documents
-from newmark_cli.documents import Document
+from newmark_cli.documents import Document, File
 from newmark_cli.problems.problem import Problem, Push
 
 #: Keys that only spatial mechanisms have.
@@ -20,27 +20,43 @@ _OF_MECHANISMS = ("points", "bodies", "dimensions")
 
 
 def load(path: Path, name: str, spelled: str | None = None, allow_code: bool = False) -> Problem:
-    """Problem from a mechanism file, which carries what the file said as its source.
+    """Problem from a mechanism file as it is now; see `loaded`.
 
     Args:
         path: YAML file.
         name: Name of the problem.
         spelled: How errors name the file.
         allow_code: Whether its forces in Python may be loaded.
+    """
+    return loaded(documents.fetch(path, spelled), name, path.parent if allow_code else None)
+
+
+def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
+    """Problem from the content of a mechanism file, which is among its sources.
+
+    Args:
+        file: YAML file.
+        name: Name of the problem.
+        folder: Where its forces in Python are looked for; they are refused if omitted.
 
     Raises:
         DocumentError: For mistakes in the file, each with file, line and key.
         ProblemError: When forces in Python cannot be used.
     """
-    document = documents.read(path, spelled)
 
     def code(problem: Problem, pushes: Sequence[Push]) -> Problem:
         from newmark_cli.problems import python_forces
 
-        return python_forces.pushed(problem, pushes, path.parent, os.path.dirname(document.name))
+        assert folder is not None
+        return python_forces.pushed(problem, pushes, folder, os.path.dirname(file.name))
 
-    found = built(name, document, code if allow_code else None)
-    return replace(found, sources={path.name: document.content, **found.sources})
+    found = built(name, file.document(), None if folder is None else code)
+    return replace(found, sources={Path(file.name).name: file.content, **found.sources})
+
+
+def label(file: str | Path) -> str:
+    """Name of the problem in a mechanism file: that of the file, without commas."""
+    return Path(file).name.replace(",", "_")
 
 
 def has_code(data: Any) -> bool:

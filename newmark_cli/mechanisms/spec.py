@@ -8,20 +8,27 @@ Each kind of problem is a frozen, hashable value with
   code only a description, whose functions cannot be called: see `with_problem`;
 - ``traits()``, what `Traits` names of it, at no cost where it is large.
 
+What a file of the user's said is part of the value: a study is of what its files said when
+it was read, and the next one of what they say then.
+
 Another kind is another such class beside these and a member of `ProblemSpec`.
 """
 
 import math
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import uuid
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cache, partial
 from itertools import product
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, Self, TypeVar
 
 from newmark_cli import apart
-from newmark_cli.mechanisms import registry
+from newmark_cli.documents import File
+from newmark_cli.mechanisms import loading, registry
 from newmark_cli.problems.problem import Problem, ProblemError
 
 
@@ -131,25 +138,23 @@ def _sized(spec: Sized) -> Problem:
 
 @dataclass(frozen=True)
 class MechanismFile:
-    """A mechanism in a YAML file of the user's.
+    """A mechanism in a YAML file of the user's: what the file said when it was read.
 
     Attributes:
-        path: The file.
-        spelled: How the user named it.
+        file: The file.
     """
 
-    path: Path
-    spelled: str
+    file: File
 
     @property
     def label(self) -> str:
         """Name of the file, without commas."""
-        return self.path.name.replace(",", "_")
+        return loading.label(self.file.name)
 
     @property
-    def given(self) -> str:
-        """As spelled."""
-        return self.spelled
+    def given(self) -> Any:
+        """The file as the user named it."""
+        return self.file.name
 
     def load(self) -> Problem:
         """The problem; raises DocumentError for a mistake in the file."""
@@ -162,30 +167,135 @@ class MechanismFile:
 
 @cache
 def _mechanism(spec: MechanismFile) -> Problem:
-    from newmark_cli.mechanisms import loading
-
-    return loading.load(spec.path, spec.label, spec.spelled)
+    return loading.loaded(spec.file, spec.label)
 
 
 @dataclass(frozen=True)
-class PythonFactory:
-    """A problem that a Python function of the user's returns.
+class Code(ABC):
+    """A problem that is code of the user's: it runs in processes of its own only.
 
-    Its code runs in processes of its own only; see `newmark_cli.apart`.
+    See `newmark_cli.apart`.
 
     Attributes:
-        path: Python file.
-        factory: Function in it.
-        arguments: (name, value) pairs.
-        spelled: File and function as the user named them.
-        code: Digest that the code behind the problem must have; empty for any.
+        path: The file, in whose folder others are looked for.
+        code: Digest that the code behind the problem must have; empty if it was not read.
+        reading: Which reading of the code it is: what the code reads, and does not count,
+            may have changed before the next.
+        files: (path, content) pairs of the code where it is carried to another machine,
+            relative to the folder of the file, whose own path means nothing there.
+        described: The problem as it was read, with functions that cannot be called.
     """
 
     path: Path
+    _: KW_ONLY
+    code: str = ""
+    reading: str = ""
+    files: tuple[tuple[str, bytes], ...] = field(default=(), repr=False)
+    described: Problem | None = field(default=None, compare=False, repr=False)
+
+    @property
+    @abstractmethod
+    def named(self) -> str:
+        """How errors name it."""
+
+    @abstractmethod
+    def run(self) -> Problem:
+        """The problem, for which the code runs here."""
+
+    def load(self) -> Problem:
+        """The problem in a process of its own, elsewhere its description from one.
+
+        Raises:
+            ProblemError: When the code fails, is another, ends its process, or returns
+                nonsense.
+        """
+        if apart.inside():
+            return _run(self)
+        return self.described or _described(self)
+
+    def traits(self) -> Traits:
+        """Of the problem; raises what `load` does."""
+        return _traits(self.load())
+
+    def read(self) -> Self:
+        """The same with the code that it has now, read once for all that comes.
+
+        Raises:
+            ProblemError: As `load`.
+        """
+        found = _described(self)
+        return replace(self, code=found.code, reading=uuid.uuid4().hex, described=found)
+
+    def pinned(self) -> Self:
+        """The same for another process, which does not take it when its code has changed."""
+        return replace(self, described=None)
+
+
+@cache
+def _run(spec: Code) -> Problem:
+    with _unpacked(spec) as here:
+        problem = here.run()
+    if spec.code not in ("", problem.code):
+        raise ProblemError(f"{spec.named}: has changed since the run began")
+    return problem
+
+
+@contextmanager
+def _unpacked(spec: Code) -> Iterator[Code]:
+    """The same with its files where it looks for them."""
+    if not spec.files:
+        yield spec
+        return
+    with tempfile.TemporaryDirectory(prefix="newmark-study-") as folder:
+        for name, content in spec.files:
+            path = Path(folder) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        yield replace(spec, path=Path(folder) / spec.path.name)
+
+
+def _described(spec: Code) -> Problem:
+    try:
+        found = apart.call(_description, (spec.pinned(),))
+    except apart.ApartError as error:
+        raise ProblemError(f"{spec.named}: cannot be loaded: {error}") from None
+    if not isinstance(found, Problem):
+        raise ProblemError(
+            f"{spec.named}: cannot be loaded: returned something that is not a problem"
+        )
+    return found
+
+
+def _description(spec: Code) -> Problem:
+    """The problem with functions that pickle can carry."""
+    problem = spec.load()
+    elsewhere = partial(_elsewhere, problem.name)
+    return replace(
+        problem,
+        function=elsewhere,
+        derivatives=elsewhere,
+        rates=elsewhere if problem.rates else None,
+        potential=elsewhere if problem.potential else None,
+    )
+
+
+def _elsewhere(name: str, *arguments: Any) -> NoReturn:
+    raise RuntimeError(f"{name} is code of the user's, which only runs in processes of its own")
+
+
+@dataclass(frozen=True)
+class PythonFactory(Code):
+    """A problem that a Python function of the user's returns.
+
+    Attributes:
+        factory: Function in the file.
+        arguments: (name, value) pairs.
+        spelled: File and function as the user named them.
+    """
+
     factory: str
     arguments: tuple[tuple[str, Any], ...]
     spelled: str
-    code: str = ""
 
     @property
     def label(self) -> str:
@@ -199,146 +309,40 @@ class PythonFactory:
         """As a config spells it."""
         return {"python": self.spelled, "args": dict(self.arguments)}
 
-    def load(self) -> Problem:
-        """The problem in a process of its own, elsewhere its description from one.
-
-        Raises:
-            ProblemError: When the code fails, is another, ends its process, or returns
-                nonsense.
-        """
-        return _python(self) if apart.inside() else _described(self)
-
-    def traits(self) -> Traits:
-        """Of the problem; raises what `load` does."""
-        return _traits(self.load())
-
-    def pinned(self) -> "PythonFactory":
-        """The same, to be loaded from the code that it has now."""
-        return replace(self, code=self.load().code)
-
-
-@cache
-def _python(spec: PythonFactory) -> Problem:
-    from newmark_cli.problems import python_problem
-
-    file = spec.spelled.rpartition(":")[0]
-    arguments = dict(spec.arguments)
-    problem = python_problem.load(spec.path, spec.factory, arguments, spec.label, file)
-    if spec.code not in ("", problem.code):
-        raise ProblemError(f"{spec.spelled}: has changed since the run began")
-    return problem
-
-
-@cache
-def _described(spec: PythonFactory) -> Problem:
-    try:
-        found = apart.call(_description, (spec,))
-    except apart.ApartError as error:
-        raise ProblemError(f"{spec.spelled}: cannot be loaded: {error}") from None
-    if not isinstance(found, Problem):
-        raise ProblemError(
-            f"{spec.spelled}: cannot be loaded: returned something that is not a problem"
-        )
-    return found
-
-
-def _description(spec: PythonFactory) -> Problem:
-    """The problem with functions that pickle can carry."""
-    problem = spec.load()
-    elsewhere = partial(_elsewhere, spec.label)
-    return replace(
-        problem,
-        function=elsewhere,
-        derivatives=elsewhere,
-        rates=elsewhere if problem.rates else None,
-        potential=elsewhere if problem.potential else None,
-    )
-
-
-def _elsewhere(label: str, *arguments: Any) -> NoReturn:
-    raise RuntimeError(f"{label} is code of the user's, which only runs in processes of its own")
-
-
-@dataclass(frozen=True)
-class ForcedMechanism(PythonFactory):
-    """A mechanism in a YAML file with forces in Python, which is code as a whole.
-
-    Attributes:
-        path: The YAML file.
-        factory, arguments: Not used.
-        spelled: How the user named the file.
-        code: As of `PythonFactory`.
-    """
-
     @property
-    def label(self) -> str:
-        """Name of the file, without commas."""
-        return self.path.name.replace(",", "_")
-
-    @property
-    def given(self) -> Any:
-        """As spelled."""
+    def named(self) -> str:
+        """As the user does."""
         return self.spelled
 
-    def load(self) -> Problem:
-        """The problem in a process of its own, elsewhere its description from one."""
-        return _forced(self) if apart.inside() else _described(self)
+    def run(self) -> Problem:
+        """The problem, for which the code runs here."""
+        from newmark_cli.problems import python_problem
 
-
-@cache
-def _forced(spec: ForcedMechanism) -> Problem:
-    from newmark_cli.mechanisms import loading
-
-    problem = loading.load(spec.path, spec.label, spec.spelled, allow_code=True)
-    if spec.code not in ("", problem.code):
-        raise ProblemError(f"{spec.spelled}: has changed since the run began")
-    return problem
+        file = self.spelled.rpartition(":")[0]
+        arguments = dict(self.arguments)
+        return python_problem.load(self.path, self.factory, arguments, self.label, file)
 
 
 @dataclass(frozen=True)
-class Carried:
-    """A problem of the user's that travels to another machine by its content.
-
-    Attributes:
-        spec: The problem; its path means nothing there.
-        files: (path, content) pairs: its file, and the modules beside it that a
-            Python problem imports; paths are relative to the file's folder.
-    """
-
-    spec: MechanismFile | PythonFactory
-    files: tuple[tuple[str, bytes], ...]
+class ForcedMechanism(Code, MechanismFile):
+    """A mechanism in a YAML file with forces in Python, which is code as a whole."""
 
     @property
-    def label(self) -> str:
-        """That of the problem."""
-        return self.spec.label
+    def named(self) -> str:
+        """As the user does."""
+        return self.file.name
 
-    @property
-    def given(self) -> Any:
-        """As a config spells it."""
-        return self.spec.given
-
-    def load(self) -> Problem:
-        """The problem, from copies of its files; see the problem's own."""
-        return _carried(self)
+    def run(self) -> Problem:
+        """The problem, for which the code runs here."""
+        return loading.loaded(self.file, self.label, self.path.parent)
 
 
-@cache
-def _carried(carried: Carried) -> Problem:
-    with tempfile.TemporaryDirectory(prefix="newmark-study-") as folder:
-        for name, content in carried.files:
-            path = Path(folder) / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        return replace(carried.spec, path=Path(folder) / carried.spec.path.name).load()
-
-
-ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory | Carried
+ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory
 
 
 def is_code(spec: ProblemSpec) -> bool:
     """Whether a problem is code of the user's, which runs in processes of its own."""
-    return isinstance(spec.spec if isinstance(spec, Carried) else spec, PythonFactory)
+    return isinstance(spec, Code)
 
 
 _Found = TypeVar("_Found")
@@ -362,31 +366,29 @@ def with_problem(
         ApartError: When the process does not come back.
         InputError: What the function raises.
     """
-    if not is_code(spec):
+    if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
-    asked = (pinned(spec), function, arguments)
+    asked = (spec.pinned(), function, arguments)
     found: _Found = apart.call(_loaded_with, asked, timeout, owner(spec))
     return found
 
 
-def _loaded_with(spec: ProblemSpec, function: Callable[..., Any], arguments: Any) -> Any:
+def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
     return function(spec.load(), *arguments)
 
 
-def owner(spec: ProblemSpec) -> ProblemSpec | None:
+def owner(spec: Code) -> Code | None:
     """Who a process of the user's code is kept for: compiled code, which compiles for long."""
-    return pinned(spec) if spec.load().compiled else None
+    return spec.pinned() if spec.reading and spec.load().compiled else None
 
 
 def pinned(spec: ProblemSpec) -> ProblemSpec:
-    """The same problem for another process, which does not take it when its code has changed."""
-    return spec.pinned() if isinstance(spec, PythonFactory) else spec
+    """The same problem for another process; see `Code.pinned`."""
+    return spec.pinned() if isinstance(spec, Code) else spec
 
 
 def portable(spec: ProblemSpec) -> ProblemSpec:
-    """The same problem for another machine: what its files said when it was loaded."""
-    if isinstance(spec, PythonFactory):
-        return Carried(spec.pinned(), tuple(spec.load().sources.items()))
-    if isinstance(spec, MechanismFile):
-        return Carried(spec, tuple(spec.load().sources.items()))
+    """The same problem for another machine: what its files said when it was read."""
+    if isinstance(spec, Code):
+        return replace(spec, files=tuple(spec.load().sources.items()), described=None)
     return spec

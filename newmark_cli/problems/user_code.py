@@ -154,7 +154,7 @@ def _is_module(spec: ModuleSpec | None) -> bool:
 def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes]]:
     """Modules of a folder can be imported in this context.
 
-    Who has imported one keeps it; after the context the name is free again.
+    Who has imported one keeps it; after the context the name stands for what it did before.
 
     Args:
         folder: The folder.
@@ -166,6 +166,8 @@ def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes
     folder = folder.absolute()
     beside = _Beside(folder, PurePath(spelled))
     with _importing, _no_cache(folder):
+        # A notebook may have imported what a module said before it was edited.
+        before = {name: sys.modules.pop(name) for name in _named_like_those_of(folder)}
         sys.meta_path.insert(0, beside)
         try:
             yield beside.sources
@@ -173,6 +175,17 @@ def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes
             sys.meta_path.remove(beside)
             for name in beside.found:
                 sys.modules.pop(name, None)
+            sys.modules.update(before)
+
+
+def _named_like_those_of(folder: Path) -> list[str]:
+    """Modules that were imported, and whose names are those of modules of a folder."""
+    try:
+        tops = {entry.removesuffix(".py") for entry in os.listdir(folder)} - {"__main__"}
+    except OSError:  # what is asked of it says so
+        return []
+    tops = {name for name in tops if name in sys.modules and not _is_another(name)}
+    return [name for name in sys.modules if name.partition(".")[0] in tops]
 
 
 @contextmanager

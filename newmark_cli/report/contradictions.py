@@ -587,7 +587,8 @@ def _several(case: Mapping[str, Any], axis: axes.Axis) -> Sequence[Any]:
 
 
 def _problem_label(given: Any) -> str | None:
-    from newmark_cli.mechanisms.spec import MechanismFile, Shipped, Sized
+    from newmark_cli.mechanisms import loading
+    from newmark_cli.mechanisms.spec import Shipped, Sized
 
     if isinstance(given, dict):
         if "python" in given:
@@ -595,7 +596,7 @@ def _problem_label(given: Any) -> str | None:
         ((family, sizes),) = given.items()
         return Sized(family, tuple(sizes.items())).label
     is_file = Path(given).suffix in (".yaml", ".yml")
-    return MechanismFile(Path(given), given).label if is_file else Shipped(given).label
+    return loading.label(given) if is_file else Shipped(given).label
 
 
 def _integrator_label(given: Mapping[str, Any]) -> str:

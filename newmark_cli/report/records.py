@@ -64,6 +64,7 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
     threads = {name: count for name, count in _mapping(blas, "threads").items() if count}
     facts = {
         **{str(name): given for name, given in _mapping(record, "versions").items()},
+        **problem_files(record),
         "commit": _commit(source),
         "BLAS of numpy": blas.get("numpy"),
         "BLAS of scipy": blas.get("scipy"),
@@ -270,6 +271,16 @@ def _finding(content: bytes | OSError, recorded: str | None, described: str) -> 
     if isinstance(content, OSError):
         return f"cannot be read: {content.strerror}"
     return _AS_RECORDED if checksum(content) == recorded else "differs from its record"
+
+
+def problem_files(record: Mapping[str, Any]) -> dict[str, str]:
+    """File of a problem of the user's → SHA-256 of what it said, as recorded."""
+    found = _mapping(record, "problem_files")
+    return {
+        f"{file if file == label else f'{file} of {label}'} SHA-256": str(digest)
+        for label in found
+        for file, digest in _mapping(found, label).items()
+    }
 
 
 def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:

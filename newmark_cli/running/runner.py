@@ -14,7 +14,7 @@ import numpy as np
 
 from newmark_cli import apart, interrupts
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms.spec import ProblemSpec, is_code, with_problem
+from newmark_cli.mechanisms.spec import Code, MechanismFile, ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
@@ -482,6 +482,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         told["kept_as"] = file_name(cell)
     if moved := _motions(cells):
         record["motions"] = moved
+    if read := _files(cells):
+        record["problem_files"] = read
     if shared := _not_unique(cells):
         record["not_unique"] = shared
     with interrupts.postponed():
@@ -507,6 +509,17 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         | ({"amplification": dict(facts.amplification)} if facts.amplification else {})
         for label, facts in found.items()
         if facts != motion.Facts()
+    }
+
+
+def _files(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
+    """Problem → the user's file that it is of, and those that it imports → checksum."""
+    return {
+        spec.label: {
+            name: provenance.checksum(text) for name, text in sorted(spec.load().sources.items())
+        }
+        for spec in dict.fromkeys(cell.problem for cell in cells)
+        if isinstance(spec, MechanismFile | Code)
     }
 
 

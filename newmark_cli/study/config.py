@@ -230,7 +230,7 @@ class _Rules(StrictModel):
 
     def _beyond(self) -> Iterator[PydanticCustomError]:
         """Marches that go on after the last time of a table in a mechanism file."""
-        files = (s for s in self.problem if isinstance(s, MechanismFile | ForcedMechanism))
+        files = (s for s in self.problem if isinstance(s, MechanismFile))
         for spec, (h, steps) in product(files, self._lengths()):
             until = spec.traits().sample.until
             if is_beyond(until, steps * h):
@@ -452,7 +452,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     if loading.is_mechanism(data) and data.keys().isdisjoint(("study", "cases", "problem", "h")):
         raise document.error((), "is a mechanism, not a study: a study has it as its 'problem'")
     # What is reported already is so for this document only.
-    around = replace(around or Surroundings(), refused=set())
+    around = replace(around or Surroundings(), problems={})
     mistakes = documents.Mistakes()
     allowed = (*_STUDY_KEYS, *Case.model_fields)
     shared = {key: value for key, value in data.items() if key in Case.model_fields}
@@ -682,10 +682,11 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
     Raises:
         DocumentError: For every mistake.
     """
-    document = documents.read(path, name)
+    file = documents.fetch(path, name)
+    document = file.document()
     if loading.is_mechanism(document.data):
         if allow_code and loading.has_code(document.data):
-            problem = ForcedMechanism(path.absolute(), "", (), name).load()
+            problem = ForcedMechanism(file, path.absolute()).load()
         else:
             problem = loading.built(name, document)
         if loading.is_spatial(document.data):

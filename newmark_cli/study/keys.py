@@ -1,8 +1,9 @@
 """Types of the keys of a study config, which pydantic checks."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -510,12 +511,13 @@ class Surroundings:
     Attributes:
         folder: Where files that it names are looked for.
         allow_code: Whether problems in Python may be loaded.
-        refused: Problems whose mistakes are reported already.
+        problems: Those of the document that were read, by how it names them, None for one
+            whose mistakes are reported already: what their files said then holds for all of it.
     """
 
     folder: Path = Path()
     allow_code: bool = False
-    refused: set[ProblemSpec] = field(default_factory=set, compare=False)
+    problems: dict[Hashable, ProblemSpec | None] = field(default_factory=dict, compare=False)
 
 
 def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
@@ -540,18 +542,27 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
     if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
         path = (around.folder / value).absolute()
-        if around.allow_code and _has_code(path):
-            return _loaded(ForcedMechanism(path, "", (), value), around)
-        return _loaded(MechanismFile(path, value), around)
+        read = partial(_mechanism, path, value, around.allow_code)
+        return _read_once(value, loading.label(value), read, around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
 
 
-def _has_code(path: Path) -> bool:
+def _mechanism(path: Path, spelled: str, allow_code: bool) -> ProblemSpec:
+    """What a mechanism file says now."""
+    file = documents.fetch(path, spelled)
+    if allow_code and _has_code(file):
+        return ForcedMechanism(file, path).read()
+    found = MechanismFile(file)
+    found.load()
+    return found
+
+
+def _has_code(file: documents.File) -> bool:
     """Whether a mechanism file names forces in Python; what is wrong with it is told later."""
     try:
-        return loading.has_code(documents.read(path).data)
+        return loading.has_code(file.document().data)
     except InputError:
         return False
 
@@ -572,26 +583,30 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
     given = tuple(arguments.items())
-    return _loaded(PythonFactory(path, factory, given, str(value["python"])), around)
+    spec = PythonFactory(path, factory, given, str(value["python"]))
+    return _read_once(spec, spec.label, spec.read, around)
 
 
-def _loaded(spec: ProblemSpec, around: Surroundings) -> ProblemSpec:
+def _read_once(
+    key: Hashable, label: str, read: Callable[[], ProblemSpec], around: Surroundings
+) -> ProblemSpec:
     """The problem, once it has shown that it can be used."""
-    if spec in around.refused:
+    if key not in around.problems:
+        if len(label) > _LONGEST_LABEL:
+            raise ValueError(
+                f"too long for a name in the CSV: {len(label)} characters, at most {_LONGEST_LABEL}"
+            )
+        if re.search("[\ud800-\udfff]", label):
+            raise ValueError("half a surrogate pair cannot be written into a CSV")
+        around.problems[key] = None
+        try:
+            around.problems[key] = read()
+        except InputError as error:
+            raise documents.refused(error) from None
+    found = around.problems[key]
+    if found is None:
         raise documents.reported()
-    if len(spec.label) > _LONGEST_LABEL:
-        raise ValueError(
-            f"too long for a name in the CSV: {len(spec.label)} characters, at most "
-            f"{_LONGEST_LABEL}"
-        )
-    if re.search("[\ud800-\udfff]", spec.label):
-        raise ValueError("half a surrogate pair cannot be written into a CSV")
-    try:
-        spec.load()
-    except InputError as error:
-        around.refused.add(spec)
-        raise documents.refused(error) from None
-    return spec
+    return found
 
 
 def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:

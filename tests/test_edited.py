@@ -1,0 +1,297 @@
+"""Files that are edited between two calls in one process: each call is of what they say then."""
+
+import hashlib
+import json
+import os
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from each import each
+
+import newmark_cli as newmark
+from newmark_cli.errors import InputError
+from newmark_cli.mechanisms.spec import PythonFactory, owner
+from newmark_cli.report import compare, records
+from newmark_cli.running import runner
+
+#: A point of 1 kg that hangs on a bar and is pushed sideways: the push is its acceleration.
+HANGS = """\
+points: {O: {fixed: [0, 0]}, P: {at: [0, -1], mass: 1}}
+bars: {rod: {from: O, to: P, length: 1}}
+gravity: [0, -9.81]
+"""
+TABLE = HANGS + (
+    "forces: {push: {at: P, force: [{table: {times: [0, 1, 2], values: [3, 1, 2]}}, 0]}}\n"
+)
+FORCED = HANGS + 'python_forces: {push: {python: "push.py:push", on: [P]}}\n'
+BODY = """\
+dimensions: 3
+bodies: {ball: {position: [0, 0, -1], mass: 1, inertia: [1, 1, 1]}}
+body_points: {tip: {on: ball, at: [0, 0, 0]}}
+joints: {pin: {type: spherical, from: ground, to: ball, at: [0, 0, 0]}}
+forces: {push: {at: tip, force: [3, 0, 0]}}
+"""
+PUSH = """\
+from size import SIZE
+
+
+def push(positions, velocities, t):
+    return [[3 * SIZE, 0.0]]
+"""
+MINE = """\
+import numpy as np
+import newmark_cli as newmark
+from size import SIZE
+
+
+def hangs():
+    return newmark.Definition(
+        mass_matrix=np.eye(2),
+        u0=[0.0, -1.0],
+        v0=[0.0, 0.0],
+        force=lambda u, v, t: np.array([3 * SIZE, 0.0]),
+        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
+        gradient=lambda u, t: u[:, None],
+    )
+"""
+SIZE = "SIZE = 1\n"
+CODE = {"mine.py": MINE, "size.py": SIZE}
+PUSHED = {"q.yaml": FORCED, "push.py": PUSH, "size.py": SIZE}
+PYTHON = {"python": "mine.py:hangs"}
+
+#: What a study names, its files, the one that is edited, how, and what is then twice as large.
+KINDS = {
+    "planar": ("q.yaml", {"q.yaml": HANGS}, "q.yaml", ("mass: 1", "mass: 2"), "lambda[bars.rod]"),
+    "table": ("q.yaml", {"q.yaml": TABLE}, "q.yaml", ("[3,", "[6,"), "a[P.x]"),
+    "spatial": ("q.yaml", {"q.yaml": BODY}, "q.yaml", ("[3,", "[6,"), "a[ball.origin.x]"),
+    "forced": ("q.yaml", PUSHED, "q.yaml", ("mass: 1", "mass: 2"), "lambda[bars.rod]"),
+    "force": ("q.yaml", PUSHED, "push.py", ("3 ", "6 "), "a[P.x]"),
+    "module of a force": ("q.yaml", PUSHED, "size.py", ("1", "2"), "a[P.x]"),
+    "python": (PYTHON, CODE, "mine.py", ("3 ", "6 "), "a[1]"),
+    "module": (PYTHON, CODE, "size.py", ("1", "2"), "a[1]"),
+}
+
+
+def digest(file):
+    """SHA-256 of a file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def written(folder, files):
+    """The files in a folder."""
+    for name, text in files.items():
+        (folder / name).write_text(text)
+
+
+def rewritten(file, text):
+    """The same file, as large and as old as before."""
+    times = file.stat()
+    file.write_text(text)
+    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+def replaced(file, text):
+    """By another, which takes its name."""
+    other = file.with_name("new")
+    other.write_text(text)
+    other.rename(file)
+
+
+def retargeted(file, text):
+    """A link that leads to another file."""
+    other = file.with_name("other")
+    other.write_text(text)
+    file.unlink()
+    file.symlink_to(other)
+
+
+def edited(folder, kind, edit=rewritten):
+    """Edit the file of a kind."""
+    _, files, name, (old, new), _ = KINDS[kind]
+    assert files[name].count(old) == 1
+    edit(folder / name, files[name].replace(old, new))
+
+
+def study(kind):
+    """A study of two steps."""
+    return {
+        "study": "s",
+        "problem": KINDS[kind][0],
+        "form": "u-lambda",
+        "preconditioning": "optimal",
+        "h": 1e-3,
+        "steps": 2,
+        "measure": "trajectory",
+    }
+
+
+def at_start(frame, kind):
+    """What is twice as large after an edit."""
+    return newmark.trajectories(frame)[KINDS[kind][4]].iloc[0]
+
+
+@each("kind", KINDS)
+def test_studies(tmp_path, monkeypatch, kind):
+    """Given as a dict or as a file, into one folder of results: what was read is recorded."""
+    monkeypatch.chdir(tmp_path)
+    files = KINDS[kind][1]
+    written(tmp_path, files | {"s.yaml": json.dumps(study(kind))})
+    found = []
+    for change, given in ((None, study(kind)), (edited, "s.yaml")):
+        if change:
+            change(tmp_path, kind)
+        found.append(at_start(newmark.run(given, allow_code=True, results="out"), kind))
+        (recorded,) = json.loads((tmp_path / "out/s.json").read_text())["problem_files"].values()
+        assert recorded == {file: digest(tmp_path / file) for file in files}
+    assert found[1] == pytest.approx(2 * found[0], rel=1e-12)
+    assert len(list((tmp_path / "out/cells").iterdir())) == 2
+
+
+@each("edit", [replaced, retargeted])
+def test_other_edits(tmp_path, monkeypatch, edit):
+    """Whatever becomes of the file and its name; a dict this time as a file before."""
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, {"q.yaml": HANGS, "s.yaml": json.dumps(study("planar"))})
+    before = at_start(newmark.run("s.yaml"), "planar")
+    edited(tmp_path, "planar", edit)
+    after = at_start(newmark.run(study("planar")), "planar")
+    assert after == pytest.approx(2 * before, rel=1e-12)
+
+
+def test_folders_of_two_contents(tmp_path, monkeypatch):
+    """What `info` and `compare` say of the file."""
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, {"q.yaml": HANGS})
+    digests = []
+    for folder in ("one", "two"):
+        newmark.run(study("planar"), results=folder)
+        digests.append(digest(tmp_path / "q.yaml"))
+        facts = records.facts(records.read(tmp_path / folder / "s.csv"))
+        assert facts["q.yaml SHA-256"] == digests[-1]
+        edited(tmp_path, "planar")
+    found = compare.compare(tmp_path / "one", tmp_path / "two", 1e-6).environment
+    assert found == (compare.Difference("q.yaml SHA-256", *digests),)
+
+
+def test_references(tmp_path, monkeypatch):
+    """Gravity times 4 is time by 2: the errors are the same at half the times and steps."""
+    monkeypatch.chdir(tmp_path)
+    wanted = {key: value for key, value in study("planar").items() if key != "steps"}
+    found = []
+    for gravity, scale in ((1, 1.0), (4, 0.5)):
+        text = HANGS.replace("[0, -1]", "[1, 0]").replace("9.81", str(gravity))
+        written(tmp_path, {"q.yaml": text})
+        times = {"measure": "error", "h": 0.1 * scale, "t_end": 0.2 * scale}
+        frame = newmark.run(wanted | times, results="out")
+        found.append(frame.set_index("quantity").loc["u", "max"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+    assert len(list((tmp_path / "out/references").iterdir())) == 2
+
+
+#: What takes a problem → a number of what it gives.
+CALLS = {
+    "problem": lambda given: newmark.problem(given).evaluate(0, [0, -1], [0, 0], [0]).force[1],
+    "march": lambda given: newmark.march(given, h=1e-3, t_end=1e-3).u[1, 0],
+    "steps": lambda given: [one.u[0] for one in newmark.steps(given, h=1e-3, t_end=1e-3)][-1],
+    "linear_systems": lambda given: next(
+        newmark.linear_systems(given, h=1e-3, steps=[1])
+    ).rhs.sum(),
+    "advise": lambda given: newmark.advise(given, h=1e-3, t_end=0.1).condition[1e-3]["none"],
+    "floor": lambda given: newmark.floor(given, h=1e-3, t_end=0.1).physical["lambda"],
+}
+
+
+@each("call", CALLS)
+def test_functions(tmp_path, call):
+    """Of what a file says as of a dict that says the same."""
+    text = HANGS.replace("[0, -1]", "[0.6, -0.8]")
+    found = []
+    for now in (text, text.replace("mass: 1", "mass: 7")):
+        written(tmp_path, {"q.yaml": now})
+        found.append(CALLS[call](str(tmp_path / "q.yaml")))
+        assert found[-1] == CALLS[call](yaml.safe_load(now))
+    assert found[0] != found[1]
+
+
+@each("kind", ["force", "module of a force", "python", "module"])
+def test_marches_of_code(tmp_path, monkeypatch, kind):
+    """Also of a module that the notebook has imported itself, and keeps as it was."""
+    monkeypatch.syspath_prepend(tmp_path)
+    written(tmp_path, KINDS[kind][1])
+    given = str(tmp_path / "q.yaml"), {"allow_code": True}
+    if KINDS[kind][0] == PYTHON:
+        given = f"{tmp_path}/mine.py:hangs", {}
+    import size
+
+    try:
+        found = []
+        for change in (None, edited):
+            if change:
+                change(tmp_path, kind)
+            subject = newmark.problem(given[0], **given[1])
+            found.append(newmark.march(subject, h=1e-3, t_end=1e-3).a[0, 0])
+        assert sys.modules["size"] is size
+    finally:
+        del sys.modules["size"]
+    assert found == [3.0, 6.0]
+
+
+def test_matrices(tmp_path):
+    """Files of matrices, too."""
+    found = []
+    for scale in (1.0, 2.0):
+        np.savez(tmp_path / "s.npz", M=np.eye(2), G=np.array([[scale], [0.0]]))
+        found.append(newmark.advise(tmp_path / "s.npz", h=1.0).condition[1.0]["none"])
+    assert found[0] != found[1]
+
+
+# -- between reading and marching -----------------------------------------------------------
+
+
+def run_edited(folder, monkeypatch, kind, **options):
+    """Rows of a study whose file is edited after the study was read."""
+    begin = runner.run_studies
+
+    def late(*arguments):
+        edited(folder, kind)
+        return begin(*arguments)
+
+    monkeypatch.chdir(folder)
+    written(folder, KINDS[kind][1])
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "run_studies", late)
+        return newmark.run(study(kind), allow_code=True, results="out", **options)
+
+
+@each("kind", ["planar", "table", "spatial", "forced"])
+def test_mechanisms_are_of_what_was_read(tmp_path, monkeypatch, kind):
+    """One content throughout, which the record names; the next run is of the other."""
+    late = at_start(run_edited(tmp_path, monkeypatch, kind), kind)
+    (recorded,) = json.loads((tmp_path / "out/s.json").read_text())["problem_files"].values()
+    text = KINDS[kind][1]["q.yaml"].encode()
+    assert recorded["q.yaml"] == hashlib.sha256(text).hexdigest() != digest(tmp_path / "q.yaml")
+    after = at_start(newmark.run(study(kind), allow_code=True, results="out"), kind)
+    assert after == pytest.approx(2 * late, rel=1e-12)
+
+
+@each("kind", ["force", "module of a force", "python", "module"])
+def test_code_that_has_changed_is_refused(tmp_path, monkeypatch, kind):
+    """In a line; nothing is kept of it."""
+    named = "mine.py:hangs" if KINDS[kind][0] == PYTHON else "q.yaml"
+    with pytest.raises(InputError, match=f"^{named}: has changed since the run began$"):
+        run_edited(tmp_path, monkeypatch, kind)
+    assert not list((tmp_path / "out/cells").iterdir())
+    assert not (tmp_path / "out/s.csv").exists()
+
+
+def test_processes_of_compiled_code_are_of_one_reading(tmp_path):
+    """What the code reads besides does not count, and may have changed before the next."""
+    written(tmp_path, CODE)
+    spec = PythonFactory(tmp_path / "mine.py", "hangs", (), "mine.py:hangs")
+    one, two = (replace(spec.read(), described=newmark.problem("pendulum")) for _ in range(2))
+    assert one.code == two.code
+    assert owner(one) == owner(one) != owner(two)
+    assert owner(replace(spec, described=newmark.problem("pendulum"))) is None
