@@ -1,12 +1,16 @@
 """Forces in Python on points of planar mechanisms."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import newmark_cli as newmark
-from newmark_cli.documents import DocumentError
+from newmark_cli.documents import DocumentError, File
 from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms.spec import ForcedMechanism, portable
 from newmark_cli.problems.problem import ProblemError
 
 #: Drag on a tip, and a force between it and a point of a body that pushes both apart.
@@ -145,3 +149,26 @@ def test_mistakes_with_forces_in_python(folder, old, new, words):
         loading.load(path, "swing", "swing.yaml", allow_code=True)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_files_elsewhere_travel(tmp_path):
+    """From a folder above within the copies; one of an absolute path is left as it is."""
+    own = tmp_path / "own"
+    own.mkdir()
+    push = tmp_path / f"push_of_{tmp_path.name}.py"
+    push.write_text("def push(positions, velocities, t):\n    return [[1.0, 0.0]]\n")
+    for where in (f"../{push.name}", str(push)):
+        text = PENDULUM.replace("forces.py:drag", f"{where}:push").replace("[A, O]", "[A]")
+        spec = ForcedMechanism(File("q.yaml", text.encode()), own / "q.yaml").read()
+        carried = portable(spec)
+        assert carried.load().content == spec.load().content
+        before = push.read_text()
+        push.write_text(before.replace("1.0", "2.0"))
+        if where == str(push):
+            with pytest.raises(ProblemError, match=r"^q\.yaml: has changed since the run began$"):
+                carried.load()
+        else:
+            assert carried.load().content == spec.load().content
+        assert push.read_text() != before
+        push.write_text(before)
+    assert not (Path(tempfile.gettempdir()) / push.name).exists()

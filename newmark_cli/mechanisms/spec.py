@@ -15,6 +15,7 @@ Another kind is another such class beside these and a member of `ProblemSpec`.
 """
 
 import math
+import os
 import tempfile
 import uuid
 from abc import ABC, abstractmethod
@@ -246,12 +247,17 @@ def _unpacked(spec: Code) -> Iterator[Code]:
     if not spec.files:
         yield spec
         return
-    with tempfile.TemporaryDirectory(prefix="newmark-study-") as folder:
-        for name, content in spec.files:
-            path = Path(folder) / name
+    # Those of absolute paths are looked for there, and are not ours to write.
+    carried = {Path(name): text for name, text in spec.files if not os.path.isabs(name)}
+    levels = max(name.parts.count("..") for name in carried)
+    with tempfile.TemporaryDirectory(prefix="newmark-study-") as outermost:
+        folder = Path(outermost, *("level",) * levels)
+        for name, text in carried.items():
+            path = Path(os.path.normpath(folder / name))
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        yield replace(spec, path=Path(folder) / spec.path.name)
+            path.write_bytes(text)
+        folder.mkdir(parents=True, exist_ok=True)
+        yield replace(spec, path=folder / spec.path.name)
 
 
 def _described(spec: Code) -> Problem:
