@@ -177,6 +177,13 @@ def process(owner: Hashable = None) -> Iterator[Process]:
     _put_back(owner, one)
 
 
+def end(owner: Hashable) -> None:
+    """End a process that is kept for the next call of an owner, who makes none."""
+    one = _taken(owner)
+    if one is not None:
+        one.end()
+
+
 #: Processes that wait for a call: owner, process, and since when.
 _waiting: list[tuple[Hashable, Process, float]] = []
 _guard = threading.RLock()

@@ -12,6 +12,7 @@ import yaml
 from each import each
 
 import newmark_cli as newmark
+from newmark_cli import apart
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import PythonFactory, owner
 from newmark_cli.report import compare, records
@@ -288,10 +289,11 @@ def test_code_that_has_changed_is_refused(tmp_path, monkeypatch, kind):
 
 
 def test_processes_of_compiled_code_are_of_one_reading(tmp_path):
-    """What the code reads besides does not count, and may have changed before the next."""
+    """What the code reads besides may have changed before the next; plain code keeps none."""
     written(tmp_path, CODE)
     spec = PythonFactory(tmp_path / "mine.py", "hangs", (), "mine.py:hangs")
     one, two = (replace(spec.read(), described=newmark.problem("pendulum")) for _ in range(2))
     assert one.code == two.code
+    assert not [whose for whose, *_ in apart._waiting if whose in (one.reading, two.reading)]
     assert owner(one) == owner(one) != owner(two)
     assert owner(replace(spec, described=newmark.problem("pendulum"))) is None

@@ -112,7 +112,8 @@ CODE = '{python: "car_axis.py:car_axis", args: {compiled: COMPILED}}'
 
 
 def python_study(cli, compiled):
-    cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text())
+    begins = '\nwith open("begun", "a") as file:\n    file.write(".")\n'
+    cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text() + begins)
     # Of (u, v, λ), C is asymptotic only at much smaller steps, as for Andrews' mechanism.
     text = STUDY.replace("PROBLEM", CODE.replace("COMPILED", compiled)).replace(", u-v-lambda", "")
     text = text.replace("[none, left, right, optimal]", "[none, optimal]")
@@ -127,8 +128,9 @@ def test_compiled_code_runs_through_the_kernel(cli):
     line = cli.refused("run", "mine.yaml")
     assert "mine.yaml, line 2: problem.python: car_axis.py is code, which runs only with" in line
     assert "--allow-code" in line
-    # A second job would compile it once more.
+    # A second job would compile it once more; the process that has read it computes the cells.
     assert "6 ok" in cli("run", "mine.yaml", "--allow-code", "--jobs", 1).stdout
+    assert (cli.folder / "begun").read_text() == "."
     # Without scaling, u is recorded by a norm that λ rules, and a few steps in 3000
     # catch it before it is rounding: its own slope is no claim here.
     cli("check")
@@ -143,6 +145,8 @@ def test_plain_code_runs_through_the_scipy_march(cli):
     """Functions that numba did not compile; every cell ends well."""
     python_study(cli, "false")
     assert "6 ok" in cli("run", "mine.yaml", "--allow-code").stdout
+    # To read it, for six cells, and for what verdicts must know of the motion.
+    assert (cli.folder / "begun").read_text() == 8 * "."
 
 
 @each(

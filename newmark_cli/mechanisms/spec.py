@@ -224,21 +224,28 @@ class Code(ABC):
         Raises:
             ProblemError: As `load`.
         """
-        found = _described(self)
-        return replace(self, code=found.code, reading=uuid.uuid4().hex, described=found)
+        reading = uuid.uuid4().hex
+        found = _described(self, reading)
+        if not found.compiled:
+            apart.end(reading)
+        return replace(self, code=found.code, reading=reading, described=found)
 
     def pinned(self) -> Self:
         """The same for another process, which does not take it when its code has changed."""
         return replace(self, described=None)
 
 
-@cache
 def _run(spec: Code) -> Problem:
-    with _unpacked(spec) as here:
-        problem = here.run()
+    problem = _run_once(replace(spec, code="", reading=""))
     if spec.code not in ("", problem.code):
         raise ProblemError(f"{spec.named}: has changed since the run began")
     return problem
+
+
+@cache  # a process is of one reading
+def _run_once(spec: Code) -> Problem:
+    with _unpacked(spec) as here:
+        return here.run()
 
 
 @contextmanager
@@ -260,9 +267,9 @@ def _unpacked(spec: Code) -> Iterator[Code]:
         yield replace(spec, path=folder / spec.path.name)
 
 
-def _described(spec: Code) -> Problem:
+def _described(spec: Code, reading: str | None = None) -> Problem:
     try:
-        found = apart.call(_description, (spec.pinned(),))
+        found = apart.call(_description, (spec.pinned(),), owner=reading)
     except apart.ApartError as error:
         raise ProblemError(f"{spec.named}: cannot be loaded: {error}") from None
     if not isinstance(found, Problem):
@@ -383,9 +390,9 @@ def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> An
     return function(spec.load(), *arguments)
 
 
-def owner(spec: Code) -> Code | None:
+def owner(spec: Code) -> str | None:
     """Who a process of the user's code is kept for: compiled code, which compiles for long."""
-    return spec.pinned() if spec.reading and spec.load().compiled else None
+    return spec.reading if spec.reading and spec.load().compiled else None
 
 
 def pinned(spec: ProblemSpec) -> ProblemSpec:

@@ -19,7 +19,7 @@ import numpy as np
 
 from newmark_cli import apart, interrupts
 from newmark_cli.errors import InputError
-from newmark_cli.mechanisms.spec import ProblemSpec, is_code, pinned
+from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code, pinned
 from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
@@ -137,7 +137,9 @@ class Apart:
         Raises:
             InputError: When the cell asks for what there is not.
         """
-        with apart.process(task.cell.problem if task.compiled else None) as process:
+        problem = task.cell.problem
+        assert isinstance(problem, Code)
+        with apart.process(problem.reading if task.compiled else None) as process:
             start = time.perf_counter()
             with self._guard:
                 if self._ended:
