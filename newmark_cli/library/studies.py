@@ -43,7 +43,7 @@ def run(
     """Run a study; the rows of its CSV.
 
     Cells that do not end well raise nothing: the column ``status`` says how each ended,
-    as in the CSV.
+    as in the CSV.  Each call reads the files that the study names, once, before it runs.
 
     Args:
         study: A config file (``"mine.yaml"``), the name of a shipped config
@@ -65,6 +65,7 @@ def run(
         DocumentError: When the config cannot be used; names file and line, or the key.
         ArgumentError: For an argument of the wrong type.
         InputError: When the folder cannot be written or is in use.
+        ProblemError: When a problem in Python changes while it runs.
 
     Examples:
         >>> import newmark_cli as newmark
