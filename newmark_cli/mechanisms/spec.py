@@ -342,8 +342,8 @@ class ForcedMechanism(Code, MechanismFile):
 
     @property
     def named(self) -> str:
-        """As the user does."""
-        return self.file.name
+        """By the file and the key of what runs."""
+        return f"{self.file.name}: python_forces"
 
     def run(self) -> Problem:
         """The problem, for which the code runs here."""
