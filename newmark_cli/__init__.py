@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from newmark_cli.documents import DocumentError
-    from newmark_cli.errors import ArgumentError, InputError, NewmarkError
+    from newmark_cli.errors import ArgumentError, InputError, NewmarkError, NewmarkWarning
     from newmark_cli.library.advising import Advice, advise
     from newmark_cli.library.floors import floor
     from newmark_cli.library.jacobians import JacobianAdvice, advise_jacobian
@@ -46,6 +46,7 @@ _HOMES = {
     "IntegratorError": "newmark.integrator",
     "JacobianAdvice": "library.jacobians",
     "NewmarkError": "errors",
+    "NewmarkWarning": "errors",
     "NewtonSystem": "newmark.newton_systems",
     "Problem": "problems.problem",
     "ProblemError": "problems.problem",
@@ -79,6 +80,7 @@ __all__ = [
     "IntegratorError",
     "JacobianAdvice",
     "NewmarkError",
+    "NewmarkWarning",
     "NewtonSystem",
     "Problem",
     "ProblemError",

@@ -1,5 +1,7 @@
 """Errors that say what to mend, and text that a terminal may show."""
 
+import sys
+import warnings
 from unicodedata import category
 
 
@@ -42,6 +44,32 @@ class ArgumentError(InputError):
         ...
         newmark_cli.errors.ArgumentError: t_end or steps: give one of them
     """
+
+
+class NewmarkWarning(UserWarning):
+    """What is computed is as asked, but can hardly be what was meant.
+
+    Its text is one line that says why.  The command line prints it once.
+
+    Examples:
+        To be silent where it is meant:
+
+        >>> import warnings
+        >>> import newmark_cli as newmark
+        >>> half = newmark.march("pendulum", h=1e-2, t_end=1.0)
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", newmark.NewmarkWarning)
+        ...     rest = newmark.march("pendulum", h=1e-3, t_end=2.0, state=half.state)
+    """
+
+
+def warn(*messages: str) -> None:
+    """Warn, at the line of whoever called the library."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
+    for message in messages:
+        warnings.warn(message, NewmarkWarning, stacklevel=level)
 
 
 class ResultsError(InputError):

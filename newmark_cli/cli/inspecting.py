@@ -96,7 +96,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
 
     Prints a line for each valid file, and a line for each mistake in the others; of a
     spatial mechanism also its freedoms, what is redundant, and the inertia of each body.
-    Exits with 2 if a file is not valid.
+    Warns of sizes that can hardly be meant.  Exits with 2 if a file is not valid.
 
     \b
     Example:

@@ -44,8 +44,8 @@ def debugging() -> bool:
 def watching() -> Iterator[None]:
     """Make single lines of what Python and libraries print of their own.
 
-    Warnings, log messages that nobody listens to, errors of threads, and those that Python
-    cannot raise, as in finalizers.  Behind the end of a command they are nobody's loss.
+    Warnings, each once, log messages that nobody listens to, errors of threads, and those that
+    Python cannot raise, as in finalizers.  Behind the end of a command they are nobody's loss.
     """
     if debugging():
         yield
@@ -60,12 +60,14 @@ def watching() -> Iterator[None]:
             warned(f"{record.name.partition('.')[0]}: {message}")
 
     over = False
+    told: set[str] = set()
     shown, last, died = warnings.showwarning, logging.lastResort, threading.excepthook
     ignored: Any = sys.unraisablehook
 
     def warned(message: object, *rest: Any, **more: Any) -> None:
-        if not over:
-            text = one_line(_safely(lambda: str(message), type(message).__name__))
+        text = one_line(_safely(lambda: str(message), type(message).__name__))
+        if not over and text not in told:
+            told.add(text)
             _print(f"warning: {text[:_LONGEST]}")
 
     def lost(what: Any) -> None:

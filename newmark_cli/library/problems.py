@@ -7,7 +7,7 @@ from typing import Any
 
 from newmark_cli import documents
 from newmark_cli.documents import Document
-from newmark_cli.errors import ArgumentError
+from newmark_cli.errors import ArgumentError, warn
 from newmark_cli.library.arguments import flag, shown
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
@@ -72,7 +72,8 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
     if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
         allowed = flag("allow_code", arguments.pop("allow_code", False))
         if not arguments:
-            return loading.load(Path(given), loading.label(given), str(given), allowed)
+            found = loading.load(Path(given), loading.label(given), str(given), allowed)
+            return _warned_of(found)
     if arguments:
         raise ArgumentError(
             f"problem {shown(given)} takes no further arguments, given {', '.join(arguments)}"
@@ -86,13 +87,18 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
         return registry.problem(given)
     if isinstance(given, Mapping):
         name = str(given.get("title") or "mechanism")
-        return loading.built(name, Document.of("mechanism", given))
+        return _warned_of(loading.built(name, Document.of("mechanism", given)))
     if isinstance(given, Definition) or hasattr(given, "mass_matrix"):
         found = python_problem.from_definition(given, "definition", "definition")
         return replace(found, code=fingerprint.of_definition(given))
     raise ArgumentError(
         f"a problem must be a name, a path, a dict, a Definition or a Problem, given {shown(given)}"
     )
+
+
+def _warned_of(found: Problem) -> Problem:
+    warn(*found.doubts)
+    return found
 
 
 def _member(family: str, sizes: Mapping[str, Any]) -> Problem:

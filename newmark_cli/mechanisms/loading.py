@@ -76,6 +76,13 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
         given = document.data.get("dimensions", 2)
         if isinstance(given, bool) or given not in (2, 3):
             raise document.error(("dimensions",), f"must be 2 or 3, given {given!r:.40}")
+    from newmark_cli.mechanisms import sizes
+
+    found = _built(name, document, code)
+    return replace(found, doubts=sizes.doubts(found, document))
+
+
+def _built(name: str, document: Document, code: Any) -> Problem:
     # Either room is large, and one of them is enough.
     if is_spatial(document.data):
         from newmark_cli.mechanisms import spatial
@@ -122,20 +129,14 @@ def assembled(problem: Problem) -> list[str]:
     mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
     if mechanism is None or not mechanism.assemble:
         return []
-    turned = {}
+    from newmark_cli.mechanisms import sizes
+
+    moved, turned = sizes.guess(problem, mechanism).moved, {}
     if len(problem.axes) == 3:
-        bodies = mechanism.bodies
-        guesses = {name: body.position for name, body in bodies.items()}
         vectors = problem.u0.reshape(-1, 4, 3)  # origins and directors
-        found = dict(zip(bodies, vectors[:, 0], strict=True))
-        for body, directors in zip(bodies, vectors[:, 1:], strict=True):
-            apart = float(np.linalg.norm(directors.T - bodies[body].directors))
+        for body, directors in zip(mechanism.bodies, vectors[:, 1:], strict=True):
+            apart = float(np.linalg.norm(directors.T - mechanism.bodies[body].directors))
             turned[body] = 2 * math.degrees(math.asin(min(apart / math.sqrt(8), 1.0)))
-    else:
-        guesses = {name: mechanism.points[name].at for name in problem.points}
-        places = problem.u0[: 2 * len(guesses)].reshape(-1, 2)  # angles come after them
-        found = dict(zip(problem.points, places, strict=True))
-    moved = {name: math.dist(found[name], guess) for name, guess in guesses.items()}
     told = []
     for by, least, text in (
         (moved, 1e-12, "{}, the farthest, is {:.3g} m from its guess"),

@@ -156,6 +156,7 @@ class Problem:
         outputs: What else the problem has names for, such as reactions; None without any.
         released: Names of constraints that were dropped because they are redundant.
         until: Time (s) up to which the problem is given: the end of its shortest table.
+        doubts: Lines on sizes of a mechanism file that can hardly be meant.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -194,6 +195,7 @@ class Problem:
     released: tuple[str, ...] = ()
     elements: Elements | None = None
     until: float = math.inf
+    doubts: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:

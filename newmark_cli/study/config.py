@@ -27,6 +27,7 @@ from newmark_cli.documents import (
     StrictModel,
     misfit,
 )
+from newmark_cli.errors import warn
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.spec import (
     ForcedMechanism,
@@ -498,7 +499,15 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
     assert len(study.cases) == len(given)
     _require_shown(document, study)
+    for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
+        _warn_of(spec)
     return study
+
+
+def _warn_of(spec: ProblemSpec) -> None:
+    """Warn of what a mechanism file can hardly mean."""
+    if isinstance(spec, MechanismFile | ForcedMechanism):
+        warn(*spec.load().doubts)
 
 
 def _case(
@@ -664,6 +673,7 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
     document = Document.of("command line", {"problem": value})
     around = Surroundings(allow_code=allow_code)
     spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
+    _warn_of(spec)
     return spec
 
 
@@ -695,6 +705,7 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
             found = spatial_summary.lines(name, problem)
         else:
             found = [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"]
+        warn(*problem.doubts)
         return found + loading.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))
     return [f"{name}: study {study.study}, {study.count} cells"]
