@@ -324,7 +324,8 @@ def test_a_restart_takes_the_same_steps_to_the_bit(integrator, evaluation):
 def test_a_restart_with_another_step_size_starts_anew():
     """From u, v and λ of the state, at its time; it converges to the same motion."""
     half = newmark.march("pendulum", h=1e-2, t_end=1.0, integrator="bdf2")
-    finer = newmark.march("pendulum", h=1e-3, t_end=2.0, state=half.state)
+    with pytest.warns(newmark.NewmarkWarning, match="h = 0.01, here 0.001; integrator bdf2, here"):
+        finer = newmark.march("pendulum", h=1e-3, t_end=2.0, state=half.state)
     assert (finer.t[0], finer.steps) == (half.t[-1], 1000)
     assert finer.t[-1] == pytest.approx(2.0)
     same((finer.u[0], half.u[-1]), (finer.a[0], half.a[-1]))

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from newmark_cli import documents
+from newmark_cli.arrays import Array
 from newmark_cli.documents import Document
-from newmark_cli.errors import ArgumentError
+from newmark_cli.errors import ArgumentError, warn
 from newmark_cli.library import arguments
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
@@ -20,9 +21,11 @@ from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
     CORRECTED,
+    RECOVERED,
     REPORTED,
     STARTS,
     TOTAL,
+    Formulation,
     Projection,
     reported,
 )
@@ -48,6 +51,16 @@ from newmark_cli.problems.problem import Problem, ProblemError, is_beyond
 MOST_BYTES = 1_000_000_000
 #: More steps than a float can count are a slip of the finger.
 _MOST_STEPS = 2**53
+
+#: Step sizes that differ by less, relative to their size, are the same.
+_SAME_H = 1e-12
+#: Units of rounding that a state may miss constraints by: 1.4 are the most where they are
+#: enforced, 30 the least where they are not and h is 1e-4 of the time of the march.
+_ROUNDING = 10.0
+#: Part of the rounding of u that velocities have in compensated evaluation, at most.
+_COMPENSATED = 1e-3
+#: In place of zero.
+_TINY = np.finfo(float).tiny
 
 
 class Steps(Iterator[Step]):
@@ -280,8 +293,11 @@ def march(
         project: Replace a start that misses the constraints by the nearest that meets
             them: first the coordinates, then the velocities, in the norm of M.
         state: Go on from a `Step` in place of the start.  With the same integrator and
-            ``h`` the march goes on to the same bits; otherwise the integrator starts anew
-            from its u, v, a, λ.
+            ``h`` the march goes on to the same bits.  At another ``h`` what the integrator
+            carries is scaled; another integrator starts anew from u, v, a, λ.  **λ loses its
+            order** behind another ``h`` or integrator, with a `NewmarkWarning`, unless
+            velocities are on the constraints: with ``projection="velocity"``, or with
+            ``formulation="index-2"`` or ``"ggl"`` in both marches.
         callback: Called with the `Step` after every step that is kept.  It stops the
             march by raising StopIteration; any other exception travels on, and has the
             `Trajectory` so far as its attribute ``trajectory``, as KeyboardInterrupt has.
@@ -503,21 +519,109 @@ def _begin(
         if state is None:
             return _Begun(March(problem, *how), origin)
         carried, kept = state.carried, state.carried.state
+        _warn_of_loss(problem, scheme, state)
         if carried.enforced != enforced_by(scheme):
             # What the constraints miss by has not been carried along.
             system = Index1(problem)
             phi = problem.constraint_values(state.t, state.u)
             kept = kept._replace(phi=phi, psi=system.rate(state.t, state.u, state.v))
-        if (carried.h, carried.integrator) == (scheme.h, scheme.integrator.label):
+        if _same_steps(state, scheme):
             there = replace(problem, t0=carried.t0)
             return _Begun(March(there, *how, state=kept, done=carried.done), origin)
         fields = kept.fields[[0, 1, 3, 3]].astype(float)
-        anew = kept._replace(fields=fields, past=scheme.relations.start @ fields[:3])
+        past = scheme.relations.start @ fields[:3]
+        if carried.integrator == scheme.integrator.label:
+            past = scheme.relations.rescaled(
+                kept.past.astype(float), fields[3], carried.h, scheme.h
+            )
+        anew = kept._replace(fields=fields, past=past)
         return _Begun(March(replace(problem, t0=state.t), *how, state=anew), origin)
     except np.linalg.LinAlgError as error:
         raise ProblemError(
             f"{problem.name}: accelerations at the start are not determined: {error}"
         ) from None
+
+
+def _same_steps(state: Step, scheme: Scheme) -> bool:
+    """Whether a state was made with this integrator and, but for rounding, this h."""
+    h, integrator = state.carried.h, state.carried.integrator
+    return math.isclose(h, scheme.h, rel_tol=_SAME_H) and integrator == scheme.integrator.label
+
+
+def _warn_of_loss(problem: Problem, scheme: Scheme, state: Step) -> None:
+    """Warn where multipliers lose their order behind a state that was made otherwise."""
+    if not _loses(problem, scheme, state):
+        return
+    carried = state.carried
+    differ = (
+        ("h =", repr(carried.h), repr(scheme.h)),
+        ("integrator", carried.integrator, scheme.integrator.label),
+        ("formulation and projection", carried.enforced, enforced_by(scheme)),
+    )
+    told = "; ".join(f"{key} {one}, here {other}" for key, one, other in differ if one != other)
+    way_out = "take projection='velocity', or formulation='index-2' in both marches"
+    if scheme.projection.level:
+        way_out = "leave multipliers='auto'"
+    warn(
+        f"state: made with {told}: λ loses its order of accuracy, because the state does not meet "
+        f"the constraints as steps of this march leave them; {way_out}"
+    )
+
+
+def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
+    """Whether multipliers lose their order behind a state.
+
+    Index 3 leaves Gᵀv + Φ_t = c h², c being the integrator's, and takes what it starts from
+    for the same: from another h, λ is off by O(h), and without damping by O(1) for good.
+    Likewise rows that ask for Φ, or for its rate, put right in one step what others have let
+    drift.  Nothing is lost by rows that let them drift on, or where velocities are projected
+    and λ is recovered from them.
+    """
+    carried, projects = state.carried, scheme.projection.level
+    formulation, _, projection = carried.enforced.partition(", ")
+    made, projected = Formulation.parse(formulation), Projection.parse(projection).level
+    # A penalty enforces what index 3 does.
+    alike = carried.enforced == enforced_by(scheme) or (
+        {made.method, scheme.formulation.method} <= {INDEX_3, "augmented-lagrangian"}
+        and not (projected or projects)
+    )
+    if alike and _same_steps(state, scheme):
+        return False
+    rows, recovered = scheme.formulation.kind.rows, scheme.reported == RECOVERED
+    drifts = rows in (("Ca",), ("B",)) and not scheme.formulation.scheduled
+    if recovered if projects else drifts:
+        return False
+    asks_position, asks_rate = bool(projects) or rows != ("Cv",), not recovered
+    keeps_position = projected == 2 or "C" in made.kind.rows or made.kind.penalised
+    keeps_rate = projected or "Cv" in made.kind.rows
+    of_position, of_rate = _misfits(problem, state)
+    return (
+        (asks_position and not keeps_position and of_position > _ROUNDING)
+        or (asks_rate and not keeps_rate and of_rate > _ROUNDING)
+        or bool(projects and np.any(carried.state.impulse))
+    )
+
+
+def _misfits(problem: Problem, state: Step) -> tuple[float, float]:
+    """What a state misses of Φ = 0 and of Gᵀv + Φ_t = 0, in units of what rounding leaves.
+
+    Rounding leaves distances of eps |u|, and velocities of eps |v| and, but in compensated
+    evaluation, eps |u|/h.
+    """
+    kept, t = state.carried.state, state.t
+    u, v = kept.fields[:2].astype(float)
+    values = problem.values(t, u, v, np.zeros(problem.m)).g
+    lengths = np.sqrt(np.bincount(problem.pattern.g_columns, values**2, minlength=problem.m))
+    eps = np.finfo(kept.fields.dtype).eps
+    of_u, of_v = eps * np.abs(u).max(), eps * np.abs(v).max()
+    of_v += of_u / state.carried.h * (_COMPENSATED if np.any(kept.lows) else 1.0)
+
+    def worst(missed: Array, unit: float) -> float:
+        with np.errstate(over="ignore"):
+            return float(np.max(np.abs(missed) / np.maximum(lengths * unit, _TINY), initial=0.0))
+
+    phi = problem.constraint_values(t, u)
+    return worst(phi, of_u), worst(Index1(problem).rate(t, u, v), of_v)
 
 
 def _last(begun: _Begun, t_end: Any, steps: Any, at: Any, stepped: bool) -> int | None:

@@ -66,6 +66,29 @@ class Relations:
     advance: IndexArray
     start: Array
 
+    def rescaled(self, past: Array, true: Array, h: float, new: float) -> Array:
+        """The past at another step size, as smooth motion would have left it there.
+
+        Args:
+            past: (P, n) past vectors at a step size h (s).
+            true: (n,) true acceleration v' of the last step.
+            h, new: Both step sizes (s).
+
+        Returns:
+            (P, n) with what the auxiliary acceleration differs by from v', which is O(h),
+            and the last term of the increments ν = h v' − h² v''/2 and
+            w = h² v'/2 − h³ v''/3 in proportion.
+        """
+        q, found = new / h, past.copy()
+        for place, what in enumerate(self.advance):
+            if what == NEW_A:
+                found[place] = true + q * (past[place] - true)
+            elif what == NEW_W:
+                found[place] = new**2 / 2 * true + q**3 * (past[place] - h**2 / 2 * true)
+            elif what == NEW_NU:
+                found[place] = new * true + q**2 * (past[place] - h * true)
+        return found
+
 
 class Integrator(Protocol):
     """Interface of an integrator to the core; a frozen, hashable value."""

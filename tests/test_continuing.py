@@ -1,0 +1,236 @@
+"""Marches that go on from a state of another march: what is lost, and who is told."""
+
+import copy
+import pickle
+import re
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from each import each
+from scipy.integrate import solve_ivp
+
+import newmark_cli as newmark
+from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
+
+ALPHA = "generalized-alpha rho=0.9"
+INTEGRATORS = ("trapezoidal", ALPHA, "generalized-alpha rho=0.5", "hht alpha=0.1", "bdf2")
+SCHEDULED = {"method": "baumgarte", "rate_h": 1}
+#: What leaves velocities off the constraints by something of its own h, and what does not.
+LOSES = ("index-3", "augmented-lagrangian", SCHEDULED)
+KEEPS = ("index-2", "ggl", "index-1", "baumgarte rate=10", "velocity", "position-velocity")
+
+
+@cache
+def swing():
+    """The angle of the pendulum of unit length, mass and gravity, released from the horizontal."""
+    found = solve_ivp(
+        lambda t, y: [y[1], -np.cos(y[0])], (0, 2.5), [0, 0], method="DOP853", rtol=1e-12,
+        atol=1e-13, dense_output=True,
+    )  # fmt: skip
+    return found.sol
+
+
+def error(trajectory):
+    """Largest error of λ = 3 sin θ after the first second."""
+    t, found = trajectory.t, trajectory.constraint("bars.rod")
+    return float(np.abs(found - 3 * np.sin(swing()(t)[0]))[t > 1 + 1e-9].max())
+
+
+def how(kind, integrator=ALPHA):
+    """Options of a formulation or projection."""
+    if kind in ("velocity", "position-velocity"):
+        return {"integrator": integrator, "projection": kind}
+    return {"integrator": integrator, "formulation": kind, "form": "a-lambda"}
+
+
+@cache
+def halfway(h, integrator=ALPHA):
+    """The state after a second of index 3."""
+    return newmark.march("pendulum", h=h, t_end=1, every=0, integrator=integrator).state
+
+
+def changed(h, ratio, options):
+    """Largest error of λ in the second that follows on one with another h; warnings."""
+    first = newmark.march("pendulum", h=h, t_end=1, every=0, **options)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        rest = newmark.march("pendulum", h=h * ratio, t_end=2, state=first.state, **options)
+    return error(rest), caught
+
+
+@each(
+    "integrator, ratio, errors",
+    [
+        (ALPHA, 1 / 2, (0.21, 0.10, 0.052)),
+        (ALPHA, 1 / 10, (1.4, 0.68, 0.34)),
+        ("hht alpha=0.1", 1 / 2, (0.061, 0.030, 0.015)),
+        ("bdf2", 1 / 2, (0.057, 0.029, 0.014)),
+        ("trapezoidal", 1 / 2, (3.4, 3.4, 3.4)),
+        ("trapezoidal", 1 / 10, (110, 110, 110)),
+    ],
+)
+def test_index_3_loses_an_order_behind_another_h(integrator, ratio, errors):
+    """λ is of order 1 where it was of order 2, of none without damping; and it is said, once."""
+    for h, expected in zip((0.02, 0.01, 0.005), errors, strict=True):
+        found, caught = changed(h, ratio, {"integrator": integrator})
+        assert found == pytest.approx(expected, rel=0.06)
+        (warning,) = caught
+        assert (warning.category, warning.filename) == (newmark.NewmarkWarning, __file__)
+        assert error(newmark.march("pendulum", h=h, t_end=2, integrator=integrator)) < 5 * h**2
+
+
+@each("integrator", INTEGRATORS)
+def test_other_formulations_and_projections_keep_the_order(integrator):
+    """In every integrator, and nothing is said; warnings are errors here."""
+    for kind in KEEPS:
+        options = how(kind, integrator)
+        (first, _), (second, caught) = (changed(h, 1 / 2, options) for h in (0.01, 0.005))
+        assert not caught, kind
+        assert 1.9 < np.log2(first / second) < 2.1, kind
+        constant = error(newmark.march("pendulum", h=0.005, t_end=2, **options))
+        assert second < 2 * constant, kind
+
+
+@each("kind", LOSES)
+def test_what_enforces_constraints_alone_is_told_of(kind):
+    """In every integrator, finer and coarser; a penalty is index 3, c/h of Baumgarte nearly."""
+    for integrator in (*INTEGRATORS, "bdf1", "newmark beta=0.3025 gamma=0.6"):
+        for ratio in (1 / 2, 1 + 1e-6, 2):
+            found, caught = changed(0.01, ratio, how(kind, integrator))
+            assert [warning.category for warning in caught] == [newmark.NewmarkWarning]
+        found, _ = changed(0.01, 1 / 10, how(kind, integrator))
+        assert found > 5 * error(newmark.march("pendulum", h=0.01, t_end=2, **how(kind, ALPHA)))
+
+
+def test_what_is_said():
+    """What differs, and what to do; where the line of the caller is."""
+    with pytest.warns(newmark.NewmarkWarning) as caught:
+        newmark.march("pendulum", h=0.005, steps=1, state=halfway(0.01))
+    (warning,) = caught
+    assert str(warning.message) == (
+        "state: made with h = 0.01, here 0.005; integrator generalized-alpha rho=0.9, here newmark "
+        "beta=0.25 gamma=0.5: λ loses its order of accuracy, because the state does not meet the "
+        "constraints as steps of this march leave them; take projection='velocity', or "
+        "formulation='index-2' in both marches"
+    )
+    assert warning.filename == __file__
+    # The way out needs nothing of the first march.
+    rest = newmark.march(
+        "pendulum", h=0.005, t_end=2, state=halfway(0.01), integrator=ALPHA, projection="velocity"
+    )
+    assert error(rest) < 2e-4
+
+
+@each(
+    "first, second, said",
+    [
+        ({}, {"integrator": "bdf2"}, "integrator generalized-alpha rho=0.9, here bdf2"),
+        ({}, {"formulation": "index-2"}, "projection index-3, none, here index-2, none"),
+        ({"formulation": "index-2"}, {}, "projection index-2, none, here index-3, none"),
+        ({"formulation": "index-2"}, {"formulation": "ggl"}, "index-2, none, here ggl, none"),
+        ({"formulation": "index-1"}, {"formulation": "index-2"}, "index-1, none, here index-2"),
+        ({"formulation": "index-1"}, {"multipliers": "recovered"}, "index-1, none, here index-3"),
+        ({}, {"projection": "velocity", "multipliers": "total"}, "leave multipliers='auto'"),
+        ({}, {"evaluation": "compensated", "h": 0.005}, "h = 0.01, here 0.005"),
+        ({"evaluation": "compensated", "h": 1e-5}, {"h": 2e-5}, "h = 1e-05, here 2e-05"),
+        ({"h": 1e-4}, {"h": 5e-5}, "h = 0.0001, here 5e-05"),
+        ({"precision": "float32", "h": 0.05}, {"h": 0.1}, "h = 0.05, here 0.1"),
+    ],
+)
+def test_other_changes_that_lose_the_order(first, second, said):
+    """Of the integrator or what is enforced, at the same h; in every evaluation and precision."""
+    known = {"h": 0.01, "integrator": ALPHA, "form": "a-lambda", "linear_solver": "dense-lu"}
+    state = newmark.march("pendulum", v0=[0, 1], steps=90, every=0, **known | first).state
+    with pytest.warns(newmark.NewmarkWarning, match=re.escape(said)):
+        newmark.march("pendulum", steps=1, state=state, **known | second)
+
+
+def test_states_remember_their_h():
+    """Pickled, copied, of a loop or of a callback; going on by any of the ways to march."""
+    seen = []
+    newmark.march("pendulum", h=0.01, t_end=0.5, callback=seen.append)
+    stepped = newmark.steps("pendulum", h=0.01)
+    for step in stepped:
+        if step.t > 0.5:
+            break
+    trajectory = stepped.trajectory
+    for state in (
+        seen[-1], step, trajectory.state, copy.deepcopy(step),
+        pickle.loads(pickle.dumps(step)), pickle.loads(pickle.dumps(trajectory.state)),
+    ):  # fmt: skip
+        newmark.march("pendulum", h=0.01, steps=1, state=state)
+        for march in (newmark.march, newmark.steps):
+            with pytest.warns(newmark.NewmarkWarning, match="h = 0.01, here 0.02") as caught:
+                march("pendulum", h=0.02, t_end=1, state=state)
+            assert [warning.filename for warning in caught] == [__file__]
+
+
+def test_rows_of_a_frame_are_a_start_of_ones_own():
+    """They are refused where they miss the constraints, and projected where that is asked for."""
+    frame = newmark.march("pendulum", h=0.01, t_end=1, integrator=ALPHA).to_frame()
+    u, v = (frame.filter(regex=rf"^{key}\[").to_numpy()[-1] for key in "uv")
+    with pytest.raises(newmark.ArgumentError, match="v0 misses the constraints"):
+        newmark.march("pendulum", h=0.005, steps=1, u0=u, v0=v)
+    newmark.march("pendulum", h=0.005, steps=1, u0=u, v0=v, project=True)
+
+
+def test_nothing_is_said_where_nothing_is_lost():
+    """The same h, but for rounding; no step taken; rest; straight lines; λ recovered."""
+    state = halfway(0.01)
+    for h in (0.01, np.nextafter(0.01, 1), np.nextafter(0.01, 0), 1 / 99.99999999999999):
+        rest = newmark.march("pendulum", h=h, t_end=2, state=state, integrator=ALPHA)
+        assert (rest.steps, error(rest)) == (100, pytest.approx(1.1e-4, rel=0.05))
+        newmark.march("pendulum", h=h, steps=1, state=state, integrator=ALPHA,
+                      formulation="augmented-lagrangian")  # fmt: skip
+    newmark.march(
+        "pendulum", h=0.02, steps=1, state=state, integrator=ALPHA, multipliers="recovered"
+    )
+    start = newmark.march("pendulum", h=0.01, steps=0, v0=[0, 1]).state
+    newmark.march("pendulum", h=0.02, steps=1, state=start)
+    hanging = {
+        "points": {"O": {"fixed": (0, 0)}, "P": {"at": (0.6, -0.8), "mass": 2}},
+        "bars": {"rod": {"from": "O", "to": "P", "length": 1}},
+        "forces": {"wind": {"at": "P", "force": (0.75 * 2 * 9.81, 0)}},
+        "gravity": (0, -9.81),
+    }
+    sliding = {
+        "points": {"P": {"at": (0, 0), "velocity": (2, 1), "mass": 2}},
+        "sliders": {"rail": {"point": "P", "through": (0, 0), "direction": (2, 1)}},
+        "gravity": (0, -9.81),
+    }
+    for mechanism in (hanging, sliding):
+        for evaluation in ("direct", "compensated"):
+            options = {"integrator": ALPHA, "evaluation": evaluation}
+            state = newmark.march(mechanism, h=0.01, t_end=3, every=0, **options).state
+            newmark.march(mechanism, h=0.005, steps=1, state=state, **options)
+
+
+def test_in_space():
+    """The governor loses its order with index 3 and keeps it with GGL."""
+    for formulation, count in (("index-3", 1), ("ggl", 0)):
+        options = {"integrator": ALPHA, "formulation": formulation, "form": "a-lambda"}
+        state = newmark.march("governor", h=1e-3, steps=10, every=0, **options).state
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            newmark.march("governor", h=5e-4, steps=1, state=state, **options)
+        assert len(caught) == count
+
+
+def test_what_integrators_carry_is_scaled():
+    """Increments of BDF2 are exact for a cubic motion; what a of generalized-α lags is scaled."""
+    motion = np.polynomial.Polynomial([0.3, -1.1, 0.7, 0.4])
+    velocity, acceleration = motion.deriv(), motion.deriv(2)
+
+    def past(h):
+        w = motion(0) - motion(-h) - h * velocity(-h)
+        return np.array([[motion(0)], [velocity(0)], [w], [velocity(0) - velocity(-h)]])
+
+    relations = BDF2().relations(0.1)
+    found = relations.rescaled(past(0.1), acceleration(np.zeros(1)), 0.1, 0.03)
+    assert found == pytest.approx(past(0.03), rel=1e-13)
+    relations = GeneralizedAlpha(0.9).relations(0.1)
+    carried = np.array([[1.0], [2.0], [5.0], [3.0]])
+    found = relations.rescaled(carried, np.array([3.0]), 0.1, 0.05)
+    assert found.ravel().tolist() == [1.0, 2.0, 4.0, 3.0]
