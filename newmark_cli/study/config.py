@@ -506,7 +506,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
 
 def _warn_of(spec: ProblemSpec) -> None:
     """Warn of what a mechanism file can hardly mean."""
-    if isinstance(spec, MechanismFile | ForcedMechanism):
+    if isinstance(spec, MechanismFile):
         warn(*spec.load().doubts)
 
 
