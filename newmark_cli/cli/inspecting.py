@@ -194,6 +194,10 @@ def draw(
         raise InputError("--animate: needs --at T, the end of the motion")
     spec = config.problem_named(problem, allow_code)
     subject = spec.load()
+    if subject.drawing is None:
+        raise InputError(
+            f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
+        )
     from newmark_cli.mechanisms.spec import with_problem
     from newmark_cli.problems.problem import is_beyond
     from newmark_cli.report import draw_mechanism, style

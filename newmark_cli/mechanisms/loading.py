@@ -73,6 +73,8 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
         code: Adds forces in Python, see `planar.built`; refused if omitted.
     """
     if isinstance(document.data, dict):
+        if not is_mechanism(document.data) and "study" in document.data:
+            raise document.error((), "is a study, not a mechanism")
         given = document.data.get("dimensions", 2)
         if isinstance(given, bool) or given not in (2, 3):
             raise document.error(("dimensions",), f"must be 2 or 3, given {given!r:.40}")

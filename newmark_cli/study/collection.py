@@ -452,7 +452,7 @@ def cells_of(
     data = {
         **{name: [*given[name]] for name in ("form", "preconditioning", "evaluation", "h")},
         "study": "export",
-        "problem": {"python": subject} if _is_python(subject) else config.problem_named(subject),
+        "problem": config.problem_named(subject, allow_code),
         "integrator": [_spelled(label) for label in given["integrator"]],
         "formulation": [_spelled(label) for label in given["formulation"]],
         "measure": "correction",
@@ -462,10 +462,6 @@ def cells_of(
     return config.parse(document, Surroundings(Path(), allow_code)).cells()
 
 
-def _is_python(subject: str) -> bool:
-    return subject.rpartition(":")[0].endswith(".py")
-
-
 def _is_study(subject: str) -> bool:
     """Whether it is the name or file of a study rather than of a problem.
 
@@ -473,7 +469,7 @@ def _is_study(subject: str) -> bool:
         InputError: When it is neither.
     """
     path = Path(subject)
-    if _is_python(subject) or subject.endswith(")"):
+    if subject.rpartition(":")[0].endswith(".py") or subject.endswith(")"):
         return False
     if path.suffix in (".yaml", ".yml"):
         return not loading.is_mechanism(documents.read(path, subject).data)

@@ -1,0 +1,110 @@
+"""Every command on every kind of subject: it works, or says in one line why it cannot."""
+
+import examples
+import numpy as np
+import pytest
+from each import each
+
+PLANAR = """\
+points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 2}}
+bars: {rod: {from: O, to: P, length: 1}}
+gravity: [0, -9.81]
+"""
+SPATIAL = """\
+dimensions: 3
+bodies: {top: {position: [0, 0, 0], mass: 2, centre: [0, 1, 0], inertia: [1, 0.5, 1]}}
+joints: {O: {type: spherical, from: ground, to: top, at: [0, 0, 0]}}
+gravity: [0, 0, -9.81]
+"""
+FILES = {
+    "planar.yaml": PLANAR,
+    "spatial.yaml": SPATIAL,
+    "forced.yaml": PLANAR + 'python_forces: {air: {python: "air.py:drag", on: [P]}}\n',
+    "air.py": "def drag(positions, velocities, t):\n    return -0.3 * velocities\n",
+    "axis.py": examples.CAR_AXIS.read_text(),
+    "study.yaml": (
+        "study: mine\nproblem: planar.yaml\nform: u-lambda\npreconditioning: optimal\n"
+        "h: [1e-1, 3e-2, 1e-2, 3e-3]\nt_end: 0.2\n"
+    ),
+}
+MECHANISMS = ("pendulum", "planar.yaml", "spatial.yaml", "chain(links=3)", "forced.yaml")
+PROBLEMS = (*MECHANISMS, "axis.py:car_axis")
+STUDIES = ("study.yaml", "pendulum-u")
+SUBJECTS = (
+    *PROBLEMS, *STUDIES, "mine", "axis.py", "air.py:drag", "matrices.npz", "results/mine.csv",
+    "missing.yaml", ".",
+)  # fmt: skip
+CODE = ("validate", "draw", "advise", "export", "orders", "run")
+#: Words of the command line before a subject, and the subjects that they work for.
+COMMANDS = (
+    ("validate", ("planar.yaml", "spatial.yaml", "forced.yaml", "study.yaml")),
+    ("draw --results drawn", MECHANISMS),
+    ("draw --at 0.1 --h 0.05 --frames 2 --animate a.gif", MECHANISMS),
+    ("advise --h 1e-3 --t-end 0.01", (*PROBLEMS, *STUDIES)),
+    ("advise --h 1e-3 --matrices", ("matrices.npz",)),
+    ("advise --jacobian", ()),
+    ("export --h 1e-1 --steps 1 --preconditioning optimal", (*PROBLEMS, *STUDIES)),
+    ("run --dry-run", STUDIES),
+    ("orders --config", STUDIES),
+    ("prune --dry-run", STUDIES),
+    ("plot", ("mine",)),
+    ("show", ("mine",)),
+    ("verify", ("mine",)),
+    ("info", ("mine",)),
+    ("check", ("mine",)),
+    ("compare results", ()),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, warm):
+    """A folder with all of them, and with results of a study."""
+    folder = tmp_path_factory.mktemp("subjects")
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    np.savez(folder / "matrices.npz", M=np.eye(2), G=[[1.0], [0.0]], X=np.eye(2), Y=np.eye(2))
+    assert warm.run(["run", "study.yaml"], folder).returncode == 0
+    return folder
+
+
+@pytest.mark.parametrize(("words", "works"), COMMANDS)
+def test_commands_work_or_say_why_not(folder, warm, words, works):
+    """Exit code 0 and something printed, or 2 and one line on stderr."""
+    command = words.split()
+    code = ["--allow-code"] if command[0] in CODE else []
+
+    @each("subject", SUBJECTS)
+    def tried(subject):
+        done = warm.run([*command, subject, *code], folder)
+        require(done, subject in works)
+
+    tried()
+
+
+@each(
+    "problem, works",
+    [
+        *(
+            (problem, True)
+            for problem in ("pendulum", "planar.yaml", "spatial.yaml", "forced.yaml")
+        ),
+        ("{chain: {links: 3}}", True),
+        ('{python: "axis.py:car_axis"}', True),
+        *((problem, False) for problem in SUBJECTS if problem not in PROBLEMS),
+    ],
+)
+def test_studies_of_every_kind_of_problem(folder, warm, problem, works):
+    """The same of `validate` and `run` where a study names the subject."""
+    text = f"study: other\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"
+    (folder / "other.yaml").write_text(text + "h: 1e-2\nt_end: 0.02\n")
+    for command in (["validate"], ["run", "--results", "others"]):
+        require(warm.run([*command, "other.yaml", "--allow-code"], folder), works)
+
+
+def require(done, works):
+    """Exit code 0 and something on stdout, or 2 and one line on stderr."""
+    assert done.returncode == (0 if works else 2), done.stderr + done.stdout
+    assert bool(done.stdout) == works
+    if not works:
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("newmark-study: ")
