@@ -99,10 +99,7 @@ def _giving(name: str, function: Any, compile_: Compiler) -> Any:
 
 
 def by_differences(
-    functions: Mapping[str, Any],
-    wanted: Collection[str],
-    compile_: Compiler,
-    longest: float = LONGEST_STEP,
+    functions: Mapping[str, Any], wanted: Collection[str], compile_: Compiler
 ) -> Callable[..., None]:
     """`newmark_cli.problems.problem.Problem.derivatives` by central differences.
 
@@ -112,7 +109,6 @@ def by_differences(
         functions: ``constraints`` and ``gradient`` of the user.
         wanted: Those of the four functions that are; the others may remain as they were.
         compile_: Compiles what is returned if both are compiled.
-        longest: Longest step (s), see `LONGEST_STEP`.
     """
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
     copy = differences.copying(compile_)
@@ -125,14 +121,14 @@ def by_differences(
         t, u, v, w, ints, reals, rate, curvature, r_values, q_values
     ):
         states, times, phi, gradients = differences.states_along(
-            t, u, v, w, rate, longest, in_time, along_v, along_w
+            t, u, v, w, rate, LONGEST_STEP, in_time, along_v, along_w
         )
         for k in range(states.shape[0]):
             copy.matrix(gradient_of(states[k], times[k]), gradients[k])
         for k in range(phi.shape[0]):
             copy.vector(phi_of(states[k], times[k]), phi[k])
         differences.take_rows(
-            phi, gradients, u, v, w, longest, in_time, along_v, along_w,
+            phi, gradients, u, v, w, LONGEST_STEP, in_time, along_v, along_w,
             rate, curvature, r_values, q_values,
         )  # fmt: skip
 

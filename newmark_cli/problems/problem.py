@@ -25,6 +25,10 @@ class ProblemError(InputError):
     """
 
 
+class ContradictionError(ProblemError):
+    """Functions of a problem contradict each other at a state that a march has reached."""
+
+
 class Pattern(NamedTuple):
     """Where the values that a problem's function produces belong.
 
@@ -157,6 +161,8 @@ class Problem:
         released: Names of constraints that were dropped because they are redundant.
         until: Time (s) up to which the problem is given: the end of its shortest table.
         doubts: Lines on sizes of a mechanism file that can hardly be meant.
+        reached: ``(t, u, v)`` that raises `ContradictionError` where functions of the user's
+            contradict each other at a state that a march has reached; None without any.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -196,6 +202,7 @@ class Problem:
     elements: Elements | None = None
     until: float = math.inf
     doubts: tuple[str, ...] = ()
+    reached: Callable[[float, Array, Array], None] | None = None
 
     @property
     def n(self) -> int:

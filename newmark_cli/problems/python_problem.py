@@ -23,16 +23,12 @@ from numba.core.dispatcher import Dispatcher
 from newmark_cli import errors, files
 from newmark_cli.arrays import Array
 from newmark_cli.problems import constraint_rows, differences, index_1, user_code
+from newmark_cli.problems.agreement import Agreement
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 
-#: Largest relative difference of a given tangent from its finite differences.
-_TANGENT_TOLERANCE = 1e-5
 _CONSISTENCY = 1e-9
 #: Largest Python file that is read (bytes).
 _MOST_BYTES = 10_000_000
-#: Longest steps (s) of differences that a given term of Φ' or Φ'' may agree with; the
-#: second is for laws of time that are faster than the first can follow.
-_LONGEST_STEPS = differences.LONGEST_STEP, 1e-4
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,8 @@ class Definition:
 
     Functions that numba compiled (``@numba.njit``) run through the kernel, plain
     ones through the SciPy march.  Arrays are float64; lists and tuples of numbers serve
-    as well, and are converted wherever they are returned.
+    as well, and are converted wherever they are returned.  Given derivatives and the energy are
+    compared with differences next to the start and along every march, see `agreement`.
 
     Attributes:
         mass_matrix: (n, n) M, constant, symmetric, positive on all motions that the
@@ -59,8 +56,8 @@ class Definition:
             d/ds G(u + s v, t + s) at s = 0.
         acceleration_gradient: (u, v, w, t) → (n, m) gradient of Φ'' with respect to u at
             the acceleration w: d/ds G(u + s w, t) + d²/ds² G(u + s v, t + s) at s = 0.
-            Each of these four is checked against differences if it is given; if None, it
-            follows from G where ``quadratic`` is set, and from differences elsewhere.
+            If one of these four is None, it follows from G where ``quadratic`` is set, and
+            from differences elsewhere.
         t0: Initial time (s).
         quadratic: Whether Φ is at most quadratic in u and does not depend on t, as
             compensated evaluation needs it; checked.
@@ -127,7 +124,7 @@ def load(
 
     Raises:
         ProblemError: When the file or the factory fails, or what it returns cannot
-            be used: a wrong shape, a tangent that disagrees with differences, an
+            be used: a wrong shape, a derivative that disagrees with differences, an
             inconsistent start.
     """
     file = spelled or str(path)
@@ -292,7 +289,7 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     phi, constraints = _called(chosen["constraints"], (u0, t0), "constraints", source, None)
     m = len(phi)
     multipliers = np.linspace(1.0, 2.0, m)
-    force, force_of = _called(chosen["force"], (u0, v0, t0), "force", source, (n,))
+    _, force_of = _called(chosen["force"], (u0, v0, t0), "force", source, (n,))
     gradient, gradient_of = _called(chosen["gradient"], (u0, t0), "gradient", source, (n, m))
     if m == 0 or np.linalg.matrix_rank(gradient) < m:
         raise source.error(
@@ -305,17 +302,14 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
             "accelerations are not determined",
         )  # fmt: skip
     functions = {"force": force_of, "constraints": constraints, "gradient": gradient_of}
-
-    _require_gradient(functions, u0, t0, gradient, source, chosen["gradient"])
     energy = chosen["energy"]
     if energy is not None:
         _, energy = _called(energy, (u0, v0, t0), "energy", source, ())
     tangents: dict[str, Any] = dict.fromkeys(_TANGENTS)
     calls = {"stiffness": (u0, v0, multipliers, t0), "damping": (u0, v0, t0)}
-    found = {}
     for key in _TANGENTS:
         if chosen[key] is not None:
-            found[key], tangents[key] = _called(chosen[key], calls[key], key, source, (n, n))
+            _, tangents[key] = _called(chosen[key], calls[key], key, source, (n, n))
     rows: dict[str, Any] = {}
     for key, (arguments, shape) in _row_calls(u0, v0, t0, m).items():
         if chosen[key] is not None:
@@ -323,25 +317,6 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     used = [*functions.values(), *filter(None, tangents.values()), *rows.values()]
     compiled = all(isinstance(f, Dispatcher) for f in used)
     compile_ = njit if compiled else differences.as_it_is
-    differing = _by_differences(functions, (u0, v0, t0), multipliers) if found else {}
-    for key, values in found.items():
-        expected = differing[key]
-        # Differences of a force are as good as its rounding over their step.
-        reach = float(np.abs(u0 if key == "stiffness" else v0).max())
-        load = float(np.abs(force).max() + np.abs(gradient @ multipliers).max())
-        noise = 1e-9 * load / max(reach, 1e-3)
-        allowed = noise + _TANGENT_TOLERANCE * float(np.abs(expected).max())
-        worst = np.unravel_index(np.argmax(np.abs(values - expected)), values.shape)
-        if abs(values[worst] - expected[worst]) > allowed:
-            i, j = (int(index) + 1 for index in worst)
-            raise source.error(
-                key,
-                f"disagrees with differences in row {i}, column {j}: given "
-                f"{values[worst]:.9g}, differences say {expected[worst]:.9g}",
-                chosen[key],
-            )
-
-    _require_rows(rows, functions, (u0, v0, t0), gradient, source, chosen)
     quadratic = bool(getattr(given, "quadratic", False))
     x_rows, x_columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
     g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
@@ -371,10 +346,13 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
             else constraint_rows.rates(functions, rows)
         ),
     )
+    given_twice = {key: f for key, f in (tangents | rows | {"energy": energy}).items() if f}
+    agreement = Agreement(problem, functions, given_twice, lambda key: source.of(key, chosen[key]))
+    agreement.at_load()
     if problem.quadratic:
         _require_quadratic(problem, functions, source, chosen["constraints"])
     _require_consistent(problem, gradient, source)
-    return problem
+    return replace(problem, reached=agreement.reached)
 
 
 def _names(given: Any, key: str, count: int, source: _Source) -> tuple[str, ...]:
@@ -456,21 +434,6 @@ def _giving(key: str, function: Any, compile_: differences.Compiler) -> Any:
     return compile_(stiffness if key == "stiffness" else damping)
 
 
-def _by_differences(
-    functions: Mapping[str, Any], start: tuple[Array, Array, float], multipliers: Array
-) -> dict[str, Array]:
-    """(n, n) X and Y at the start."""
-    u, v, t = start
-    n, m = len(u), len(multipliers)
-    x, y = np.empty((n, n)), np.empty((n, n))
-    none = dict.fromkeys(_TANGENTS)
-    _evaluate(functions, none, differences.as_it_is)(
-        t, u, v, multipliers, None, None, np.empty(n), np.empty(m), x.reshape(-1), y.reshape(-1),
-        np.empty(n * m),
-    )  # fmt: skip
-    return {"stiffness": x, "damping": y}
-
-
 def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[..., float]:
     """The user's energy less the kinetic energy."""
 
@@ -491,96 +454,6 @@ def warm() -> None:
         gradient=lambda u, t: u[:, None],
     )
     from_definition(rod, "rod")
-
-
-def _require_gradient(
-    functions: Mapping[str, Any], u: Array, t: float, gradient: Array, source: _Source, given: Any
-) -> None:
-    size = max(float(np.abs(gradient).max()), 1e-300)
-    step = 1e-3 * float(np.abs(u).max() or 1.0)
-    for i in range(len(u)):
-        change = np.zeros_like(u)
-        change[i] = step
-        phi = [functions["constraints"](u + k * change, t) for k in (-2, -1, 1, 2)]
-        expected = np.array([1, -8, 8, -1]) @ np.array(phi) / (12 * step)
-        wrong = np.abs(gradient[i] - expected) > _TANGENT_TOLERANCE * size
-        if np.any(wrong):
-            k = int(np.argmax(wrong))
-            raise source.error(
-                "gradient",
-                f"disagrees with differences in row {i + 1}, column {k + 1}: "
-                f"given {gradient[i, k]:.9g}, differences say {expected[k]:.9g}",
-                given,
-            )
-
-
-def _require_rows(
-    given: Mapping[str, Any],
-    functions: Mapping[str, Any],
-    start: tuple[Array, Array, float],
-    gradient: Array,
-    source: _Source,
-    chosen: Mapping[str, Any],
-) -> None:
-    """Given terms of Φ' and Φ'' agree with differences, at the start and next to it."""
-    if not given:
-        return
-    u0, v0, t0 = start
-    size = float(np.abs(u0).max()) or 1.0
-    speed = float(np.abs(v0).max()) or size
-    # Rounding of Φ and G over the square of the step.
-    noise = 1e-9 * float(np.abs(gradient).max()) * (1 + (speed / size) ** 2)
-    random = np.random.default_rng(0)
-    # Most terms vanish at rest; not after a whole number of seconds, see below.
-    moving = [
-        (
-            u0 + 1e-2 * size * random.normal(size=len(u0)),
-            v0 + speed * random.normal(size=len(u0)),
-            t0 + random.uniform(0.1, 1.0),
-        )
-        for _ in range(2)
-    ]
-    for place, (u, v, t) in enumerate([start, *moving]):
-        for key, (arguments, shape) in _row_calls(u, v, t, gradient.shape[1]).items():
-            if key not in given:
-                continue
-            values = np.asarray(given[key](*arguments), float)
-            for longest in _LONGEST_STEPS:
-                expected = _row_by_differences(functions, key, arguments, shape, longest)
-                allowed = noise * (size if len(shape) == 1 else 1.0)
-                allowed += _TANGENT_TOLERANCE * float(np.abs(expected).max())
-                wrong = np.abs(values - expected)
-                if np.all(wrong <= allowed) or not np.all(np.isfinite(expected)):
-                    break
-            else:
-                worst = np.unravel_index(int(np.argmax(wrong)), shape)
-                numbers = [int(index) + 1 for index in worst]
-                where = "row {}, column {}" if len(shape) == 2 else "component {}"
-                raise source.error(
-                    key,
-                    f"disagrees with differences in {where.format(*numbers)} "
-                    f"{'next to' if place else 'at'} the start: given {values[worst]:.9g}, "
-                    f"differences say {expected[worst]:.9g}",
-                    chosen[key],
-                )
-
-
-def _row_by_differences(
-    functions: Mapping[str, Any],
-    key: str,
-    arguments: tuple[Any, ...],
-    shape: tuple[int, ...],
-    longest: float,
-) -> Array:
-    """A term of Φ' or Φ'' for the arguments of the function that gives it."""
-    *state, t = arguments
-    u, v, w = (*state, *[np.zeros_like(state[0])] * (3 - len(state)))
-    n, m = len(u), shape[-1]
-    found = [np.empty(m), np.empty(m), np.empty((n, m)), np.empty((n, m))]
-    constraint_rows.by_differences(functions, [key], differences.as_it_is, longest)(
-        t, u, v, w, None, None, *(part.reshape(-1) for part in found)
-    )
-    return found[constraint_rows.NAMES.index(key)]
 
 
 def _require_quadratic(

@@ -21,6 +21,7 @@ from newmark_cli import apart, interrupts
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code, pinned
 from newmark_cli.problems import user_code
+from newmark_cli.problems.problem import ContradictionError
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
@@ -89,6 +90,8 @@ def perform(
             prepare(task.cell)
             start = time.perf_counter()
             outcome = compute(task.cell, task.reference, checked)
+    except ContradictionError as error:
+        outcome = failed(str(error))
     except (_Stopped, InputError):
         raise
     except _Overtime:
