@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from newmark_cli import documents
+from newmark_cli.algebra import product
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError, warn
@@ -534,7 +535,7 @@ def _begin(
             there = replace(problem, t0=carried.t0)
             return _Begun(March(there, *how, state=kept, done=carried.done), origin)
         fields = kept.fields[[0, 1, 3, 3]].astype(float)
-        past = scheme.relations.start @ fields[:3]
+        past = product(scheme.relations.start, fields[:3])
         if carried.integrator == scheme.integrator.label:
             past = scheme.relations.rescaled(
                 kept.past.astype(float), fields[3], carried.h, scheme.h

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import lsqr
 
+from newmark_cli.algebra import Factors, spectral_norm
 from newmark_cli.arrays import Array
 
 _MOST_SWEEPS = 50
@@ -49,7 +50,7 @@ def block_sizes(matrix: Array, counts: Sequence[int]) -> Array:
     """
     edges = [*pairwise(np.cumsum([0, *counts]))]
     return np.array(
-        [[np.linalg.norm(matrix[i:j, begin:end], 2) for begin, end in edges] for i, j in edges]
+        [[spectral_norm(matrix[i:j, begin:end]) for begin, end in edges] for i, j in edges]
     )
 
 
@@ -114,7 +115,7 @@ class Inverted:
         even = self.rows[:, None] * jacobian * self.columns[None, :]
         if not is_regular(even):
             raise np.linalg.LinAlgError("Singular matrix")
-        self._inverse = np.linalg.inv(even)
+        self._inverse = Factors(even).inverse()
 
     def inverse(self) -> Array:
         """(N, N) J⁻¹."""
@@ -130,7 +131,7 @@ class Inverted:
         left, right = np.broadcast_to(left, size), np.broadcast_to(right, size)
         scaled = left[:, None] * self.jacobian * right[None, :]
         inverse = (self.columns / right)[:, None] * self._inverse * (self.rows / left)[None, :]
-        return float(np.linalg.norm(scaled, 2) * np.linalg.norm(inverse, 2))
+        return spectral_norm(scaled) * spectral_norm(inverse)
 
 
 def is_regular(matrix: Array) -> bool:

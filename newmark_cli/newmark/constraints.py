@@ -17,6 +17,7 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from newmark_cli.algebra import Factors, spectral_norm
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import Scheme
@@ -105,7 +106,7 @@ def projector(problem: Problem) -> Projector:
     of_coordinate: dict[int, tuple[Any, Any]] = {}
     for block, part, invertible in zip(blocks, parts, regular, strict=True):
         mean = float(np.trace(part)) / len(block) or usual
-        inverse = np.linalg.inv(part) if invertible else np.eye(len(block)) / mean
+        inverse = Factors(part).inverse() if invertible else np.eye(len(block)) / mean
         of_coordinate.update((int(i), (block, inverse[:, j])) for j, i in enumerate(block))
     rows, columns, sources, values = [], [], [], []
     for e, (i, k) in enumerate(zip(pattern.g_rows.tolist(), pattern.g_columns, strict=True)):
@@ -133,7 +134,7 @@ def least_inertia(problem: Problem) -> float:
 
     if m <= _DENSE_UP_TO:
         inverse = np.column_stack([impulse(unit) for unit in np.eye(m)])
-        return 1 / float(np.linalg.eigvalsh((inverse + inverse.T) / 2)[-1])
+        return 1 / spectral_norm((inverse + inverse.T) / 2)
     start = np.random.default_rng(_SEED).normal(size=m)
     operator = LinearOperator((m, m), matvec=impulse, dtype=float)
     return 1 / float(eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0])

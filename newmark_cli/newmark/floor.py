@@ -31,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli import algebra
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import constraining_of
 from newmark_cli.newmark.integrator import FIELDS
@@ -105,7 +106,7 @@ def floor(
         raise ValueError(reason)
     drawn = _Model(problem, scheme, t, state, system).draws(samples)
     right = dict(zip(scheme.form.unknowns, scheme.right, strict=True))
-    sizes = [float(np.linalg.norm(column / np.sqrt(samples))) for column in drawn.T]
+    sizes = [algebra.norm(column / np.sqrt(samples)) for column in drawn.T]
     scaled = dict(zip(scheme.recorded, sizes, strict=True))
     physical = {name: size * float(right.get(name, 1.0)) for name, size in scaled.items()}
     zeros = dict(zip(scheme.recorded, np.mean(drawn == 0, axis=0).tolist(), strict=True))
@@ -228,9 +229,12 @@ class _Model:
             # Those of the step that ends here: even where a alternates, they do not.
             u, v = self.fields[:2]
             smooth = Index1(problem).accelerations(t, u, v)[0]
-            marched, past = scheme.marched, scheme.relations.start @ np.array([u, v, smooth])
-            self.moving[0] = marched.u_from_a * smooth + marched.u_past @ past
-            self.moving[1] = marched.v_from_a * smooth + marched.v_past @ past
+            marched, past = (
+                scheme.marched,
+                algebra.product(scheme.relations.start, np.array([u, v, smooth])),
+            )
+            self.moving[0] = marched.u_from_a * smooth + algebra.product(marched.u_past, past)
+            self.moving[1] = marched.v_from_a * smooth + algebra.product(marched.v_past, past)
         #: Fields that are formed in every iteration, so that they round then.
         self.formed = [f for f in range(3) if scheme.compensated or f not in self.kept]
         #: Δ = h v_n + w of the step that ends at the state.
@@ -244,8 +248,8 @@ class _Model:
     def draws(self, samples: int) -> Array:
         """(samples, blocks) norms of the blocks that the march would record."""
         if self.scheme.compensated:
-            turned = np.linalg.norm(self._by_shift)
-            if turned > _MOST_TURNED * np.linalg.norm(self.entries.g):
+            turned = algebra.norm(self._by_shift)
+            if turned > _MOST_TURNED * algebra.norm(self.entries.g):
                 return np.full((samples, len(self.scheme.recorded)), np.nan)
         random = np.random.default_rng(_SEED)
         return np.array([self._draw(random) for _ in range(samples)])
@@ -260,7 +264,7 @@ class _Model:
         last, last_norm = np.full(len(recorded), np.inf), np.inf
         for count in range(1, _MOST_CORRECTIONS + 1):
             scaled = -off / self.right - self.jacobian.solve(self.left * self._roundings(off))
-            found, norm = self._norms(scaled), float(np.linalg.norm(scaled))
+            found, norm = self._norms(scaled), algebra.norm(scaled)
             # The first one is not rounding yet; the second is recorded in any case.
             if count > 2:
                 done |= (found >= last) if own else norm >= last_norm
@@ -304,14 +308,16 @@ class _Model:
         """(blocks,) norms of what the march records of a correction."""
         scheme, p = self.scheme, len(self.kept)
         parts = self._split(scaled)
-        norms = [float(np.linalg.norm(part)) for part in parts]
+        norms = [algebra.norm(part) for part in parts]
         if scheme.stabilised:
             assert self.constraining is not None
             pushed = self.constraining.pushed(self._directions, scheme.right[p + 1] * parts[p + 1])
             for field in map(FIELDS.index, scheme.form.eliminated):
                 factors = scheme.elimination.weights[field] * scheme.right[:p]
-                change = self.constraining.eta[field] * pushed + factors @ np.array(parts[:p])
-                norms.append(float(np.linalg.norm(change)))
+                change = self.constraining.eta[field] * pushed + algebra.product(
+                    factors, np.array(parts[:p])
+                )
+                norms.append(algebra.norm(change))
         return np.array(norms)
 
     # -- rounding of the integrator's operations --------------------------------------------
@@ -366,7 +372,7 @@ class _Model:
         rhs = np.zeros(self.jacobian.size)
         rhs[: self.problem.n] = random.normal(size=self.problem.n)
         parts = self._split(self.right * self.jacobian.solve(self.left * rhs))
-        directions = self.weights @ np.array(parts[: len(self.kept)])
+        directions = algebra.product(self.weights, np.array(parts[: len(self.kept)]))
         if self.scheme.compensated:
             self._of_shift.lie(directions[0] * _factor(directions[0], self._of_shift.unit))
             return

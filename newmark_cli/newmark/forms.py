@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from newmark_cli.algebra import Factors, product
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
 
@@ -153,10 +154,12 @@ def eliminate(form: Form, relations: Relations) -> Elimination:
     if used:
         system = np.array([relation[r] for r in used])
         known = np.array([history[r] for r in used])
-        weights[gone] = np.linalg.solve(system[:, gone], -system[:, kept])
-        past[gone] = np.linalg.solve(system[:, gone], known)
-        eta[gone] = np.linalg.solve(system[:, gone], np.array([of_eta[r] for r in used]))
+        solved = Factors(system[:, gone])
+        weights[gone] = solved.solve(-system[:, kept])
+        past[gone] = solved.solve(known)
+        eta[gone] = solved.solve(np.array([of_eta[r] for r in used]))
     rows = np.array([relation[r] for r in form.extra_rows]).reshape(-1, 3)
     rows_history = np.array([history[r] for r in form.extra_rows]).reshape(-1, past.shape[1])
-    rows_eta = rows @ eta - np.array([of_eta[r] for r in form.extra_rows])
-    return Elimination(weights, past, rows @ weights, rows @ past - rows_history, eta, rows_eta)
+    of_kept, of_past = product(rows, weights), product(rows, past) - rows_history
+    rows_eta = product(rows, eta) - np.array([of_eta[r] for r in form.extra_rows])
+    return Elimination(weights, past, of_kept, of_past, eta, rows_eta)

@@ -5,6 +5,7 @@ The engines' own assembly is checked against this literal one.
 
 import numpy as np
 
+from newmark_cli.algebra import product
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.integrator import FIELDS, Relations
@@ -49,7 +50,7 @@ def four_field(
         return blocks
     del blocks["C"]
     if constraining.penalty:
-        blocks["D"]["u"] = terms.X + constraining.penalty * terms.G @ terms.G.T
+        blocks["D"]["u"] = terms.X + product(constraining.penalty * terms.G, terms.G.T)
     for row, of_row in zip(constraining.scheme.form.constraint_rows, tangents.rows, strict=True):
         blocks[row] = {
             field: constraining.dense(entries)
@@ -58,10 +59,9 @@ def four_field(
     if constraining.stabilised:
         directions = constraining.dense_directions(tangents.directions)
         for row, of_fields in blocks.items():
-            through = sum(
-                weight * of_fields[field] @ directions
-                for field, weight in zip(FIELDS, constraining.eta, strict=True)
-            )
+            through = np.zeros((len(of_fields["u"]), m))
+            for field, weight in zip(FIELDS, constraining.eta, strict=True):
+                through = through + product(weight * of_fields[field], directions)
             of_fields["eta"] = through - directions if row == "K" else through
     return blocks
 

@@ -8,6 +8,7 @@ from heapq import merge
 
 import numpy as np
 
+from newmark_cli.algebra import product
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
@@ -65,7 +66,7 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
         v = corrected_velocity(problem, scheme.h)
         psi = index_1.rate(problem.t0, problem.u0, v)
     fields = np.array([problem.u0, v, a, a])
-    past = scheme.relations.start @ fields[:3]
+    past = product(scheme.relations.start, fields[:3])
     dtype = scheme.dtype
     return State(
         fields.astype(dtype),

@@ -7,6 +7,7 @@ times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of
 
 import numpy as np
 
+from newmark_cli.algebra import norm
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
@@ -22,7 +23,7 @@ _SEED = 20061012
 def perturbation(row: str, size: int) -> Array:
     """(size,) the seeded unit vector that perturbs a row block; the same at every h."""
     vector = np.random.default_rng([_SEED, *map(ord, row)]).normal(size=size)
-    return np.asarray(vector / np.linalg.norm(vector))
+    return np.asarray(vector / norm(vector))
 
 
 def sensitivities(
@@ -59,5 +60,5 @@ def sensitivities(
         rhs[end - size : end] = -EPSILON * perturbation(row, size)
         change = np.split(jacobian.solve(rhs), ends[:-1])
         for unknown, block in zip(form.solved, change, strict=True):
-            found[row, unknown] = float(np.linalg.norm(block)) / EPSILON
+            found[row, unknown] = norm(block) / EPSILON
     return found

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from newmark_cli import algebra
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.integrator import FIELDS
@@ -36,22 +37,22 @@ class _Step:
         self.system = system
         self.past = past
         tables = scheme.tables
-        self.field_history = tables.past_weights @ past
-        self.dynamic_history = system.times_mass(tables.dynamic_past @ past)
-        self.row_history = tables.row_past @ past
+        self.field_history = algebra.product(tables.past_weights, past)
+        self.dynamic_history = system.times_mass(algebra.product(tables.dynamic_past, past))
+        self.row_history = algebra.product(tables.row_past, past)
 
     def predict(self, moving: Array) -> None:
         """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
-        moving[:] = self.scheme.tables.predictor @ self.past
+        moving[:] = algebra.product(self.scheme.tables.predictor, self.past)
 
     def residual(self, moving: Array, force: Array) -> list[Array]:
         """Row blocks of b: D and the kept ones of V and K."""
         tables = self.scheme.tables
         kept = moving[tables.kept]
-        dynamics = self.system.times_mass(tables.dynamic_weights @ kept)
+        dynamics = self.system.times_mass(algebra.product(tables.dynamic_weights, kept))
         return [
             dynamics + self.dynamic_history - force,
-            *(tables.row_weights @ kept + self.row_history),
+            *(algebra.product(tables.row_weights, kept) + self.row_history),
         ]
 
     def right_hand_side(self, rows: Iterable[Array]) -> Array:
@@ -100,14 +101,16 @@ class _Step:
         if scheme.stop is not None:
             return norm <= _limit(scheme, scheme.stop, state)
         p = len(scheme.tables.kept)
-        displacement = np.linalg.norm(scheme.tables.weights[0] * scheme.right[:p] * norms[:p])
-        threshold = scheme.settled_below * np.linalg.norm(state.fields[0])
+        displacement = algebra.norm(scheme.tables.weights[0] * scheme.right[:p] * norms[:p])
+        threshold = scheme.settled_below * algebra.norm(state.fields[0])
         return norm == 0 or bool(displacement < threshold)
 
     def form_acceleration(self, fields: Array) -> None:
         """Set v', the last of the fields, from the new a and the past."""
         tables = self.scheme.tables
-        fields[3] = tables.acceleration[0] * fields[2] + tables.acceleration[1:] @ self.past
+        fields[3] = tables.acceleration[0] * fields[2] + algebra.product(
+            tables.acceleration[1:], self.past
+        )
 
     def advance(self, moving: Array, fields: Array) -> Array:
         """(P, n) what the past vectors become."""
@@ -271,7 +274,7 @@ class _Formulated:
             _, self._phi = self._constraints(t, moving, self.state.multipliers)
             update = -self.constraining.penalty * self._phi
             self.state.multipliers[:] += update
-            now.append(float(np.linalg.norm(update / self.scheme.right[len(now)])))
+            now.append(algebra.norm(update / self.scheme.right[len(now)]))
         found = np.array(now)
         over = self._take_norms(found, norms, settled)
         if not (over or self.constraining.penalty):
@@ -282,13 +285,15 @@ class _Formulated:
         """Norms of the blocks; with η, of the corrections of eliminated fields too."""
         constraining, scheme = self.constraining, self.scheme
         p = len(scheme.form.kept)
-        now = [float(np.linalg.norm(block)) for block in blocks]
+        now = [algebra.norm(block) for block in blocks]
         if constraining.stabilised:
             pushed = constraining.pushed(self.directions, scheme.right[p + 1] * blocks[p + 1])
             for field in map(FIELDS.index, scheme.form.eliminated):
                 factors = scheme.elimination.weights[field] * scheme.right[:p]
-                moved = constraining.eta[field] * pushed + factors @ np.array(blocks[:p])
-                now.append(float(np.linalg.norm(moved)))
+                moved = constraining.eta[field] * pushed + algebra.product(
+                    factors, np.array(blocks[:p])
+                )
+                now.append(algebra.norm(moved))
         return now
 
     def _apply(self, step: _Step, correction: Array, moving: Array) -> None:
@@ -332,8 +337,8 @@ class _Formulated:
             moving[0] += change
             self._take(moving)
             # The next one would be of the order of the square.
-            least = self.scheme.settled_below * np.linalg.norm(state.fields[0])
-            if not np.linalg.norm(change) > least:
+            least = self.scheme.settled_below * algebra.norm(state.fields[0])
+            if not algebra.norm(change) > least:
                 break
         if level > 0:
             wanted = -self.rate(t, moving)
@@ -420,20 +425,20 @@ def march(
             if extra:
                 phase = settled if scheme.stop is None else 0
                 now, over = extra.advance(step, correction, t, moving, norms[s], phase)
-                norm = float(np.linalg.norm(now[: len(scheme.form.unknowns)]))
+                norm = algebra.norm(now[: len(scheme.form.unknowns)])
                 if not np.isfinite(norm):
                     return DIVERGED, s
                 if over:
                     break
             else:
-                norm = float(np.linalg.norm(correction))
+                norm = algebra.norm(correction)
                 if not np.isfinite(norm):
                     return DIVERGED, s
                 if settled >= 2 and norm >= previous and scheme.stop is None:
                     break
                 previous = norm
                 blocks = step.correct(correction, moving, multipliers)
-                now = norms[s] = np.array([np.linalg.norm(block) for block in blocks])
+                now = norms[s] = np.array([algebra.norm(block) for block in blocks], float)
                 step.recover(moving)
                 if carried:
                     carried.take(moving)
@@ -467,5 +472,5 @@ def _limit(scheme: Scheme, stop: Tolerance, state: State) -> float:
     """Norm of the scaled correction at which Newton stops."""
     p = len(scheme.tables.kept)
     kept = state.fields[scheme.tables.kept] / scheme.right[:p, None]
-    size = np.hypot(np.linalg.norm(kept), np.linalg.norm(state.multipliers / scheme.right[p]))
+    size = np.hypot(algebra.norm(kept), algebra.norm(state.multipliers / scheme.right[p]))
     return float(stop.absolute + stop.relative * size)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.polynomial.legendre import leggauss, legint, legval, legvander
 
+from newmark_cli.algebra import Factors, product
 from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.singular import crossings, gradient, scaled
@@ -94,11 +95,13 @@ class _Tables:
 
     def __init__(self, nodes: int) -> None:
         self.c = (leggauss(nodes)[0] + 1) / 2
-        self.inverse = np.linalg.inv(legvander(2 * self.c - 1, nodes - 1))
+        self.inverse = Factors(legvander(2 * self.c - 1, nodes - 1)).inverse()
         basis = [Legendre.basis(k, domain=[0, 1]) for k in range(nodes)]
         ends = np.append(self.c, 1.0)
         self.once, self.twice = (
-            np.column_stack([one.integ(times, lbnd=0)(ends) for one in basis]) @ self.inverse
+            product(
+                np.column_stack([one.integ(times, lbnd=0)(ends) for one in basis]), self.inverse
+            )
             for times in (1, 2)
         )
 
@@ -239,8 +242,8 @@ def _stepped(
             problem.evaluate(time, *state)
             for time, *state in zip(
                 t + h * tables.c,
-                drift + twice[:-1] @ a,
-                v + once[:-1] @ a,
+                drift + product(twice[:-1], a),
+                v + product(once[:-1], a),
                 multipliers,
                 strict=True,
             )
@@ -255,7 +258,7 @@ def _stepped(
         matrix[here, :n, here, n:] = -g
         residual = np.array(
             [
-                np.concatenate([mass @ a[i] - term.force / unit, term.phi / (h * h)])
+                np.concatenate([product(mass, a[i]) - term.force / unit, term.phi / (h * h)])
                 for i, term in enumerate(terms)
             ]
         )
@@ -263,15 +266,17 @@ def _stepped(
             return None
         rows = nodes * (n + m)
         try:
-            change = np.linalg.solve(matrix.reshape(rows, rows), -residual.ravel())
+            change = Factors(matrix.reshape(rows, rows)).solve(-residual.ravel())
         except np.linalg.LinAlgError:
             return None
         change = change.reshape(nodes, n + m)
         unknowns = unknowns + change * np.concatenate([np.ones(n), np.full(m, unit)])
-        size = float(np.abs(twice @ change[:, :n]).max()) / length
+        size = float(np.abs(product(twice, change[:, :n])).max()) / length
         if size <= _CONVERGED or before_size <= size <= _ROUNDED:
             a = unknowns[:, :n]
-            return _Step(u + h * v + twice[-1] @ a, v + once[-1] @ a, g, tables.inverse @ unknowns)
+            coefficients = product(tables.inverse, unknowns)
+            ahead, faster = product(twice[-1], a), product(once[-1], a)
+            return _Step(u + h * v + ahead, v + faster, g, coefficients)
         before_size = size
     return None
 
@@ -281,4 +286,4 @@ def _guess(tables: _Tables, problem: Problem, before: _Step | None) -> Array:
     if before is None:
         return np.zeros((len(tables.c), problem.n + problem.m))
     low = before.coefficients[: _GUESSED + 1]
-    return np.asarray(legvander(2 * tables.c + 1, _GUESSED) @ low)
+    return product(legvander(2 * tables.c + 1, _GUESSED), low)

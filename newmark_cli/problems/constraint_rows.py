@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli.algebra import product
 from newmark_cli.problems import differences
 from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, STEPS, Compiler
 
@@ -170,8 +171,8 @@ def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..
             for i, shift in enumerate((h, -h)):
                 then = t + shift
                 phi[i, k] = phi_of(u, then)
-                drift[i, k] = v @ gradient_of(u, then)
-                turn[i, k] = v @ gradient_of(u + shift * v, then)
+                drift[i, k] = product(v, gradient_of(u, then))
+                turn[i, k] = product(v, gradient_of(u + shift * v, then))
         size, none = steps[:, None], np.zeros(STEPS)
         rate[:] = differences.extrapolated((phi[0] - phi[1]) / (2 * size), STEP_RATIO, none)
         # As in `by_differences`, in one tableau.

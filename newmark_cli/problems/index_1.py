@@ -11,10 +11,10 @@ norm of M, that meets Φ = 0 and Φ' = 0.
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from newmark_cli.algebra import Factors, product
 from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Problem, Values
 
@@ -23,6 +23,8 @@ from newmark_cli.problems.problem import Problem, Values
 _DENSE_UP_TO = 120
 
 
+#: A linear map of vectors (n + m,).
+_Map = Callable[[Array], Array]
 #: Least eigenvalue of M on free motions, relative to the largest, with which it is regular.
 _NO_INERTIA = 1e-13
 
@@ -197,29 +199,35 @@ class Index1:
         entries: Array = np.bincount(
             self._slots, np.concatenate([self._mass, -values.g, values.g]), len(self._rows)
         ).astype(float, copy=False)
-        matrix, solve = (self._dense if self._size <= _DENSE_UP_TO else self._sparse)(entries)
+        times, solve = (self._dense if self._size <= _DENSE_UP_TO else self._sparse)(entries)
 
         def refined(rhs: Array) -> Array:
             solution = solve(rhs)
-            return solution + solve(rhs - matrix @ solution)
+            return solution + solve(rhs - times(solution))
 
         return refined
 
-    def _dense(self, entries: Array) -> tuple[Array, Callable[[Array], Array]]:
-        matrix = np.zeros((self._size, self._size), order="F")
+    def _dense(self, entries: Array) -> tuple[_Map, _Map]:
+        """Products with the matrix, and with its inverse."""
+        matrix = np.zeros((self._size, self._size))
         matrix[self._rows, self._columns] = entries
-        factors, pivots, failed = dgetrf(matrix)
-        if failed > 0:
-            raise np.linalg.LinAlgError("the index-1 matrix is singular")
-        return matrix, lambda rhs: dgetrs(factors, pivots, rhs)[0]
+        try:
+            factors = Factors(matrix)
+        except np.linalg.LinAlgError:
+            raise np.linalg.LinAlgError("the index-1 matrix is singular") from None
+        return lambda vector: product(matrix, vector), factors.solve
 
-    def _sparse(self, entries: Array) -> tuple[csc_array, Callable[[Array], Array]]:
+    def _sparse(self, entries: Array) -> tuple[_Map, _Map]:
         matrix = csc_array((entries, self._rows, self._starts), (self._size, self._size))
-        # SuperLU is not made for numbers that are not finite; LAPACK returns NaN.
+
+        def times(vector: Array) -> Array:
+            return np.asarray(matrix @ vector)
+
+        # SuperLU is not made for numbers that are not finite.
         if not np.all(np.isfinite(entries)):
-            return matrix, lambda rhs: np.full_like(rhs, np.nan)
+            return times, lambda rhs: np.full_like(rhs, np.nan)
         try:
             factors = splu(matrix)
         except RuntimeError as error:
             raise np.linalg.LinAlgError(f"the index-1 matrix is singular: {error}") from None
-        return matrix, lambda rhs: np.asarray(factors.solve(rhs), float)
+        return times, lambda rhs: np.asarray(factors.solve(rhs), float)

@@ -16,6 +16,7 @@ from newmark_cli import apart
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.problems import collocation, singular, user_code
+from newmark_cli.problems.dormand_prince import DormandPrince, StepVanishes
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
@@ -268,9 +269,6 @@ def _integrated(
     watch: _Watch | None,
 ) -> _State:
     """Coordinates and velocities at a time, with an eye on singular positions."""
-    # With scipy.optimize behind it this is a tenth of what starting a command takes.
-    from scipy.integrate import DOP853
-
     problem, n = system.problem, system.problem.n
 
     def rates(t: float, state: Array) -> Array:
@@ -281,32 +279,32 @@ def _integrated(
     if t >= end:
         return u, v
     sizes = _initial_sizes(system, end - t)
-    step = np.inf
+    step: float | None = None
     for _ in range(0, _MOST_STEPS, _STRETCH):
         on_work()
         sizes = np.maximum(sizes, [np.abs(u).max(), np.abs(v).max()])
-        solver = DOP853(
+        solver = DormandPrince(
             rates,
             t,
             np.concatenate([u, v]),
             end,
-            rtol=tolerance,
-            # scipy-stubs does not know that each component may have its own.
-            atol=tolerance * np.repeat(sizes, n),  # type: ignore[arg-type]
-            first_step=min(step, end - t) if step < np.inf else None,
+            relative=tolerance,
+            absolute=tolerance * np.repeat(sizes, n),
+            size=step,
         )
         for _ in range(_STRETCH):
-            trouble = solver.step()
-            if trouble is None and watch is not None:
-                watch.see(float(solver.t), solver.y[:n])
-            if trouble is not None:
+            try:
+                solver.step()
+            except StepVanishes:
                 raise NoReference(
                     f"{problem.name}: no reference beyond t = {solver.t - problem.t0:g}, where "
                     "the step size vanishes: the motion or its constraints are singular there"
-                )
-            if solver.status != "running":
+                ) from None
+            if watch is not None:
+                watch.see(solver.t, solver.y[:n])
+            if solver.t >= end:
                 break
-        t, step = float(solver.t), float(solver.step_size or np.inf)
+        t, step = solver.t, solver.size
         if watch is not None:
             watch.judge()
         u, v = system.projected(t, solver.y[:n], solver.y[n:])

@@ -50,12 +50,12 @@ def power_law(h: Array, values: Array) -> Fit:
         return Fit(np.nan, np.nan, np.nan, points)
     middle = x.mean()
     centred = x - middle
-    spread = float(centred @ centred)
-    slope = float(centred @ y) / spread
+    spread = float((centred * centred).sum())
+    slope = float((centred * y).sum()) / spread
     intercept = float(y.mean() - slope * middle)
     misfit = y - intercept - slope * x
-    stderr = float(np.sqrt(misfit @ misfit / (points - 2) / spread)) if points > 2 else np.nan
-    return Fit(slope, stderr, intercept, points)
+    variance = (misfit * misfit).sum() / (points - 2) / spread if points > 2 else np.nan
+    return Fit(slope, float(np.sqrt(variance)), intercept, points)
 
 
 #: Smallest standard error that is printed; smaller ones would round to zero.

@@ -1,12 +1,12 @@
-"""Dense Jacobians: solved by LAPACK, and their condition numbers."""
+"""Dense Jacobians: solved by elimination with partial pivoting, and their condition numbers."""
 
 import math
-import warnings
+from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 
+from newmark_cli.algebra import Factors, product, spectral_norm
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Tangents, constraining_of
 from newmark_cli.newmark.jacobian import (
@@ -45,13 +45,17 @@ class BalancedJacobian:
         self._columns = column_balance / right
         self._rows = row_balance / left
 
+    @cached_property
+    def _factors(self) -> Factors:
+        return Factors(self._balanced)
+
     def solve(self, rhs: Array) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        return np.asarray(self._columns * np.linalg.solve(self._balanced, self._rows * rhs))
+        return np.asarray(self._columns * self._factors.solve(self._rows * rhs))
 
     def inverse(self) -> Array:
         """J̄⁻¹; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        inverse = np.linalg.inv(self._balanced)
+        inverse = self._factors.inverse()
         return np.asarray(self._columns[:, None] * inverse * self._rows[None, :])
 
     def condition(self) -> float:
@@ -64,22 +68,7 @@ class BalancedJacobian:
             inverse = self.inverse()
         except np.linalg.LinAlgError:
             return np.inf
-        return float(np.linalg.norm(self.scaled, 2) * np.linalg.norm(inverse, 2))
-
-
-def dense_lu(matrix: Array, rhs: Array) -> Array:
-    """Solve by LAPACK's LU factorisation with partial pivoting.
-
-    Raises:
-        numpy.linalg.LinAlgError: When a pivot is exactly zero.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", scipy.linalg.LinAlgWarning)
-        try:
-            factors = scipy.linalg.lu_factor(matrix, check_finite=False)
-        except scipy.linalg.LinAlgWarning as warning:
-            raise np.linalg.LinAlgError(str(warning)) from None
-    return np.asarray(scipy.linalg.lu_solve(factors, rhs, check_finite=False))
+        return spectral_norm(self.scaled) * spectral_norm(inverse)
 
 
 def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
@@ -130,11 +119,11 @@ class DenseSystem:
 
     def times_mass(self, vector: Array) -> Array:
         """M times (n,)."""
-        return np.asarray(self.mass @ vector)
+        return product(self.mass, vector)
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        return dense_lu(self._scaled(values, tangents), rhs)
+        return Factors(self._scaled(values, tangents)).solve(rhs)
 
     def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
         """J̄, the numbers that `solve` takes, without its zeros."""

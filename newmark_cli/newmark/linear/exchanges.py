@@ -6,12 +6,11 @@ where partial pivoting would take another row: what it solves, partial pivoting 
 the same operations.
 """
 
-import warnings
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
+from newmark_cli.algebra import Factors
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import static_elimination
 from newmark_cli.newmark.linear import assembly, generated
@@ -128,12 +127,9 @@ def _written(
 
 def row_order(matrix: Array) -> IndexArray | None:
     """(N,) rows in the order of their pivots; None where a pivot is zero or not a number."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
-        factors, exchanges = scipy.linalg.lu_factor(matrix, check_finite=False)
-    if not np.all(np.abs(np.diagonal(factors)) > 0):
+    try:
+        factors = Factors(matrix)
+    except np.linalg.LinAlgError:
         return None
-    rows = np.arange(len(matrix))
-    for k, other in enumerate(exchanges):
-        rows[[k, other]] = rows[[other, k]]
-    return rows
+    # Also false where a pivot is not a number.
+    return factors.order if np.all(np.abs(np.diagonal(factors.lu)) > 0) else None

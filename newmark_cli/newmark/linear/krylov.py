@@ -13,10 +13,10 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
+from newmark_cli.algebra import Factors, norm, product
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.constraints import Tangents
@@ -92,10 +92,10 @@ class KrylovSystem:
         # Squares of what is solved for must not underflow.
         unit = float(np.max(np.abs(rhs))) or 1.0
         target = rhs / unit
-        size = float(np.linalg.norm(self._rows * target))
+        size = norm(self._rows * target)
         wanted = self._options.tolerance * size
         solution, iterations = self._method(matrix, target, self._rows, wanted, self._options.limit)
-        residual = float(np.linalg.norm(self._rows * (target - matrix @ solution)))
+        residual = norm(self._rows * (target - matrix @ solution))
         self.iterations.append(iterations)
         self.residuals.append(residual / (size or 1.0))
         if not residual <= wanted:
@@ -179,12 +179,12 @@ def _gmres(
     the residual in the rows that it is given, and by no other.
     """
     solution, iterations = np.zeros_like(rhs), 0
-    residual, size = rhs, float(np.linalg.norm(rows * rhs))
+    residual, size = rhs, norm(rows * rhs)
     while size > wanted and iterations < limit:
         change, taken = _gmres_cycle(matrix, residual, rows, wanted, limit - iterations)
         iterations += taken
         residual = rhs - matrix @ (solution + change)
-        before, size = size, float(np.linalg.norm(rows * residual))
+        before, size = size, norm(rows * residual)
         if not size < before:
             break
         solution += change
@@ -204,20 +204,20 @@ def _gmres_cycle(
     basis = np.empty((limit + 1, len(rhs)))
     # The QR factors of the Hessenberg matrix, Q transposed.
     triangle, rotations = np.zeros((limit, limit)), np.zeros((limit + 1, limit + 1))
-    size = float(np.linalg.norm(rhs))
+    size = norm(rhs)
     basis[0], rotations[0, 0], residual = rhs / size, 1.0, rhs
     columns = 0
     for k in range(limit):
         vector = matrix @ basis[k]
-        before = np.linalg.norm(vector)
+        before = norm(vector)
         column = np.zeros(k + 1)
         # Gram and Schmidt: once loses orthogonality, twice is enough.
         for _ in range(2):
-            part = basis[: k + 1] @ vector
-            vector -= part @ basis[: k + 1]
+            part = product(basis[: k + 1], vector)
+            vector -= product(part, basis[: k + 1])
             column += part
-        after = np.linalg.norm(vector)
-        rotated = rotations[: k + 1, : k + 1] @ column
+        after = norm(vector)
+        rotated = product(rotations[: k + 1, : k + 1], column)
         diagonal = np.hypot(rotated[k], after)
         if diagonal == 0:  # J̄ is singular, and the rest of the right-hand side out of reach.
             break
@@ -232,14 +232,12 @@ def _gmres_cycle(
             break
         basis[k + 1] = vector / after
         residual = sine**2 * residual + cosine * size * rotations[k + 1, 0] * basis[k + 1]
-        if np.linalg.norm(rows * residual) <= wanted:
+        if norm(rows * residual) <= wanted:
             break
     if columns == 0:
         return np.zeros_like(rhs), 1
-    weights = scipy.linalg.solve_triangular(
-        triangle[:columns, :columns], size * rotations[:columns, 0], check_finite=False
-    )
-    return weights @ basis[:columns], columns
+    weights = Factors(triangle[:columns, :columns]).solve(size * rotations[:columns, 0])
+    return product(weights, basis[:columns]), columns
 
 
 class _Reached(Exception):
@@ -251,14 +249,14 @@ def _minres(
 ) -> tuple[Array, int]:
     """MINRES of scipy, stopped by the residual in the rows asked for."""
     # Its estimate of ‖A‖, by which it gives up, includes ‖rhs‖.
-    factor = float(np.linalg.norm(rhs) / np.max(np.abs(matrix.data)))
+    factor = norm(rhs) / float(np.max(np.abs(matrix.data)))
     matrix = factor * matrix
     solution, iterations = np.zeros_like(rhs), 0
 
     def watch(x: Array) -> None:
         nonlocal solution, iterations
         solution, iterations = x, iterations + 1
-        if np.linalg.norm(rows * (rhs - matrix @ x)) <= wanted:
+        if norm(rows * (rhs - matrix @ x)) <= wanted:
             raise _Reached
 
     # With no tolerance of its own it goes on until rounding ends it; it divides by zero
