@@ -138,7 +138,6 @@ IMPORTED = (
     "cli.commands",
     "newmark.compiled_march",
     "report.check",
-    "report.contradictions",
     "running.runner",
     "study.collection",
     "study.compute",

@@ -338,6 +338,20 @@ def test_verify_of_spoilt_results(copied, kind):
     assert found[copied / ("quick.csv" if "series" in blamed else "series.csv")].ok
 
 
+def test_check_notices_what_verify_does(cli, copied):
+    """A CSV that is not what was written fails the check; one without a record does not."""
+    # Its step sizes are too few to be judged.
+    assert "not what was written" not in cli("check", code=1).stdout
+    change(copied / "quick.csv")
+    last = cli("check", code=1).stdout.splitlines()
+    assert last[-1].endswith(", 1 not what was written")
+    assert "results/quick.csv: differs from its record" in last
+    found = json.loads(cli("check", "--json", code=1).stdout)
+    assert found[-1] == {"file": "results/quick.csv", "finding": "differs from its record"}
+    (copied / "quick.json").unlink()
+    assert "not what was written" not in cli("check", code=1).stdout
+
+
 def test_verify_fails(cli, copied):
     """Exit 1 for a file that differs; one line and exit 2 without results."""
     change(copied / "quick.csv")

@@ -42,7 +42,6 @@ MODULES = (
     "problems.python_problem",
     "report.check",
     "report.compare",
-    "report.contradictions",
     "report.draw_mechanism",
     "report.page",
     "report.paper_tables",

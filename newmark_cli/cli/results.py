@@ -138,8 +138,8 @@ def check(
     Prints and judges the studies that are named, by default all in DIR.  Writes
     DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
     prediction by more than its tolerance, if a series does not converge or lacks
-    results, if a claim of a figure fails, if a CSV contradicts itself or its record,
-    or if nothing could be judged.  Series whose step sizes are too few or too coarse
+    results, if a claim of a figure fails, if a CSV differs from its record, or if
+    nothing could be judged.  Series whose step sizes are too few or too coarse
     to tell are warned of.
 
     \b
@@ -147,21 +147,25 @@ def check(
       newmark-study check pendulum-u
     """
     from newmark_cli.report import check as checking
-    from newmark_cli.report import contradictions, slopes
+    from newmark_cli.report import records, slopes
     from newmark_cli.study import reading
 
     wanted = reading.named_studies(folder, studies)
     everything = slopes.collect(folder)
     slopes.write(folder, everything)
     found = [slope for slope in everything if slope.study in wanted]
-    contradicted = contradictions.of_studies(folder, wanted)
+    changed = records.changed(folder, wanted)
     if as_json:
         rows = [slope.row() for slope in found]
         rows += [entry.row() for entry in checking.judge(found)]
-        screen.lines(as_json_text(rows + [entry.row() for entry in contradicted]))
+        screen.lines(
+            as_json_text(
+                rows + [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
+            )
+        )
     else:
-        show_claims(found, show_all, markdown, [str(entry) for entry in contradicted])
-    return max(verdict(found), int(bool(contradicted)))
+        show_claims(found, show_all, markdown, [f"{one.path}: {one.finding}" for one in changed])
+    return max(verdict(found), int(bool(changed)))
 
 
 @click.command()
@@ -315,7 +319,7 @@ def show_claims(
     slopes: "Sequence[Slope]",
     show_all: bool = False,
     markdown: bool = False,
-    contradicted: Sequence[str] = (),
+    changed: Sequence[str] = (),
 ) -> None:
     """Print slopes next to predictions, the claims, why series fail, and how many hold.
 
@@ -323,7 +327,7 @@ def show_claims(
         slopes: The series.
         show_all: Whether all of them are shown.
         markdown: Whether the tables are printed as Markdown, and nothing else.
-        contradicted: A line for each contradiction in the CSVs.
+        changed: A line for each CSV that is not what was written.
     """
     from newmark_cli.report import check as checking
     from newmark_cli.report.text import text_table, wrapped
@@ -340,7 +344,7 @@ def show_claims(
     for table in (checking.slope_lines(chosen), checking.claim_lines(judged)):
         if len(table) > 1:
             screen.lines(text_table(table) + "\n")
-    for remarks in (checking.remarks(slopes), contradicted):
+    for remarks in (checking.remarks(slopes), changed):
         most = len(remarks) if show_all else REMARKS
         for line in remarks[:most]:
             screen.lines(wrapped(line))
@@ -349,8 +353,8 @@ def show_claims(
         if remarks:
             screen.line()
     summary = checking.summary(slopes, judged)
-    if contradicted:
-        summary += f", {len(contradicted)} not what the tool writes"
+    if changed:
+        summary += f", {len(changed)} not what was written"
     screen.lines(wrapped(summary))
 
 

@@ -12,7 +12,6 @@ from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.mechanisms import registry
 from newmark_cli.report import (
     check,
-    contradictions,
     cure_table,
     draw,
     paper_tables,
@@ -110,7 +109,7 @@ def html(folder: Path) -> str:
     shown = check.chosen(found, everything=not check.in_paper(found))
     studies = dict.fromkeys(slope.study for slope in found)
     provenance = {study: records.known(folder / f"{study}.csv") for study in studies}
-    contradicted = contradictions.of_studies(folder, studies)
+    changed = records.changed(folder, studies)
     runs = [_run(study, record) for study, record in provenance.items()]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("newmark_cli.report"),
@@ -122,8 +121,8 @@ def html(folder: Path) -> str:
     return environment.get_template("page.html").render(
         version=newmark_cli.__version__,
         finished=max((run.facts.get("finished", "") for run in runs), default=""),
-        holds=check.all_hold(found, judged) and not contradicted,
-        contradictions=[str(entry) for entry in contradicted],
+        holds=check.all_hold(found, judged) and not changed,
+        changed=[f"{entry.path}: {entry.finding}" for entry in changed],
         summary=check.summary(found, judged),
         slopes=check.slope_rows(shown),
         rest=check.slope_rows([slope for slope in found if slope not in shown]),

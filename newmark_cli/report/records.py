@@ -1,7 +1,7 @@
 """Reading provenance back: the records next to CSVs, for people, and their checksums."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -232,6 +232,12 @@ def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
         for entry in _verified(folder, study, study in studies)
     ]
     return sorted(found, key=lambda entry: entry.path)
+
+
+def changed(folder: Path, names: Iterable[str]) -> list[Verified]:
+    """CSVs of studies that differ from their records; those without a record may."""
+    described = [name for name in names if known(folder / f"{name}.csv")]
+    return [entry for entry in verify(folder, described) if not entry.ok] if described else []
 
 
 def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
