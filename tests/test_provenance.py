@@ -60,21 +60,24 @@ def digest(path):
 
 def test_a_run_notes_where_it_comes_from(ran):
     """Checksums of the files, a hash of the config, BLAS and its threads, the processor."""
-    record = json.loads((ran / "quick.json").read_text())
-    assert record["sha256"] == {"quick.csv": digest(ran / "quick.csv")}
+    record, run = (
+        json.loads((ran / f"{name}.json").read_text()) for name in ("quick", "runs/quick")
+    )
+    assert record["sha256"] == run["sha256"] == {"quick.csv": digest(ran / "quick.csv")}
     spelt = json.dumps(record["config"], sort_keys=True, separators=(",", ":"))
     assert record["config_sha256"] == hashlib.sha256(spelt.encode()).hexdigest()
-    assert record["versions"]["numpy"] == np.__version__
-    assert record["versions"]["scipy"] == scipy.__version__
-    assert {"python", "numba", "newmark-study"} <= set(record["versions"])
+    assert run["versions"]["numpy"] == np.__version__
+    assert run["versions"]["scipy"] == scipy.__version__
+    assert {"python", "numba", "newmark-study"} <= set(run["versions"])
     built = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
-    assert record["blas"]["numpy"] == f"{built['name']} {built['version']}"
-    assert record["blas"]["threads"] == {
+    assert run["blas"]["numpy"] == f"{built['name']} {built['version']}"
+    assert run["blas"]["threads"] == {
         name: os.environ.get(name, "1") for name in provenance.THREAD_VARIABLES
     }
-    assert record["platform"]["processor"]
-    assert record["platform"]["processors"] == usable()
-    assert "wall_seconds" not in record
+    assert run["platform"]["processor"]
+    assert run["platform"]["processors"] == usable()
+    assert set(record).isdisjoint({"finished", "versions", "source", "blas", "platform", "jobs"})
+    assert [set(cell) for cell in run["cells"]] == [{"wall_seconds", "kept_as"}] * 4
     told = [(c["preconditioning"], c["h"], c["integrator"], c["stop"]) for c in record["cells"]]
     assert told == [
         (variant, h, "newmark beta=0.25 gamma=0.5", "saturation")
@@ -350,6 +353,19 @@ def test_check_notices_what_verify_does(cli, copied):
     assert found[-1] == {"file": "results/quick.csv", "finding": "differs from its record"}
     (copied / "quick.json").unlink()
     assert "not what was written" not in cli("check", code=1).stdout
+
+
+def test_records_of_another_run_are_left_out(cli, copied):
+    """What `info` says of time and machine is about the run that wrote the CSV, or not said."""
+    assert "finished" in cli("info").stdout
+    path = copied / "runs/quick.json"
+    run = json.loads(path.read_text())
+    assert records.read(copied / "quick.csv")["finished"] == run["finished"]
+    path.write_text(json.dumps(run | {"sha256": {"quick.csv": "0"}}))
+    assert "finished" not in records.read(copied / "quick.csv")
+    path.unlink()
+    assert records.read(copied / "quick.csv") == json.loads((copied / "quick.json").read_text())
+    assert "not recorded" in cli("info").stdout
 
 
 def test_verify_fails(cli, copied):

@@ -38,7 +38,7 @@ def two(cli, ran):
 
 def files_of(cli, study):
     """Files of the cells that a study's CSV was made from."""
-    record = json.loads((cli.folder / f"results/{study}.json").read_text())
+    record = json.loads((cli.folder / f"results/runs/{study}.json").read_text())
     return {cell["kept_as"] for cell in record["cells"]}
 
 
@@ -141,10 +141,10 @@ def test_cells_of_another_core(cli, two):
     """Those that a CSV was made from stay until its study has run again; others go."""
     first, second = sorted(two["quick"])[:2]
     stays = other_core(cli, first)
-    record = json.loads((cli.folder / "results/quick.json").read_text())
-    for cell in record["cells"]:
+    run = json.loads((cli.folder / "results/runs/quick.json").read_text())
+    for cell in run["cells"]:
         cell["kept_as"] = {first: stays}.get(cell["kept_as"], cell["kept_as"])
-    (cli.folder / "results/quick.json").write_text(json.dumps(record))
+    (cli.folder / "results/runs/quick.json").write_text(json.dumps(run))
     goes = other_core(cli, second)
     assert sizes(cli("prune").stdout) == [
         "removed 1 cell of another numerical core",
@@ -176,9 +176,9 @@ def test_records_of_older_versions(cli, two):
     """They name no files: what they describe stays, of whatever core, and only that."""
     record = json.loads((cli.folder / "results/quick.json").read_text())
     for cell in record["cells"]:
-        del cell["kept_as"]
         del cell["linear_solver"]  # a column that came later
     (cli.folder / "results/quick.json").write_text(json.dumps(record))
+    (cli.folder / "results/runs/quick.json").unlink()
     for suffix in ("csv", "json"):
         (cli.folder / f"results/other.{suffix}").unlink()
     old = other_core(cli, min(two["quick"]))

@@ -125,10 +125,13 @@ def hostile(cli):
     cli("run", "bad.yaml")
     path = cli.folder / "results/bad.json"
     record = json.loads(path.read_text())
-    record["versions"]["numpy" + BAD] = BAD
     record["cells"][0]["reason"] = BAD
-    record["blas"]["numpy"] = BAD
     path.write_text(json.dumps(record))
+    path = cli.folder / "results/runs/bad.json"
+    run = json.loads(path.read_text())
+    run["versions"]["numpy" + BAD] = BAD
+    run["blas"]["numpy"] = BAD
+    path.write_text(json.dumps(run))
     return name
 
 

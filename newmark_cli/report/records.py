@@ -9,7 +9,7 @@ from typing import Any
 from newmark_cli import files
 from newmark_cli.errors import ResultsError, visible
 from newmark_cli.study import axes, results
-from newmark_cli.study.provenance import checksum
+from newmark_cli.study.provenance import checksum, merged
 from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
 
 #: What a record does not say.
@@ -19,7 +19,7 @@ _AS_RECORDED = "ok"
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Provenance of one CSV.
+    """Provenance of one CSV, and of the run that wrote it where that is known.
 
     Args:
         path: The CSV; the record has its name with .json.
@@ -27,7 +27,12 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         ResultsError: When there is no record, or it cannot be read.
     """
-    return _parsed(path, results.read_record(path))
+    content, of_run = results.read_records(path)
+    try:
+        run = _parsed(results.run_path(path), of_run)
+    except ResultsError:
+        run = {}
+    return merged(_parsed(path, content), run)
 
 
 def _parsed(path: Path, content: bytes | OSError) -> dict[str, Any]:
@@ -45,15 +50,10 @@ def _parsed(path: Path, content: bytes | OSError) -> dict[str, Any]:
     return record
 
 
-def known(path: Path, content: bytes | OSError | None = None) -> dict[str, Any]:
-    """Provenance of one CSV; empty where there is none that can be read.
-
-    Args:
-        path: The CSV.
-        content: Content of the record, or why it cannot be read; read if omitted.
-    """
+def known(path: Path) -> dict[str, Any]:
+    """Provenance of one CSV; empty where there is none that can be read."""
     try:
-        return _parsed(path, results.read_record(path) if content is None else content)
+        return read(path)
     except ResultsError:
         return {}
 

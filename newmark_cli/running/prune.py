@@ -24,8 +24,9 @@ from newmark_cli import files
 from newmark_cli.errors import ResultsError
 from newmark_cli.running import store
 from newmark_cli.running.lock import locked
+from newmark_cli.study.provenance import merged
 from newmark_cli.study.reading import NOT_STUDIES
-from newmark_cli.study.results import SERIES_FOLDERS
+from newmark_cli.study.results import RUNS, SERIES_FOLDERS, run_path
 
 if TYPE_CHECKING:
     from newmark_cli.study.config import Study
@@ -37,7 +38,7 @@ _WRITTEN = re.compile(
     r"probe|\.(?:unfinished|replacing)-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
 )
 #: Folders whose files are written by whoever holds the lock, and by nobody else.
-_UNDER_LOCK = ("cells", "references", *SERIES_FOLDERS)
+_UNDER_LOCK = ("cells", "references", RUNS, *SERIES_FOLDERS)
 #: Seconds after which nobody writes a file any more that needs no lock.
 _LONG_AGO = 3600.0
 
@@ -191,7 +192,8 @@ def _recorded(folder: Path, but: Iterable[str]) -> Iterator[Mapping[str, Any]]:
         file = folder / f"{name}.json"
         record = _json(file, f"the cells of {name}.csv") if name in csvs else _anything(file)
         if name in csvs or record.get("study") == name:
-            cells = record.get("cells")
+            run = _anything(run_path(file.with_suffix(".csv")))
+            cells = merged(record, run).get("cells")
             if not isinstance(cells, list) or not all(isinstance(cell, dict) for cell in cells):
                 raise ResultsError(f"{file}: does not say what {name}.csv was made from")
             yield from cells

@@ -299,7 +299,8 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
     results.require_writable(folder, files)
-    for part in (folder / name for name in ("cells", "references", *results.SERIES_FOLDERS)):
+    for name in ("cells", "references", results.RUNS, *results.SERIES_FOLDERS):
+        part = folder / name
         if part.exists():
             results.require_writable(part, ())
     with locked(folder, f"{what} {' '.join(names)}", shard):
@@ -477,8 +478,9 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         file.relative_to(folder).as_posix(): provenance.checksum(text)
         for file, text in texts.items()
     }
-    record = provenance.record(study, cells, outcomes, seconds, options.jobs, len(table), checksums)
-    for cell, told in zip(cells, record["cells"], strict=True):
+    record = provenance.record(study, cells, outcomes, len(table), checksums)
+    run = provenance.run(study, seconds, options.jobs, checksums)
+    for cell, told in zip(cells, run["cells"], strict=True):
         told["kept_as"] = file_name(cell)
     if moved := _motions(cells):
         record["motions"] = moved
@@ -487,7 +489,7 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     if shared := _not_unique(cells):
         record["not_unique"] = shared
     with interrupts.postponed():
-        results.replace(folder, study.study, texts, record)
+        results.replace(folder, study.study, texts, record, run)
         prune.finished(folder, study)
     return path
 

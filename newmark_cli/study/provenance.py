@@ -1,4 +1,4 @@
-"""The record next to a CSV: config, code, versions, machine, wall times, checksums."""
+"""The records of a CSV: config, cells, checksums; and of its run: code, machine, wall times."""
 
 import hashlib
 import importlib
@@ -40,21 +40,14 @@ def record(
     study: "Study",
     cells: Sequence[Cell],
     outcomes: Sequence[Outcome],
-    seconds: Sequence[float],
-    jobs: int,
     rows: int,
     checksums: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Provenance of one run of a study.
-
-    Code and machine are those that write the CSV.  A cell that was kept from an
-    earlier run has the same numerical core and libraries, but may have been computed
-    at another commit or on another machine.
+    """Provenance of results as far as it is the same wherever and whenever they are computed.
 
     Args:
         study: The study.
-        cells, outcomes, seconds: Cells, what they found, and their wall times (s).
-        jobs: Cells that ran side by side.
+        cells, outcomes: Cells, and what they found.
         rows: Rows of the CSV.
         checksums: File, relative to the results folder → `checksum` of its text.
     """
@@ -63,6 +56,39 @@ def record(
         "study": study.study,
         "config": config,
         "config_sha256": config_checksum(config),
+        "rows": rows,
+        "sha256": dict(checksums),
+        "cells": [
+            {
+                **axes.labels(cell),
+                "steps": cell.steps,
+                "status": outcome.status,
+                **({"reason": outcome.reason} if outcome.reason else {}),
+                **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
+                **({"pivoted_steps": outcome.pivoted} if outcome.pivoted else {}),
+            }
+            for cell, outcome in zip(cells, outcomes, strict=True)
+        ],
+    }
+
+
+def run(
+    study: "Study", seconds: Sequence[float], jobs: int, checksums: Mapping[str, str]
+) -> dict[str, Any]:
+    """Provenance of one run of a study: when, by what, where, and how long it took.
+
+    Code and machine are those that write the CSV.  A cell that was kept from an
+    earlier run has the same numerical core and libraries, but may have been computed
+    at another commit or on another machine.
+
+    Args:
+        study: The study.
+        seconds: Wall times of its cells (s).
+        jobs: Cells that ran side by side.
+        checksums: As of `record`, by which the two belong together.
+    """
+    return {
+        "study": study.study,
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "newmark-study": newmark_cli.__version__,
@@ -78,21 +104,23 @@ def record(
             "processors": usable(),
         },
         "jobs": jobs,
-        "rows": rows,
         "sha256": dict(checksums),
-        "cells": [
-            {
-                **axes.labels(cell),
-                "steps": cell.steps,
-                "status": outcome.status,
-                **({"reason": outcome.reason} if outcome.reason else {}),
-                **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
-                **({"pivoted_steps": outcome.pivoted} if outcome.pivoted else {}),
-                "wall_seconds": round(taken, 4),
-            }
-            for cell, outcome, taken in zip(cells, outcomes, seconds, strict=True)
-        ],
+        "cells": [{"wall_seconds": round(taken, 4)} for taken in seconds],
     }
+
+
+def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
+    """A record with that of its run; by itself where the run was another.
+
+    Records of older versions have both in one.
+    """
+    of_run, of_results = run.get("cells"), record.get("cells")
+    if not (isinstance(of_run, list) and isinstance(of_results, list)):
+        return dict(record)
+    if run.get("sha256") != record.get("sha256") or len(of_run) != len(of_results):
+        return dict(record)
+    cells = [{**told, **of_cell} for told, of_cell in zip(of_results, of_run, strict=True)]
+    return {**run, **record, "cells": cells}
 
 
 def config_checksum(config: Mapping[str, Any]) -> str:

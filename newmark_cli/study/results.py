@@ -104,6 +104,8 @@ def drift_path(folder: Path, study: str) -> Path:
     return folder / "drift" / f"{study}.csv"
 
 
+#: Folder of the records of runs.
+RUNS = "runs"
 #: Folders of what cells record over time.
 SERIES_FOLDERS = ("history", "drift", "trajectory")
 
@@ -256,12 +258,21 @@ def _unguarded(text: str) -> str:
 
 
 def study_paths(path: Path) -> tuple[Path, ...]:
-    """Files of a study that are replaced together: CSV, record, and what `series_paths` has.
+    """Files of a study that are replaced together: CSV, records, and what `series_paths` has.
 
     Args:
         path: The CSV.
     """
-    return path, path.with_suffix(".json"), *series_paths(path)
+    return path, path.with_suffix(".json"), run_path(path), *series_paths(path)
+
+
+def run_path(path: Path) -> Path:
+    """Record of what differs from run to run: times, versions, machine.
+
+    Args:
+        path: The study's CSV.
+    """
+    return path.parent / RUNS / path.with_suffix(".json").name
 
 
 def series_paths(path: Path) -> tuple[Path, ...]:
@@ -278,15 +289,20 @@ def series_paths(path: Path) -> tuple[Path, ...]:
 
 
 def replace(
-    folder: Path, study: str, texts: Mapping[Path, str | bytes], record: Mapping[str, Any]
+    folder: Path,
+    study: str,
+    texts: Mapping[Path, str | bytes],
+    record: Mapping[str, Any],
+    run: Mapping[str, Any],
 ) -> None:
-    """Write the CSVs of a study and their record; readers see those of one run.
+    """Write the CSVs of a study and their records; readers see those of one run.
 
     Args:
         folder: Results folder; it exists, and is held.
         study: Name of the study.
         texts: File → what it holds.
         record: What stands in the study's JSON.
+        run: What stands in that of the run.
 
     Raises:
         ResultsError: They cannot be written; those that were there stay.
@@ -297,7 +313,9 @@ def replace(
         if file in texts:
             files.make_folder(file.parent, folder)
     gone = {file: None for file in series if file not in texts and os.path.lexists(file)}
-    contents = {**texts, **gone, path.with_suffix(".json"): files.json_text(record)}
+    files.make_folder(run_path(path).parent, folder)
+    records = {path.with_suffix(".json"): record, run_path(path): run}
+    contents = {**texts, **gone, **{file: files.json_text(of) for file, of in records.items()}}
     files.replace_together(folder, study, contents, folder)
 
 
@@ -312,13 +330,19 @@ def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
         File → content, or why it cannot be read.
     """
     paths = study_paths(path)
-    return files.read_together(paths if series else paths[:2], path.parent, path.stem)
+    return files.read_together(paths if series else paths[:3], path.parent, path.stem)
 
 
 def read_record(path: Path) -> bytes | OSError:
     """Content of a study's record alone, or why it cannot be read; see `read`."""
-    record = path.with_suffix(".json")
-    return files.read_together([record], path.parent, path.stem)[record]
+    return read_records(path)[0]
+
+
+def read_records(path: Path) -> tuple[bytes | OSError, bytes | OSError]:
+    """Contents of the records of a study and of its run, or why they cannot be read."""
+    record, run = study_paths(path)[1:3]
+    found = files.read_together([record, run], path.parent, path.stem)
+    return found[record], found[run]
 
 
 def require_writable(folder: Path, names: Iterable[str]) -> None:
