@@ -6,6 +6,7 @@ on the numbers alone.  Arguments are not overwritten.
 """
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from newmark_cli.arrays import Array, IndexArray
 
+#: Most unknowns for which `solver` is dense: beyond, sparse factors take less time.
+DENSE_UP_TO = 120
 #: Squares below this are no part of a norm of about 1.
 _NEGLIGIBLE = 1e-280
 
@@ -44,6 +47,27 @@ class Factors:
     def inverse(self) -> Array:
         """(N, N) A⁻¹."""
         return self.solve(np.eye(len(self.lu)))
+
+
+def solver(matrix: Any) -> Callable[[Array], Array]:
+    """Solver of A x = rhs of a sparse matrix (N, N).
+
+    Up to `DENSE_UP_TO` unknowns it is that of `Factors`, beyond SuperLU's, whose last bits are
+    those of the BLAS.
+
+    Raises:
+        numpy.linalg.LinAlgError: When a pivot is exactly zero.
+    """
+    if matrix.shape[0] <= DENSE_UP_TO:
+        return Factors(matrix.toarray()).solve
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import splu
+
+    try:
+        factors = splu(csc_matrix(matrix))
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from None
+    return lambda rhs: np.asarray(factors.solve(rhs), float)
 
 
 def product(first: Any, second: Any) -> Array:

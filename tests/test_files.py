@@ -300,7 +300,8 @@ def read_pair(folder: Path) -> dict[Path, bytes | OSError]:
 def test_replaced_together_or_not_at_all(cli, monkeypatch, killed_at):
     """Whenever a writer is killed, readers see all of the old or all of the new."""
     folder = cli.folder / "results"
-    (folder / "history").mkdir(parents=True)
+    for part in ("history", "runs"):
+        (folder / part).mkdir(parents=True)
     files.replace_together(folder, "a", pair(folder, "old"), folder)
     new = {str(path): text for path, text in pair(folder, "new").items()}
     script = f"""
@@ -339,7 +340,8 @@ files.replace_together(folder, "a", new, folder)
 
 def test_readers_see_one_run(tmp_path):
     """Next to a writer that never rests, no reader sees files of two runs."""
-    (tmp_path / "history").mkdir()
+    for part in ("history", "runs"):
+        (tmp_path / part).mkdir()
     files.replace_together(tmp_path, "a", pair(tmp_path, "0"), tmp_path)
     stop = threading.Event()
 

@@ -12,7 +12,7 @@ from marching import start
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
-from newmark_cli import apart
+from newmark_cli import algebra, apart
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
@@ -25,7 +25,7 @@ from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems import index_1, reference
+from newmark_cli.problems import reference
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.reference import NoReference, relative_error, solution
@@ -276,7 +276,7 @@ def test_index_1_system_by_both_factorisations(monkeypatch):
     v = random.normal(size=subject.n)
     found = []
     for limit in (10_000, 0):
-        monkeypatch.setattr(index_1, "_DENSE_UP_TO", limit)
+        monkeypatch.setattr(algebra, "DENSE_UP_TO", limit)
         system = Index1(subject)
         found.append((*system.accelerations(0.0, u, v), *system.projected(0.0, u, v)))
     for dense, sparse in zip(*found, strict=True):

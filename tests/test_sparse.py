@@ -10,7 +10,7 @@ from damped import damped
 from each import each
 from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
-from newmark_cli import documents
+from newmark_cli import algebra, documents
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import compiled_march, march_data, perturbation, scipy_march
@@ -21,7 +21,6 @@ from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.problems import index_1
 from newmark_cli.study import config, results
 from newmark_cli.study.compute import compute
 
@@ -128,7 +127,7 @@ def test_consistent_starts_agree(name, monkeypatch):
     """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
     subject = SUBJECTS[name]
     dense = start(subject)
-    monkeypatch.setattr(index_1, "_DENSE_UP_TO", 0)
+    monkeypatch.setattr(algebra, "DENSE_UP_TO", 0)
     sparse = start(subject)
     for found, expected in ((sparse.fields, dense.fields), (sparse.multipliers, dense.multipliers)):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e3 * EPS * np.abs(expected).max())

@@ -13,7 +13,6 @@ from conftest import QUICK, SWING, CommandLine
 from warm import SCRIPT
 
 from newmark_cli.cli import main
-from newmark_cli.running import store
 from newmark_cli.study import provenance
 
 # -- the kernel of the BLAS -------------------------------------------------------------------
@@ -57,56 +56,69 @@ def in_turn(folder, commands, **environment):
     return done.stdout
 
 
-#: Runs half of a study into a folder of its own.
-SHARD = ("run", "quick.yaml", "--shard")
+#: What its cells record passes through everything that computes: starts that are assembled and
+#: projected, dense and static elimination, condition numbers, references, formulations.
+BITS = """\
+study: bits
+cases:
+  - problem: [andrews, spatial-slider-crank, {chain: {links: 3}}]
+    form: [u-lambda, u-v-a-lambda]
+    preconditioning: [none, optimal]
+    h: [1e-3, 5e-4]
+    t_end: 0.002
+    measure: [correction, condition, sensitivity, error, invariant, floor]
+  - problem: governor
+    form: u-lambda
+    preconditioning: optimal
+    formulation: [{method: ggl}, {method: index-1}]
+    h: 1e-3
+    t_end: 0.01
+    measure: [correction, condition, history]
+  - problem: hoist.yaml
+    form: v-lambda
+    preconditioning: left
+    linear_solver: gmres
+    h: 1e-3
+    t_end: 0.01
+    measure: [condition, krylov]
+"""
 
 
-@pytest.fixture(scope="module")
-def elsewhere(tmp_path_factory, warm, other_kernel):
-    """A study run with the kernel of this process, then half of it and all with another."""
-    cli = CommandLine(tmp_path_factory.mktemp("kernels"), warm)
-    cli.write("quick.yaml", QUICK)
-    cli("run", "quick.yaml")
-    commands = ([*SHARD, "2/2", "--results", "two"], ["run", "quick.yaml"])
+HOIST = """\
+points:
+  A: {fixed: [0, 0]}
+  B: {at: [0.4, 0.3]}
+  S: {at: [1.3, 0.65], mass: 2}
+bodies:
+  lever: {from: A, to: B, length: 0.5, mass: 1.2, centre: [0.25, 0.05], inertia: 0.03}
+bars:
+  link: {from: B, to: S, length: 1.05}
+sliders:
+  rail: {point: S, through: [0, 0], direction: [2, 1]}
+gravity: [0, -9.81]
+assemble: true
+"""
+
+
+def test_results_are_the_same_with_every_kernel(cli, other_kernel):
+    """To the bit; cells computed with one serve the other, and the run's record names its own."""
+    cli.write("bits.yaml", BITS)
+    cli.write("hoist.yaml", HOIST)
+    ended, _ = cli("run", "bits.yaml").stdout.split(" -> ")
+    assert re.fullmatch(r"bits: \d+ ok", ended)
+    commands = (["run", "bits.yaml", "--results", "two"], ["run", "bits.yaml"])
     printed = in_turn(cli.folder, commands, OPENBLAS_CORETYPE=other_kernel)
-    # Cells of this process's kernel are there, and none of them counts.
-    assert printed.splitlines()[-1] == "quick: 4 ok -> results/quick.csv"
-    return cli
-
-
-def test_another_kernel_computes_anew(elsewhere, other_kernel):
-    """Cells are kept of every kernel, and the record names the one that ran."""
-    cells = elsewhere.folder / "results"
-    for kernel, told in ((other_kernel, None), (provenance.blas_kernel(), " (4 cached)")):
-        if told:
-            done = elsewhere("run", "quick.yaml")
-            assert done.stdout == f"quick: 4 ok{told} -> results/quick.csv\n"
-        record = json.loads((cells / "quick.json").read_text())
-        assert record["blas"]["kernel"] == kernel
-        assert re.search(r"\d+\.\d+", record["blas"]["loaded"])
-        assert re.search(rf"BLAS kernel +{kernel}\n", elsewhere("info", "quick").stdout)
-
-
-def test_cells_of_another_kernel_are_told_in_words(elsewhere, other_kernel):
-    """Why a dry run would run them, and why a merge lacks them."""
-    change = f"BLAS kernel {other_kernel} -> {provenance.blas_kernel()}"
-    dry = elsewhere("run", "quick.yaml", "--dry-run", "--results", "two").stdout
-    *lines, last = dry.splitlines()
-    assert [line.split(": ", 2)[2] for line in lines].count(f"to run: {change}") == 2
-    assert last == "4 of 4 cells to run"
-    elsewhere(*SHARD, "1/2", "--results", "one")
-    merge = ("merge", "quick.yaml", "--from", "one", "--from", "two", "--results", "all")
-    assert elsewhere(*merge, code=1).stderr == (
-        f"newmark-study: quick: 2 of 4 cells are missing; 2 cached otherwise: {change}\n"
-    )
-
-
-def test_kernels_are_versions():
-    """Of what the numbers come from, by which workers of dask are refused."""
-    versions = store.versions()
-    assert versions["BLAS kernel"] == provenance.blas_kernel() != ""
-    assert versions["BLAS"] == provenance.blas_loaded()
-    assert store.unlike({**versions, "BLAS kernel": "other"}, versions) == ["BLAS kernel"]
+    count = ended.split()[1]
+    assert printed.splitlines() == [
+        f"{ended} -> two/bits.csv", f"{ended} ({count} cached) -> results/bits.csv"
+    ]  # fmt: skip
+    one, two = cli.folder / "results", cli.folder / "two"
+    for name in ("bits.csv", "history/bits.csv", "bits.json"):
+        assert (one / name).read_bytes() == (two / name).read_bytes(), name
+    run = json.loads((two / "runs/bits.json").read_text())
+    assert run["blas"]["kernel"] == other_kernel
+    assert re.search(r"\d+\.\d+", run["blas"]["loaded"])
+    assert re.search(rf"BLAS kernel +{other_kernel}\n", cli("info", "--results", "two").stdout)
 
 
 def test_commands_that_run_nothing_do_not_look():

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from newmark_cli import documents
+from newmark_cli.algebra import product
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import elements, laws, start
@@ -582,7 +583,7 @@ class Builder:
                 block = np.array([[a, -b], [b, a]])
                 if name in self.fixed:
                     at = self.fixed[name]
-                    offsets[2 * k : 2 * k + 2] += block @ [at.real, at.imag]
+                    offsets[2 * k : 2 * k + 2] += product(block, [at.real, at.imag])
                 else:
                     j = 2 * moving.index(name)
                     weights[2 * k : 2 * k + 2, j : j + 2] = block

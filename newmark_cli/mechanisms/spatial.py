@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli import documents
+from newmark_cli.algebra import norm, product
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import laws, spatial_start
@@ -481,21 +482,21 @@ class Builder:
     def _place(self, side: Side) -> Array:
         if side.body < 0:
             return side.point
-        return np.asarray(self._origins[side.body] + self._frames[side.body] @ side.point)
+        return np.asarray(self._origins[side.body] + product(self._frames[side.body], side.point))
 
     def _turned(self, body: int, vector: Array) -> Array:
         """(3,) a vector of a body in global axes."""
-        return vector if body < 0 else np.asarray(self._frames[body] @ vector)
+        return vector if body < 0 else product(self._frames[body], vector)
 
     def _seen(self, body: int, vector: Array) -> Array:
         """(3,) a global vector in the axes of a body."""
-        return vector if body < 0 else np.asarray(self._frames[body].T @ vector)
+        return vector if body < 0 else product(self._frames[body].T, vector)
 
     def _at(self, body: int, place: Array) -> Array:
         """(3,) body coordinates of a global place."""
         if body < 0:
             return place
-        return np.asarray(self._frames[body].T @ (place - self._origins[body]))
+        return product(self._frames[body].T, place - self._origins[body])
 
     # -- joints --------------------------------------------------------------------------------
 
@@ -533,7 +534,7 @@ class Builder:
         if kind.length:
             if not np.linalg.norm(apart) > _MISFIT * self._size:
                 raise self.document.error((*path, "at"), "its points start in one place")
-            length = joint.length or float(np.linalg.norm(apart))
+            length = joint.length or norm(apart)
             misfit = float(np.linalg.norm(apart)) - length
             if not self.mechanism.assemble and abs(misfit) > _MISFIT * length:
                 raise self.document.error(
@@ -600,11 +601,11 @@ class Builder:
             axis = other = unit(given)
             in_first, in_second = self._seen(first, axis), self._seen(second, axis)
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        across /= np.linalg.norm(across)
+        across /= norm(across)
         p_first = self._seen(first, across)
         # Perpendicular to the axis of the second body, too, where that is not yet parallel.
-        leaning = across - (across @ other) * other
-        leaning /= np.linalg.norm(leaning)
+        leaning = across - product(across, other) * other
+        leaning /= norm(leaning)
         p_second = self._seen(second, leaning)
         return [
             {"n": n, "p": p, "q": np.cross(n, p)}
@@ -625,7 +626,7 @@ class Builder:
             return [{"a": in_first}, {"b": in_second}]
         assert given is not None
         a = unit(given[0])
-        b = unit(np.asarray(given[1]) - (a @ np.asarray(given[1])) * a)
+        b = unit(np.asarray(given[1]) - product(a, given[1]) * a)
         return [{"a": self._seen(first, a)}, {"b": self._seen(second, b)}]
 
     def _dot(
@@ -692,7 +693,7 @@ class Builder:
                 a.direction("p", bodies),
                 b.direction("p", bodies),
             )
-            sine, cosine = float(q @ other), float(p @ other)
+            sine, cosine = float(product(q, other)), float(product(p, other))
             push(_direction(a, "q")[1], cosine * other)
             push(_direction(a, "p")[1], -sine * other)
             push(_direction(b, "p")[1], cosine * q - sine * p)
@@ -712,7 +713,7 @@ class Builder:
                     assert motion.point is not None
                     side = self._of_body(motion.point, (*path, "point"))
                     axis = np.eye(3)["xyz".index(key)]
-                    now = float(axis @ self._place(side))
+                    now = float(product(axis, self._place(side)))
                     parameters = self._fitting(law, now, (*path, key))
                     self._driven(path, key)
                     self._dot(len(self.rows) - 1, (axis, []), _site(side), parameters)
@@ -732,7 +733,8 @@ class Builder:
         period = 2 * math.pi if key == "angle" else math.inf
         now = 0.0
         if key == "distance":
-            now = float(self._turned(a.body, a.vectors["n"]) @ (self._place(b) - self._place(a)))
+            axis = self._turned(a.body, a.vectors["n"])
+            now = float(product(axis, self._place(b) - self._place(a)))
         parameters = self._fitting(law, now, (*path, key), period)
         self._driven(path, key)
         row = len(self.rows) - 1
@@ -776,7 +778,7 @@ class Builder:
         """(n,) velocities: d_i' = ω × d_i."""
         return np.concatenate(
             [
-                np.concatenate([body.velocity, (frame.T @ turning_rate(body).T).ravel()])
+                np.concatenate([body.velocity, product(frame.T, turning_rate(body).T).ravel()])
                 for body, frame in zip(self.mechanism.bodies.values(), self._frames, strict=True)
             ]
         )

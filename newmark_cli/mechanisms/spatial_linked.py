@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli.algebra import product
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.problems.problem import Pattern, Problem
 
@@ -104,7 +105,7 @@ class Bars:
 
         # One by one: sums of a few numbers, in the order in which `spatial` has them.
         def side(body: int, place: Array) -> Side:
-            point = place if body < 0 else frames[self.kinds[body]].T @ (place - places[body])
+            point = place if body < 0 else product(frames[self.kinds[body]].T, place - places[body])
             return Side(body, point, {})
 
         sides = [
@@ -125,7 +126,7 @@ class Bars:
         directors = np.array([frame.T.ravel() for frame in frames])
         still = np.array(
             [
-                (frame.T @ spatial.turning_rate(body).T).ravel()
+                product(frame.T, spatial.turning_rate(body).T).ravel()
                 for body, frame in zip(kinds, frames, strict=True)
             ]
         )

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from newmark_cli import documents
+from newmark_cli.algebra import norm, product
 from newmark_cli.arrays import Array
 from newmark_cli.documents import StrictModel, Truth, misfit
 from newmark_cli.json_schema import also
@@ -104,7 +105,7 @@ def unit(direction: Any) -> Array:
     """(3,) a direction with length 1."""
     vector = np.asarray(direction, float)
     vector = vector / np.abs(vector).max()
-    return np.asarray(vector / np.linalg.norm(vector))
+    return np.asarray(vector / norm(vector))
 
 
 def _skew(first: Any, second: Any) -> float:
@@ -129,7 +130,7 @@ class Axes(StrictModel):
     def matrix(self) -> Array:
         """(3, 3) directors as columns."""
         x = unit(self.x)
-        y = unit(np.asarray(self.y, float) - (x @ np.asarray(self.y, float)) * x)
+        y = unit(np.asarray(self.y, float) - product(x, self.y) * x)
         (a, b, c), (d, e, f) = x.tolist(), y.tolist()
         return np.column_stack([x, y, [b * f - c * e, c * d - a * f, a * e - b * d]])
 

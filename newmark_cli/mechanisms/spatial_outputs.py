@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from newmark_cli.algebra import product
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.problem import Problem
@@ -38,12 +39,12 @@ class Side:
         """(3,) its point, of the origins and directors (bodies, 4, 3) of a position."""
         if self.body < 0:
             return self.point
-        return np.asarray(bodies[self.body, 0] + self.point @ bodies[self.body, 1:])
+        return np.asarray(bodies[self.body, 0] + product(self.point, bodies[self.body, 1:]))
 
     def direction(self, name: str, bodies: Array) -> Array:
         """(3,) one of its directions, in global axes."""
         vector = self.vectors[name]
-        return vector if self.body < 0 else np.asarray(vector @ bodies[self.body, 1:])
+        return vector if self.body < 0 else product(vector, bodies[self.body, 1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +63,14 @@ class Connection:
         """Angle of the second body about the axis, 0 at the start, between −π and π."""
         first, second = self.sides
         p = second.direction("p", bodies)
-        sine, cosine = (float(first.direction(name, bodies) @ p) for name in ("q", "p"))
+        sine, cosine = (float(product(first.direction(name, bodies), p)) for name in ("q", "p"))
         return float(np.arctan2(sine, cosine))
 
     def distance(self, bodies: Array) -> float:
         """How far the second body has slid along the axis (m)."""
         first, second = self.sides
         apart = second.place(bodies) - first.place(bodies)
-        return float(first.direction("n", bodies) @ apart)
+        return float(product(first.direction("n", bodies), apart))
 
 
 @dataclass(frozen=True, eq=False)

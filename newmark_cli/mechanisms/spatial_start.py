@@ -1,7 +1,7 @@
 """Consistent starts of spatial mechanisms, and constraints that are redundant."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from newmark_cli import documents
+from newmark_cli.algebra import Factors, solver
 from newmark_cli.arrays import Array
 from newmark_cli.documents import KeyPath
 from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
@@ -251,7 +252,7 @@ def _closest(problem: Problem, u: Array) -> tuple[Array, float]:
             break
         gradient = gradient_of(problem, u)
         if problem.n <= DENSE_UP_TO:
-            change = np.linalg.lstsq(np.asarray(gradient.toarray()).T, phi, rcond=1e-9)[0]
+            change = _dense_change(gradient, phi)
         else:
             change = _least_change(gradient, phi)
         if not np.all(np.isfinite(change)):
@@ -265,12 +266,28 @@ def _closest(problem: Problem, u: Array) -> tuple[Array, float]:
     return u, float(np.abs(phi).max()) / size
 
 
+def _dense_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
+    """Smallest d with Gᵀ d as wanted; the nearest where constraints depend on each other."""
+    if (solve := _if_regular((gradient.T @ gradient).toarray())) is not None:
+        return np.asarray(gradient @ solve(wanted))
+    return np.asarray(np.linalg.lstsq(gradient.toarray().T, wanted, rcond=1e-9)[0])
+
+
+def _if_regular(matrix: Array) -> Callable[[Array], Array] | None:
+    """Solver of A x = rhs; None where A is singular, or close to it."""
+    try:
+        factors = Factors(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    pivots = np.abs(np.diagonal(factors.lu))
+    return factors.solve if pivots.min() > RANK_TOLERANCE * pivots.max() else None
+
+
 def _least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
     """Smallest d with Gᵀ d as wanted, as far as constraints that depend on each other let it."""
     try:
-        solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(gradient.T @ gradient)).solve
-        change = np.asarray(gradient @ solve(wanted))
-    except RuntimeError:
+        change = np.asarray(gradient @ solver(gradient.T @ gradient)(wanted))
+    except np.linalg.LinAlgError:
         change = np.full(gradient.shape[0], np.nan)
     if np.linalg.norm(gradient.T @ change - wanted) <= _SOLVED * np.linalg.norm(wanted):
         return change
@@ -442,13 +459,9 @@ def _projected(
     every, wanted = scipy.sparse.csc_array(every / sizes[None, :]), wanted / sizes
     mass = _mass(problem)
     saddle = _saddle(mass, every)
-    dense = saddle.toarray() if n <= DENSE_UP_TO else None
+    solve = _solver_of_rates(saddle, n)
     for _ in range(3):  # the first leaves what is rounding of a large change
-        rhs = np.concatenate([np.zeros(n), wanted - every.T @ v])
-        if dense is not None:
-            v = v + np.linalg.lstsq(dense, rhs, rcond=1e-13)[0][:n]
-        else:
-            v = v + scipy.sparse.linalg.spsolve(saddle, rhs)[:n]
+        v = v + solve(np.concatenate([np.zeros(n), wanted - every.T @ v]))[:n]
     left = np.abs(wanted - every.T @ v)
     speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
     for k, (path, _, value) in enumerate(given, start=problem.m):
@@ -466,6 +479,16 @@ def _projected(
             "no velocities found that fit this constraint and the rates",
         )
     return v
+
+
+def _solver_of_rates(saddle: scipy.sparse.csc_array, n: int) -> Callable[[Array], Array]:
+    """Solver of [[M, −G], [Gᵀ, 0]] x = rhs; the smallest x where rates depend on each other."""
+    if n > DENSE_UP_TO:
+        return lambda rhs: np.asarray(scipy.sparse.linalg.spsolve(saddle, rhs))
+    dense = np.asarray(saddle.toarray(), float)
+    return _if_regular(dense) or (
+        lambda rhs: np.asarray(np.linalg.lstsq(dense, rhs, rcond=1e-13)[0])
+    )
 
 
 def _mass(problem: Problem) -> scipy.sparse.csc_array:

@@ -10,6 +10,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from newmark_cli import documents
+from newmark_cli.algebra import solver
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath
 from newmark_cli.mechanisms import elements, laws
@@ -142,7 +143,7 @@ def _projected(
         for _ in range(2):  # the first leaves what is rounding of a large change
             try:
                 v = v - _least_change(gradient, gradient.T @ v + rate)
-            except RuntimeError:  # exactly singular
+            except np.linalg.LinAlgError:  # exactly singular
                 break
             left = np.abs(gradient.T @ v + rate) / sizes
             speed = max(float(np.abs(v).max()), float(np.abs(rate / sizes).max()))
@@ -171,16 +172,13 @@ def column_norms(gradient: scipy.sparse.csc_array) -> Array:
 
 def _least_change(gradient: scipy.sparse.csc_array, misfit: Array) -> Array:
     """Smallest d with Gᵀ d = misfit."""
-    solve = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(gradient.T @ gradient)).solve
-    return np.asarray(gradient @ solve(misfit))
+    return np.asarray(gradient @ solver(gradient.T @ gradient)(misfit))
 
 
 def _damped_solver(gradient: scipy.sparse.csc_array, damping: float) -> Callable[[Array], Array]:
     """Solver of (GᵀG + damping I) x = rhs."""
     identity = scipy.sparse.eye_array(gradient.shape[1])
-    normal = scipy.sparse.csc_matrix(gradient.T @ gradient + damping * identity)
-    solve: Callable[[Array], Array] = scipy.sparse.linalg.splu(normal).solve
-    return solve
+    return solver(gradient.T @ gradient + damping * identity)
 
 
 def _damped_change(gradient: scipy.sparse.csc_array, misfit: Array, damping: float) -> Array:
@@ -201,7 +199,7 @@ def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -
         phi = problem.constraint_values(problem.t0, u)
         try:
             change = _least_change(gradient_of(problem, u), phi)
-        except RuntimeError:  # exactly singular
+        except np.linalg.LinAlgError:  # exactly singular
             break
         if not np.all(np.isfinite(change)):
             break
@@ -265,7 +263,7 @@ def _closest(problem: Problem, u: Array) -> Array:
         damping = scale * min(1.0, norm / largest) * largest + 1e-15 * largest
         try:
             step = _damped_change(gradient, phi, damping)
-        except RuntimeError:
+        except np.linalg.LinAlgError:
             break
         if not np.all(np.isfinite(step)) or np.abs(step).max() <= 1e-16 * np.abs(u).max():
             break

@@ -12,7 +12,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from newmark_cli.algebra import Factors, product
 from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
 
@@ -138,28 +137,30 @@ class Elimination:
 
 def eliminate(form: Form, relations: Relations) -> Elimination:
     """Solve the update relations that a form does not keep for its eliminated fields."""
-    # V and K as relation · (u, v, a) = history · (past vectors)
-    relation = {"V": np.array([0.0, 1.0, -relations.v_from_a])}
-    relation["K"] = np.array([1.0, 0.0, -relations.u_from_a])
-    history = {"V": relations.v_past, "K": relations.u_past}
-    of_eta = {"V": 0.0, "K": 1.0}
-
-    kept = [FIELDS.index(f) for f in form.kept]
-    gone = [FIELDS.index(f) for f in form.eliminated]
-    weights = np.zeros((3, len(kept)))
-    past = np.zeros((3, len(relations.v_past)))
-    eta = np.zeros(3)
-    weights[kept, range(len(kept))] = 1.0
-    used = [r for r in ("V", "K") if r not in form.rows]
-    if used:
-        system = np.array([relation[r] for r in used])
-        known = np.array([history[r] for r in used])
-        solved = Factors(system[:, gone])
-        weights[gone] = solved.solve(-system[:, kept])
-        past[gone] = solved.solve(known)
-        eta[gone] = solved.solve(np.array([of_eta[r] for r in used]))
-    rows = np.array([relation[r] for r in form.extra_rows]).reshape(-1, 3)
-    rows_history = np.array([history[r] for r in form.extra_rows]).reshape(-1, past.shape[1])
-    of_kept, of_past = product(rows, weights), product(rows, past) - rows_history
-    rows_eta = product(rows, eta) - np.array([of_eta[r] for r in form.extra_rows])
-    return Elimination(weights, past, of_kept, of_past, eta, rows_eta)
+    # V and K: a field less from_a · a is known, from what is kept, the past vectors and Pη.
+    p, none = len(form.kept), np.zeros(len(form.kept))
+    u, v, a = range(3)
+    relation = {
+        "V": (v, relations.v_from_a, np.concatenate([none, relations.v_past, [0.0]])),
+        "K": (u, relations.u_from_a, np.concatenate([none, relations.u_past, [1.0]])),
+    }
+    found = np.zeros((3, p + len(relations.v_past) + 1))
+    found[[FIELDS.index(field) for field in form.kept], range(p)] = 1.0
+    gone = {FIELDS.index(field) for field in form.eliminated}
+    used = [relation[row] for row in ("V", "K") if row not in form.rows]
+    if a in gone:
+        field, from_a, known = next(one for one in used if one[0] not in gone)
+        found[a] = (found[field] - known) / from_a
+    for field, from_a, known in used:
+        if field in gone:
+            found[field] = known + from_a * found[a]
+    rows = np.array(
+        [
+            found[field] - from_a * found[a] - known
+            for field, from_a, known in (relation[row] for row in form.extra_rows)
+        ]
+    ).reshape(-1, found.shape[1])
+    return Elimination(
+        found[:, :p].copy(), found[:, p:-1].copy(), rows[:, :p].copy(), rows[:, p:-1].copy(),
+        found[:, -1].copy(), rows[:, -1].copy(),
+    )  # fmt: skip

@@ -12,16 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
-from newmark_cli.algebra import Factors, product
+from newmark_cli import algebra
+from newmark_cli.algebra import Factors, product, solver
 from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Problem, Values
-
-#: Most unknowns n + m for which the matrix is dense.  Times are equal at 120 to 150 on
-#: chains and rows of four-bars; at 400 the sparse factors take a ninth of the time.
-_DENSE_UP_TO = 120
-
 
 #: A linear map of vectors (n + m,).
 _Map = Callable[[Array], Array]
@@ -199,7 +194,7 @@ class Index1:
         entries: Array = np.bincount(
             self._slots, np.concatenate([self._mass, -values.g, values.g]), len(self._rows)
         ).astype(float, copy=False)
-        times, solve = (self._dense if self._size <= _DENSE_UP_TO else self._sparse)(entries)
+        times, solve = (self._dense if self._size <= algebra.DENSE_UP_TO else self._sparse)(entries)
 
         def refined(rhs: Array) -> Array:
             solution = solve(rhs)
@@ -227,7 +222,6 @@ class Index1:
         if not np.all(np.isfinite(entries)):
             return times, lambda rhs: np.full_like(rhs, np.nan)
         try:
-            factors = splu(matrix)
-        except RuntimeError as error:
+            return times, solver(matrix)
+        except np.linalg.LinAlgError as error:
             raise np.linalg.LinAlgError(f"the index-1 matrix is singular: {error}") from None
-        return times, lambda rhs: np.asarray(factors.solve(rhs), float)

@@ -24,7 +24,7 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import sealed
-from newmark_cli.study import axes, provenance
+from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 from newmark_cli.study.provenance import version
@@ -228,6 +228,7 @@ def core() -> str:
             for room in ("newmark", "problems", "mechanisms")
             for file in sorted((package / room).rglob("*.py"))
         ),
+        package / "algebra.py",
         *(
             package / "study" / f"{name}.py"
             for name in ("axes", "compute", "measures", "redundancy")
@@ -243,17 +244,11 @@ def core() -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of what the numbers come from, and what they compute for, by name.
-
-    Not the code of the libraries only: the kernel that a BLAS has chosen decides the last
-    digits of condition numbers.
-    """
+    """Versions of what the numbers come from, and what they compute for, by name."""
     return {
         "newmark-study": newmark_cli.__version__,
         "machine": platform.machine(),
         **{name: version(name) for name in _LIBRARIES},
-        "BLAS": provenance.blas_loaded(),
-        "BLAS kernel": provenance.blas_kernel(),
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 
+from newmark_cli import algebra
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
@@ -86,9 +87,9 @@ class Factors:
         Raises:
             numpy.linalg.LinAlgError: When a pivot is exactly zero.
         """
-        self._rows, self._columns = rows, columns
+        self.size, self._rows, self._columns = len(rows), rows, columns
         self._factors: SuperLU | None = None
-        # SuperLU is not made for numbers that are not finite; LAPACK returns NaN.
+        # SuperLU is not made for numbers that are not finite.
         if np.all(np.isfinite(ordered.data)):
             try:
                 self._factors = splu(ordered, permc_spec="NATURAL")
@@ -398,6 +399,17 @@ def inverse_norm(matrix: Solvable) -> float:
     return float(onenormest(inverse, t=1))
 
 
+class _DenseFactors:
+    """Factors of a matrix at the pattern of a system, the same on every processor."""
+
+    def __init__(self, system: SparseSystem, entries: Array) -> None:
+        self.size = system.size
+        matrix = np.zeros((self.size, self.size))
+        np.add.at(matrix, (system.rows, system.columns), entries)
+        self.solve = algebra.Factors(matrix).solve
+        self.solve_transposed = algebra.Factors(matrix.T).solve
+
+
 class SparseBalancedJacobian:
     """J̄ at a state, solved through the balanced matrix; see `jacobian.BalancedJacobian`."""
 
@@ -411,10 +423,15 @@ class SparseBalancedJacobian:
         self._scaled = system.scaled_entries(values, tangents)
         self._entry_columns = system.columns
         self._columns, self._rows = column_balance / right, row_balance / left
-        self._factors = system.factorise(
+        entries = (
             row_balance[system.rows]
             * system.entries(values, tangents)
             * column_balance[system.columns]
+        )
+        self._factors: Solvable = (
+            _DenseFactors(system, entries)
+            if system.size <= algebra.DENSE_UP_TO
+            else system.factorise(entries)
         )
 
     def solve(self, rhs: Array) -> Array:
