@@ -22,7 +22,7 @@ from newmark_cli.errors import InputError
 from newmark_cli.processors import usable
 from newmark_cli.report import records
 from newmark_cli.study import checkout as checkout_of_code
-from newmark_cli.study import provenance
+from newmark_cli.study import config, provenance
 
 ROOT = Path(__file__).parents[1]
 
@@ -366,6 +366,28 @@ def test_records_of_another_run_are_left_out(cli, copied):
     path.unlink()
     assert records.read(copied / "quick.csv") == json.loads((copied / "quick.json").read_text())
     assert "not recorded" in cli("info").stdout
+
+
+def test_shipped_checksums_are_those_of_the_results():
+    """`python tests/verification/shipped.py > configs/results.json` after results were computed."""
+    path = Path(__file__).parent / "verification/shipped.py"
+    expected = runpy.run_path(str(path))["sums"]()
+    assert json.loads(config.shipped_sums().read_text()) == expected
+    assert set(expected) == {*config.REPRODUCED, *config.BEYOND}
+
+
+def test_agreement_with_what_was_shipped(copied, tmp_path):
+    """Studies whose CSVs, those over time included, are the same to the byte; others by name."""
+    shipped = tmp_path / "shipped.json"
+    names = ["quick", "series"]
+    sums = {name: json.loads((copied / f"{name}.json").read_text())["sha256"] for name in names}
+    ending = f"the numbers shipped with {newmark_cli.__version__}, bit for bit"
+    every = f"2 of 2 studies: {ending}"
+    but_one = f"1 of 2 studies: {ending}; not series"
+    for changed, told in ((None, every), ("history/series.csv", but_one)):
+        expected = sums | ({"series": sums["series"] | {changed: "0"}} if changed else {})
+        shipped.write_text(json.dumps(expected))
+        assert records.agreement(copied, names, shipped) == told
 
 
 def test_verify_fails(cli, copied):

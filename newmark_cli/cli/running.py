@@ -132,7 +132,8 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     """Run the paper's studies, draw its figures, check slopes.
 
     With --all, does the same for the studies past the paper and checks their
-    claims.  Exits with 1 if a slope is not as predicted or a claim fails.
+    claims.  Says which studies have the numbers that were shipped, bit for bit.
+    Exits with 1 if a slope is not as predicted or a claim fails.
 
     \b
     Example:
@@ -145,8 +146,9 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
 
     from newmark_cli.report import paper_tables as tabling
     from newmark_cli.report import plot as plotting
-    from newmark_cli.report import slopes
+    from newmark_cli.report import records, slopes
     from newmark_cli.report.kinds import Results
+    from newmark_cli.report.text import wrapped
     from newmark_cli.study import reading
 
     found = slopes.collect(folder, studies)
@@ -161,7 +163,9 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     # only about what was run.
     others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
     slopes.write(folder, found + slopes.collect(folder, others))
-    return code or verdict(found)
+    code = code or verdict(found)
+    screen.lines(wrapped(records.agreement(folder, studies, config.shipped_sums())))
+    return code
 
 
 def _run(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import newmark_cli
 from newmark_cli import files
 from newmark_cli.errors import ResultsError, visible
 from newmark_cli.study import axes, results
@@ -179,6 +180,25 @@ def as_text(record: Mapping[str, Any]) -> str:
     title = ": ".join(filter(None, (str(record["study"]), description(record))))
     lines = (f"  {name:<{width}}  {text}" for name, text in found.items())
     return "\n".join(map(visible, (title, *lines)))
+
+
+def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
+    """How many studies have the numbers that were shipped, in words.
+
+    Args:
+        folder: Results folder.
+        studies: Names of shipped studies.
+        shipped: JSON file: study → its CSVs → SHA-256.
+    """
+    expected = _mapping({"": files.read_json(shipped)}, "")
+    unlike = [
+        name for name in studies if checksums(known(folder / f"{name}.csv")) != expected.get(name)
+    ]
+    told = (
+        f"{len(studies) - len(unlike)} of {len(studies)} studies: the numbers shipped with "
+        f"{newmark_cli.__version__}, bit for bit"
+    )
+    return f"{told}; not {', '.join(unlike)}" if unlike else told
 
 
 @dataclass(frozen=True)

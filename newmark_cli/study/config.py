@@ -634,6 +634,11 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in shipped_folder().glob("*.yaml")))
 
 
+def shipped_sums() -> Path:
+    """File of the checksums of the results of the shipped configs."""
+    return shipped_folder() / "results.json"
+
+
 def load_shipped(name: str) -> Study:
     """The shipped config of this name, whatever lies in the current folder."""
     return load(shipped_folder() / f"{name}.yaml", f"{name}.yaml")
