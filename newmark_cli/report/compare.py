@@ -23,9 +23,7 @@ DETERMINED = ("condition", "sensitivity", "krylov_iterations")
 
 #: Factor within which all other measures agree.  Two machines round differently, as two
 #: codings of one step do: in the studies `all-forms`, `integrators` and `precision` rms of
-#: corrections in physical units scatter by up to 8.4 over forms and variants.  With the
-#: kernels of another processor (OPENBLAS_CORETYPE, NUMBA_CPU_NAME) corrections change by up
-#: to 1.4, errors by up to 3.1, condition numbers by 2e-13.
+#: corrections in physical units scatter by up to 8.4 over forms and variants.
 FACTOR = 10.0
 
 #: Columns that tell cells apart.
