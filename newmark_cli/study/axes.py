@@ -192,7 +192,8 @@ class Cell:
         default=(AUTO,),
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
-        "with `static-lu` up to 300 unknowns, else estimated in the 1-norm",
+        "with `static-lu` up to 300 unknowns, else estimated in the 1-norm; last bits are the same "
+        "on every processor but with `sparse-lu` and `minres`",
     )
     formulation: Formulation = axis(
         write=lambda cell: cell.formulation.label,
