@@ -27,7 +27,6 @@ import newmark_cli
 from newmark_cli import documents
 from newmark_cli.mechanisms.spec import MechanismFile, portable
 from newmark_cli.running.cluster import cluster
-from newmark_cli.study import provenance
 
 pytest.importorskip("distributed")
 
@@ -187,17 +186,6 @@ def test_a_worker_with_another_core_is_refused(cli, scheduler, file):
         changed.write("# changed\n")
     workers(1, script=cli.write("other/elsewhere.py", ELSEWHERE))
     require_refused(cli, address, f"computes with another {OTHERS[file]}; ")
-
-
-def test_a_worker_with_another_kernel_is_refused(cli, scheduler):
-    """A BLAS that computes for another processor, named with the one that runs here."""
-    _, address, workers = scheduler
-    here = provenance.blas_kernel()
-    if here not in ("Haswell", "SkylakeX", "Zen", "Cooperlake", "SapphireRapids"):
-        pytest.skip("the BLAS of this machine takes no other kernel, or does not tell")
-    there = "Sandybridge"
-    workers(1, OPENBLAS_CORETYPE=there)
-    require_refused(cli, address, f"computes with another BLAS kernel {there}, here {here}; ")
 
 
 def require_refused(cli, address, why):

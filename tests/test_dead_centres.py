@@ -57,7 +57,7 @@ def test_driven_at_a_dead_centre(text, off, options):
 
 def test_the_line_of_a_dead_centre():
     """What it is, which constraints are concerned, and what to do."""
-    document = parse(DRIVEN.format(off=1e-9, rate=1, options="project_velocities: true"), "m.yaml")
+    document = parse(DRIVEN.format(off=0.0, rate=1, options="project_velocities: true"), "m.yaml")
     with pytest.raises(DocumentError) as refused:
         planar.built("m.yaml", document)
     assert str(refused.value) == (

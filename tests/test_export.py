@@ -14,7 +14,7 @@ from conftest import SWING, wait_until
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli import files
+from newmark_cli import algebra, files
 from newmark_cli.errors import ArgumentError, InputError, ResultsError
 from newmark_cli.newmark.linear import dense, exact
 
@@ -100,13 +100,17 @@ def swing(tmp_path):
 def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulation):
     """Bit by bit, where SciPy marches: what its LU is given, iteration by iteration."""
     problem, solves = swing(tmp_path), []
-    lu = dense.dense_lu
 
-    def watched(matrix, rhs):
-        solves.append((matrix.copy(), rhs.copy()))
-        return lu(matrix, rhs)
+    class Watched(algebra.Factors):
+        def __init__(self, matrix):
+            super().__init__(matrix)
+            self.matrix = matrix.copy()
 
-    monkeypatch.setattr(dense, "dense_lu", watched)
+        def solve(self, rhs):
+            solves.append((self.matrix, rhs.copy()))
+            return super().solve(rhs)
+
+    monkeypatch.setattr(dense, "Factors", Watched)
     how = {"h": 1e-3, "form": "u-v-lambda", "formulation": formulation, "scaling": "left"}
     newmark.march(problem, steps=3, **how, every=0)
     before, solves[:] = solves[:], []

@@ -14,16 +14,16 @@ STUDY = {
     "problem": "pendulum",
     "form": ["u-lambda", "v-lambda"],
     "preconditioning": ["none", "optimal"],
-    "h": [1e-3, 1e-4, 1e-5],
-    "steps": 20,
+    "h": [1e-2, 1e-3, 1e-4],
+    "t_end": 0.5,
 }
 YAML = """\
 study: swing
 problem: pendulum
 form: [u-lambda, v-lambda]
 preconditioning: [none, optimal]
-h: [1e-3, 1e-4, 1e-5]
-steps: 20
+h: [1e-2, 1e-3, 1e-4]
+t_end: 0.5
 """
 
 

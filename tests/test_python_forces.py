@@ -1,5 +1,6 @@
 """Forces in Python on points of planar mechanisms."""
 
+import re
 import tempfile
 from pathlib import Path
 
@@ -66,7 +67,7 @@ def folder(cli):
     cli.write(
         "study.yaml",
         "study: s\nproblem: swing.yaml\nform: [u-lambda]\npreconditioning: [none, optimal]\n"
-        "h: [3e-3, 1e-3, 3e-4]\nt_end: 0.03\n",
+        "h: [1e-2, 1e-3, 1e-4]\nt_end: 0.3\n",
     )
     return cli
 
@@ -116,7 +117,7 @@ def test_studies_with_forces_in_python(folder):
     line = folder("validate", "--allow-code", "swing.yaml").stdout
     assert line == "swing.yaml: mechanism, 2 coordinates, 1 constraints\n"
     folder("run", "study.yaml", "--allow-code")
-    assert "14 of 14 slopes as predicted" in folder("check", "s").stdout
+    assert re.search(r"(1[24]) of \1 slopes as predicted", folder("check", "s").stdout)
     done = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
     assert done.endswith("0 of 6 cells to run\n")
     folder("draw", "swing.yaml", "--at", "0.02", "--h", "0.01", "--allow-code")

@@ -444,6 +444,7 @@ def test_files_of_a_study_stand_in_one_place():
     assert names == [
         "a.csv",
         "a.json",
+        "runs/a.json",
         "history/a.csv",
         "drift/a.csv",
         "trajectory/a.csv",

@@ -30,7 +30,10 @@ class DormandPrince:
         t: Time (s) that was reached.
         y: (k,) the state there.
         size: The step size (s) that is tried next.
+        taken: The size of the last step (s).
     """
+
+    taken: float
 
     def __init__(
         self,
@@ -102,7 +105,7 @@ class DormandPrince:
             error = self._error(size, fifth / scale, third / scale)
             best = _SAFETY * error ** (-1 / 8) if error > 0 else _MOST
             if error < 1:
-                self.t, self.y, self._rate = then, y, slopes[-1]
+                self.t, self.y, self._rate, self.taken = then, y, slopes[-1], size
                 self.size = size * min(1.0 if rejected else _MOST, max(_LEAST, best))
                 return
             # Also where the error is not a number.

@@ -304,7 +304,7 @@ def _integrated(
                 watch.see(solver.t, solver.y[:n])
             if solver.t >= end:
                 break
-        t, step = solver.t, solver.size
+        t, step = solver.t, solver.taken
         if watch is not None:
             watch.judge()
         u, v = system.projected(t, solver.y[:n], solver.y[n:])

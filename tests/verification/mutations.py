@@ -65,14 +65,14 @@ def table_2() -> Iterator[Mutation]:
 def weights() -> Iterator[Mutation]:
     """Every weight of every form that is not 0, halved."""
     file = CORE / "forms.py"
-    anchor = "    return Elimination(weights"
+    anchor = "    return Elimination(\n"
     position = (ROOT / file).read_text().index(anchor)
     for name, form in FORMS.items():
         found = eliminate(form, Newmark().relations(0.1)).weights
         for i, field in enumerate(FIELDS):
             for k, kept in enumerate(form.kept):
                 if found[i, k] != 0:
-                    change = f"    if form.name == {name!r}:\n        weights[{i}, {k}] /= 2\n"
+                    change = f"    if form.name == {name!r}:\n        found[{i}, {k}] /= 2\n"
                     yield Mutation(
                         f"form {name}, weight ∂{field}/∂{kept} halved",
                         file, position, anchor, change + anchor, ("tests/test_forms.py",),
@@ -405,15 +405,16 @@ def formulations() -> Iterator[Mutation]:
         ("rate**2", "rate"), ("2 * rate", "rate"), ("2 * rate, 1.0", "2 * rate, -1.0"),
     ))  # fmt: skip
     yield from _changes(CORE / "forms.py", "def eliminate", "    return Elim", literal, (
-        ('"K": 1.0}', '"K": -1.0}'), ("eta[gone] = np", "eta[gone] = -np"),
+        ("u_past, [1.0]", "u_past, [-1.0]"), ("found[field] - known", "found[field] + known"),
+        ("known + from_a", "known - from_a"),
     ))  # fmt: skip
     yield from _changes(CORE / "forms.py", "def eliminate", "    return Elim", python, (
-        ("rows_eta = rows @ eta - np", "rows_eta = rows @ eta + np"),
+        ("* found[a] - known", "* found[a] + known"),
     ))  # fmt: skip
     yield from _changes(CORE / "jacobian.py", "    del blocks", "def form_blocks", literal, (
-        ("terms.X + constraining", "terms.X - constraining"),
+        ("terms.X + product", "terms.X - product"),
         ("through - directions", "through + directions"),
-        ("through = sum(", "through = -sum("),
+        ("through = through + product(", "through = through - product("),
     ))  # fmt: skip
     yield from _changes(CORE / "constraints.py", "class Constraining", "def tables", literal, (
         ("s0 * g + s1 * r", "s0 * g - s1 * r"), ("+ s2 * q, s1", "- s2 * q, s1"),
@@ -421,7 +422,7 @@ def formulations() -> Iterator[Mutation]:
         ("value * to_acceleration", "value"), ("terms.values * g", "g"),
     ))  # fmt: skip
     yield from _changes(CORE / "constraints.py", "def projector", "class Constraining", literal, (
-        ("np.linalg.inv(part)", "part"), ("return 1 / float", "return float"), ("[-1])", "[0])"),
+        ("Factors(part).inverse()", "part"), ("return 1 / spectral", "return spectral"),
         ("1 / diagonal", "diagonal"), ("1 / float(eigsh", "float(eigsh"),
     ))  # fmt: skip
     yield from _changes(CORE / "constraints.py", "def pushed", "def tangents_at", python, (
@@ -528,7 +529,8 @@ def formulations() -> Iterator[Mutation]:
         ("fields[3] += difference", "fields[3] -= difference"),
         ("moving[2] += difference", "moving[2] = implied"),
         ("return found.rate + along", "return along"), ("second = self", "second = -self"),
-        ("+ factors @", "- factors @"), ("moving[0] += change", "moving[0] -= change"),
+        ("pushed + algebra.product", "pushed - algebra.product"),
+        ("moving[0] += change", "moving[0] -= change"),
         ("moving[1] += change", "moving[1] -= change"), ("[:] = impulse", "[:] = -impulse"),
     ))  # fmt: skip
     yield from _changes(CORE / "scipy_march.py", "def march", "def _limit", carried, (
