@@ -164,6 +164,7 @@ def test_halts_of_a_long_march_take_no_memory():
 
     march = March.__new__(March)
     march.solver, march.done, march.ending = "gmres", 0, COMPLETED
+    march.problem = SimpleNamespace(reached=None)
 
     def advance(steps, looks):
         assert not looks
