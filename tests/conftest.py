@@ -324,8 +324,8 @@ def few_draws(monkeypatch):
     """Rounding is drawn less often, for what compares no number with what rounding does."""
     from newmark_cli.library import linearised
 
-    monkeypatch.setattr(linearised, "_SAMPLES", 4)
-    monkeypatch.setattr(linearised, "_ROUGHLY", 2)
+    monkeypatch.setattr(linearised, "_SAMPLES", 2)
+    monkeypatch.setattr(linearised, "_ROUGHLY", 1)
 
 
 @pytest.fixture(scope="session")

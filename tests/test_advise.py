@@ -10,6 +10,7 @@ from pathlib import Path
 
 import mpmath
 import numpy as np
+import own_mechanisms
 import pytest
 import scipy.io
 import scipy.sparse
@@ -21,10 +22,11 @@ import newmark_cli as newmark
 from newmark_cli import matrices
 from newmark_cli.library import advising, linearised
 from newmark_cli.library.advising import Equilibration
-from newmark_cli.library.scalings import integrator_of
+from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
 from newmark_cli.problems.index_1 import Index1
 
@@ -701,6 +703,36 @@ def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, 
     assert missed[1].not_converged > 0.8 * steps
 
 
+@pytest.mark.usefixtures("without_noise", "of_float64")
+@each("mechanism, form, steps", [
+    (own_mechanisms.heavy_top(30, -1, 5), "a-lambda", 1000),
+    (own_mechanisms.driven_pendulum(), "u-lambda", 3000),
+])  # fmt: skip
+def test_positions_in_which_little_is_rounded_do_not_rule_the_tolerance(mechanism, form, steps):
+    """A top whose corrections at a few states are a hundredth of others', a motor that starts late.
+
+    A quarter of the steps of the one, and all of the other's, missed three times the smallest
+    tolerance at four states, or at the start.
+    """
+    problem = newmark.problem(mechanism)
+    how = {"h": 1e-5, "form": form, "integrator": "generalized-alpha rho=0.9"}
+    (smallest,) = [one.scaled for one in newmark.advise(problem, **how).tolerances
+                   if one.unknown == "all"]  # fmt: skip
+    march = newmark.march(problem, steps=steps, every=0, stop={"absolute": 3 * smallest}, **how)
+    assert (march.status, march.not_converged) == ("ok", 0)
+    assert smallest < 1e-14
+
+
+@pytest.mark.usefixtures("without_noise", "of_float64", "few_draws")
+def test_what_stays_at_rest_is_said_to():
+    """A pendulum that hangs, without a motor."""
+    hanging = {**own_mechanisms.driven_pendulum(), "torques": {}}
+    advice = newmark.advise(hanging, h=1e-4)
+    assert advice.where == "at the start"
+    assert "nothing moves it" in finding(advice, "at rest")
+    assert "16 states" in newmark.advise(own_mechanisms.driven_pendulum(), h=1e-4).where
+
+
 # -- the command -----------------------------------------------------------------------------------
 
 
@@ -728,6 +760,14 @@ def test_text_of_the_command(advise_cli):
         assert f"{value:.4g}" in text
     assert "left = np.repeat([beta*h**2, 1], [n, m])" in text
     assert "grows like  h^-4" in text
+
+
+def schemes_of(form, integrator="newmark", scaling="optimal"):
+    """What advice is about, but for the step size."""
+    return advising._Schemes(
+        form, integrator_of(integrator), formulation_of(INDEX_3), "direct",
+        preconditioning_of(scaling, "scaling"), "float64",
+    )  # fmt: skip
 
 
 # -- noise of λ ------------------------------------------------------------------------------------
@@ -776,6 +816,31 @@ def test_noise_of_multipliers_is_that_of_a_march(name, h, integrator):
     (own,) = [one for one in advice.noise if one.cure == ""]
     predicted = advice.multipliers * (own.carried[1.0] / h) ** 2
     assert measured / 3 < predicted < 3 * measured
+
+
+@pytest.mark.usefixtures("few_draws")
+@each("mechanism, t_end, steps", [
+    (own_mechanisms.slider_crank(), None, 50_000),
+    (own_mechanisms.bricard(), 0.1, 1000),
+    (own_mechanisms.heavy_top(30, -1, 5), 0.1, 10_000),
+    (own_mechanisms.shaken_pendulum(), 0.5, 50_000),
+])  # fmt: skip
+def test_noise_of_ones_own_mechanisms(mechanism, t_end, steps):
+    """Within a factor of two: peaks of the motion count, and the rounding of long constraints."""
+    problem = newmark.problem(mechanism)
+    about = linearised.subject_of(problem, t_end)
+    integrator = "generalized-alpha rho=0.9"
+    t_end = t_end or about.states[-1].t0
+    predicted = advising._carried(about, schemes_of("u-lambda", integrator), t_end / steps)
+    swing = newmark.march(
+        problem, h=t_end / steps, steps=steps, every=steps // 200, integrator=integrator
+    )
+    of_state = Index1(problem)
+    implied = [of_state.accelerations(t, u, v)[1]
+               for t, u, v in zip(swing.t, swing.u, swing.v, strict=True)]  # fmt: skip
+    errors = (swing.multipliers - implied)[60:]
+    measured = np.sqrt(np.mean(np.sum(errors**2, axis=1)))
+    assert predicted / 2 < measured < 2 * predicted
 
 
 @pytest.fixture
@@ -838,6 +903,52 @@ def test_jacobians_that_cannot_be_used(given, blocks, h, said):
     """Step sizes out of range, blocks that no mechanism has, what is no matrix and no path."""
     with pytest.raises(newmark.NewmarkError, match=said):
         newmark.advise_jacobian(given, blocks=blocks, h=h)
+
+
+@each("scaling", ["none", "left", "right", "optimal"])
+@each("form", ["u-lambda", "v-lambda", "a-lambda", "u-v-lambda", "u-a-lambda", "u-v-a-lambda"])
+def test_an_inverse_is_not_taken_for_a_jacobian(form, scaling):
+    """As a code returns it that keeps J⁻¹; real ones pass, whatever the order of their rows."""
+    random = np.random.default_rng(11)
+    for mechanism in (
+        own_mechanisms.slider_crank(), own_mechanisms.heavy_top(), own_mechanisms.space_double()
+    ):  # fmt: skip
+        problem = newmark.problem(mechanism)
+        about = linearised.OfProblem(problem, [problem], "", [])
+        for h in (1e-1, 1e-5):
+            scheme = schemes_of(form, scaling=scaling).at(h)
+            counts = scheme.form.sizes(problem.n, problem.m)
+            left, right = scaling_factors(scheme, problem.n, problem.m)
+            jacobian = left[:, None] * about.jacobian(scheme) * right
+            blocks = dict(zip(scheme.form.unknowns, counts, strict=True))
+            orders = [np.arange(len(jacobian)), random.permutation(len(jacobian))]
+            orders.append(np.roll(orders[0], problem.m))
+            for rows in orders:
+                newmark.advise_jacobian(jacobian[rows], blocks=blocks, h=h)
+            if len(counts) > 2 and h < 0.1 and scaling in ("none", "right"):
+                continue  # Rounding of J⁻¹ hides its zeros.
+            with pytest.raises(newmark.NewmarkError, match="is the inverse of a Jacobian"):
+                newmark.advise_jacobian(np.linalg.inv(jacobian), blocks=blocks, h=h)
+
+
+@each("size, said", [
+    (1e308, "J has 1e+308 at (1, 2); sizes must be 0 or between 1e-60 and 1e+60"),
+    (1e-200, None), (5e-324, None),
+])  # fmt: skip
+def test_sizes_that_would_overflow(cli, size, said):
+    """What is too large is refused in one line; what is nothing next to the others is nothing."""
+    matrix = UNSCALED.copy()
+    matrix[0, 1] = size
+    np.savez(cli.folder / "far.npz", J=matrix, h=1e-3)
+    command = ("advise", "--jacobian", "far.npz", "--blocks", "u=2,lambda=1")
+    if said:
+        assert said in cli.refused(*command)
+        return
+    done = cli(*command)
+    assert done.stderr == ""
+    assert (
+        done.stdout == str(newmark.advise_jacobian(UNSCALED, blocks="u=2,lambda=1", h=1e-3)) + "\n"
+    )
 
 
 def test_jacobians_may_be_sparse():

@@ -56,7 +56,7 @@ from newmark_cli.console import main
 from newmark_cli.library import linearised
 from newmark_cli.report import style
 
-linearised._SAMPLES, linearised._ROUGHLY = 4, 2
+linearised._SAMPLES, linearised._ROUGHLY = 2, 1
 original = advising._advised
 rendered = style.rendered
 files = {}

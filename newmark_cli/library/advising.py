@@ -30,7 +30,7 @@ from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.jacobian import scaling_factors
-from newmark_cli.newmark.noise import carried, multiplier_noise
+from newmark_cli.newmark.noise import carried
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Scheme
@@ -52,8 +52,7 @@ class Smallest:
     """The smallest tolerance that Newton can meet on one unknown.
 
     It is twice the predicted rms of the 2-norm of the last correction, at the worst of the
-    states.  Three times as much is met at every step; a thirtieth is missed at most steps,
-    unless there are so few constraints that Φ is often exactly zero, as with one pendulum.
+    states.  Set three times as much: docs/advice.md says at how many steps each was met.
 
     Attributes:
         h: Step size (s).
@@ -77,10 +76,10 @@ class Noise:
     Attributes:
         cure: What is changed; empty for the scheme as it was asked about.
         one_step: Fraction of ‖λ‖ → step size (s) below which the predicted last correction of λ
-            exceeds it: what a single step cannot know.  0 stands for less than 1e-9 s, and
-            None for any step size, more than 0.1 s.
-        carried: The same of the noise that stays from step to step; None for any step size
-            where the integrator does not damp it.  Empty for other formulations than index 3,
+            exceeds it, its rms over some of the states: what a single step cannot know.  0
+            stands for less than 1e-9 s, and None for any step size, more than 0.1 s.
+        carried: The same of the noise that stays from step to step, its rms over the states;
+            None for any step size where the integrator does not damp it.  Empty for other formulations than index 3,
             of which it is not predicted.
     """
 
@@ -442,7 +441,7 @@ def _tolerances(
 def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
     """Noise of λ as asked, and under each cure that can be predicted."""
     size = about.multipliers
-    if not size or not about.floors(schemes.at(float(_GRID[0])), typical=True):
+    if not size or not about.floors(schemes.at(float(_GRID[0])), roughly=True):
         return ()
     damping = integrator_of(_DAMPING)
     tried: dict[str, _Schemes] = {"": schemes}
@@ -471,18 +470,16 @@ def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
 
 
 def _of_one_step(about: Subject, schemes: _Schemes, h: float) -> float:
-    (found,) = about.floors(schemes.at(h), typical=True)
-    return found.physical["lambda"]
+    found = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
+    return math.sqrt(np.mean(np.square(found)))
 
 
 def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
     grown = carried(schemes.integrator)
-    scheme = schemes.but(form="u-lambda").at(h)
-    rounded = about.rounded(scheme)
-    if math.isinf(grown) or rounded is None:
+    if math.isinf(grown):
         return math.inf
-    eps = float(np.finfo(scheme.dtype).eps)
-    return grown * multiplier_noise(about.jacobian(scheme, typical=True), *rounded, eps)
+    # The roundings that are carried on are those of Φ, and the same in every form.
+    return grown * about.multiplier_noise(schemes.but(form="u-lambda").at(h))
 
 
 def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float | None]:
@@ -579,7 +576,8 @@ def _findings(
                     "it does not damp it, so that in time it adds up at any h; an error of λ that "
                     "alternates may be there from the start, too"
                     if math.isinf(grown)
-                    else f"it adds up to {grown:.3g} times that of one step"
+                    else f"what rounding of the constraints does to λ in one step adds up to "
+                    f"{grown:.3g} times that, as an rms over the motion; peaks are higher"
                 )
             )
     for found in equilibrations:

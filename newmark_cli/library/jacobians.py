@@ -13,7 +13,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.advice_text import plain, titled
-from newmark_cli.library.linearised import MOST_UNKNOWNS, array_of
+from newmark_cli.library.linearised import MOST_UNKNOWNS, array_of, within_range
 from newmark_cli.library.scalings import integrator_or_newmark
 from newmark_cli.matrices import MatrixError
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes
@@ -29,6 +29,9 @@ OTHER = "none of the four"
 _EQUAL = 1e-6
 #: How far a measured order may be from that of a scaling.
 _NEAR = 0.3
+#: Of the corner of a matrix with blocks of one size: below, it is zero but for rounding; above,
+#: it is there.  Inverses have up to 1e-6, Jacobians with their rows in any order 1e-3 or more.
+_ZERO, _THERE = 1e-5, 1e-6
 #: How many times better conditioned is worth another factor.
 _MUCH = 100.0
 
@@ -136,7 +139,8 @@ def advise_jacobian(
 
     Raises:
         ArgumentError: For an argument of the wrong type, size or name.
-        NewmarkError: When a matrix cannot be used; says which and why.
+        NewmarkError: When a matrix cannot be used, as the inverse of a Jacobian cannot; says
+            which and why.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -156,6 +160,12 @@ def advise_jacobian(
             given = " by ".join(map(str, matrix.shape))
             raise MatrixError(
                 f"{where} must be {sum(counts)} by {sum(counts)}, as its blocks are, given {given}"
+            )
+        several[where] = within_range(matrix, where)
+        if _is_inverse(several[where], counts):
+            raise MatrixError(
+                f"{where} is the inverse of a Jacobian: its own inverse has zeros in row C, column "
+                "lambda; give the Jacobian: invert it, or export it before it is factorized"
             )
     schemes = [Scheme(method, form, named_scaling("optimal", form), step) for step in steps]
     cut = [_cut(matrix, counts) for matrix in several.values()]
@@ -272,6 +282,30 @@ def _blocks(given: Any) -> tuple[Form, dict[str, int]]:
 def _cut(matrix: Array, counts: Sequence[int]) -> list[list[Array]]:
     ends = np.cumsum(counts)[:-1]
     return [list(np.split(rows, ends, axis=1)) for rows in np.split(matrix, ends)]
+
+
+def _is_inverse(matrix: Array, counts: Sequence[int]) -> bool:
+    """Whether J⁻¹ is given: it is dense where J has zeros, row C and column λ, and J is not.
+
+    False where the matrix is too ill-conditioned, with blocks of one size, to tell.
+    """
+    m = counts[-1]
+    if not np.any(matrix[-m:, -m:]):
+        return False
+    rows, columns = (
+        np.repeat(factors, counts) for factors in block_factors(block_sizes(matrix, counts))
+    )
+    even = rows[:, None] * matrix * columns[None, :]
+    try:
+        inverse = np.asarray(np.linalg.inv(even), float)
+    except np.linalg.LinAlgError:
+        return False
+    in_rows, in_columns = _size(inverse[-m:]), _size(inverse[:, -m:])
+    return bool(
+        _size(inverse) < 1 / _THERE
+        and _size(even[-m:, -m:]) > _THERE * _size(even)
+        and _size(inverse[-m:, -m:]) <= _ZERO * in_rows * in_columns / _size(inverse)
+    )
 
 
 def _fitting(blocks: list[list[Array]], scheme: Scheme) -> dict[str, dict[str, float]]:

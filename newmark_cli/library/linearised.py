@@ -23,6 +23,7 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import form_blocks
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.noise import multiplier_noise, violations
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.linear import linear_problem
@@ -37,10 +38,21 @@ MOST_UNKNOWNS = 1_500
 #: Most unknowns n + m for which a motion is marched to look at more states than the start.
 _MOST_MARCHED = 300
 #: Stretches of the motion between states, and steps in each.
-_STATES, _STEPS_BETWEEN = 3, 100
-#: Draws of the rounding errors for a floor, and for one that is only compared.
-_SAMPLES, _ROUGHLY = 32, 8
+_STATES, _STEPS_BETWEEN = 15, 40
+#: Times in which a problem moves by its own size that are looked at: most have then
+#: been in the positions that are the worst for rounding.
+_MOTIONS = 3
+#: Largest size of an entry of a matrix, and the reciprocal of the smallest.
+_FARTHEST = 1e60
+#: Entries that are smaller than the largest of their row and of their column by this are zeros.
+_NOTHING = 1e-60
+#: Draws of the rounding errors at each state, for a floor and for one that is only compared.
+_SAMPLES, _ROUGHLY = 8, 2
+#: Times as many where there is one state, and one in so many states for what is only compared.
+_ALONE = 4
 _DAMPED = "generalized-alpha rho=0.9"
+#: Times (s) after the start at which forces are looked at that come later.
+_LATER = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 
 
 class Linearisation(NamedTuple):
@@ -116,14 +128,14 @@ class OfMatrices:
         given = self.given
         return _unknowns(scheme, (given.u, given.v, given.a), given.multipliers)
 
-    def rounded(self, scheme: Scheme) -> tuple[Array, Array] | None:
-        """G, and what is rounded in a step, where ‖λ‖ is typical; None without a state."""
+    def multiplier_noise(self, scheme: Scheme) -> float:
+        """Rms of the noise of ‖λ‖ in one step of the (u, λ) form."""
         given = self.given
-        moved = scheme.h * given.v if scheme.compensated else given.u
-        return (given.G, moved) if self.has_state else None
+        violated = violations(self._problem, scheme, 0.0, given.u, given.v, _ALONE * _SAMPLES)
+        return multiplier_noise(self.jacobian(scheme), scheme, violated)
 
-    def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
-        """Floors at the states; a rough one only where ‖λ‖ is typical."""
+    def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
+        """Floors at the state, from fewer draws if `roughly`; empty without one."""
         if unpredicted(scheme) or not self.has_state:
             return []
         given = self.given
@@ -136,7 +148,7 @@ class OfMatrices:
             np.zeros((2, self.n), dtype),
             *(none.astype(dtype) for _ in range(3)),
         )
-        samples = _ROUGHLY if typical else _SAMPLES
+        samples = _ALONE * (_ROUGHLY if roughly else _SAMPLES)
         return [floor(self._problem, scheme, 0.0, state, samples=samples)]
 
     @cached_property
@@ -207,8 +219,10 @@ class OfProblem:
         return int(np.argmin(np.abs(np.array(sizes) - self.multipliers)))
 
     def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
-        """J, unscaled."""
-        place = self._typical if typical else 0
+        """J, unscaled, at the first state, or where ‖λ‖ is typical."""
+        return self._jacobian(scheme, self._typical if typical else 0)
+
+    def _jacobian(self, scheme: Scheme, place: int) -> Array:
         at, (a, multipliers) = self.states[place], self._accelerations[place]
         terms = at.evaluate(at.t0, at.u0, at.v0, multipliers)
         constraining = constraining_of(at, scheme)
@@ -220,21 +234,32 @@ class OfProblem:
         at, (a, multipliers) = self.states[self._typical], self._accelerations[self._typical]
         return _unknowns(scheme, (at.u0, at.v0, a), multipliers)
 
-    def rounded(self, scheme: Scheme) -> tuple[Array, Array] | None:
-        """G, and what is rounded in a step, where ‖λ‖ is typical."""
-        at = self.states[self._typical]
-        moved = scheme.h * at.v0 if scheme.compensated else at.u0
-        return at.evaluate(at.t0, at.u0, at.v0, np.zeros(self.m)).G, moved
+    def multiplier_noise(self, scheme: Scheme) -> float:
+        """Rms over the states of the noise of ‖λ‖ in one step of the (u, λ) form."""
+        samples = self._samples(_SAMPLES)
+        each = [
+            multiplier_noise(
+                self._jacobian(scheme, place),
+                scheme,
+                violations(at, scheme, at.t0, at.u0, at.v0, samples),
+            )
+            for place, at in enumerate(self.states)
+        ]
+        return math.sqrt(np.mean(np.square(each)))
 
-    def floors(self, scheme: Scheme, typical: bool = False) -> list[Floor]:
-        """Floors at the states; a rough one only where ‖λ‖ is typical."""
+    def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
+        """Floors at the states; from fewer draws at some of them if `roughly`."""
         if unpredicted(scheme):
             return []
-        states = [self.states[self._typical]] if typical else self.states
-        samples = _ROUGHLY if typical else _SAMPLES
+        samples = self._samples(_ROUGHLY if roughly else _SAMPLES)
         return [
-            floor(at, scheme, at.t0, initial_state(at, scheme), samples=samples) for at in states
+            floor(at, scheme, at.t0, initial_state(at, scheme), samples=samples)
+            for at in self.states[:: _ALONE if roughly else 1]
         ]
+
+    def _samples(self, of_each: int) -> int:
+        """Draws at a state."""
+        return of_each if len(self.states) > 1 else _ALONE * of_each
 
 
 #: What advice is given about.
@@ -367,7 +392,34 @@ def array_of(given: Any, where: str, scalar: bool = False) -> Array:
         raise matrices.MatrixError(f"{where} must be a matrix or a vector of numbers")
     if not np.all(np.isfinite(array)):
         raise matrices.MatrixError(f"{where} has NaN or infinity; must be finite")
-    return array.astype(float)
+    return within_range(array.astype(float), where)
+
+
+def within_range(array: Array, where: str) -> Array:
+    """The same with sizes that factors and norms neither overflow nor underflow.
+
+    Entries of a matrix that are nothing next to the others of their row and of their column
+    become 0, which is a change far below rounding in any scaling.
+
+    Raises:
+        MatrixError: For other entries that are too large or too small.
+    """
+    size = np.abs(array)
+    if array.ndim == 2 and array.size:
+        others = np.minimum(size.max(axis=1)[:, None], size.max(axis=0)[None, :])
+        array = np.where(size < _NOTHING * others, 0.0, array)
+        size = np.abs(array)
+        far = (size > _FARTHEST) | ((size < 1 / _FARTHEST) & (size > 0))
+    else:
+        far = size > _FARTHEST
+    if np.any(far):
+        place = tuple(int(k) for k in np.argwhere(far)[0])
+        shown = ", ".join(str(k + 1) for k in place)
+        raise matrices.MatrixError(
+            f"{where} has {float(array[place])!r} at ({shown}); sizes must be 0 or between "
+            f"{1 / _FARTHEST:g} and {_FARTHEST:g}"
+        )
+    return array
 
 
 def _require_usable(mass: Array, gradient: Array, where: str) -> None:
@@ -395,15 +447,20 @@ def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
             f"{MOST_UNKNOWNS} unknowns"
         )
     try:
-        a, _ = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
+        Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
     except np.linalg.LinAlgError:
         raise ProblemError(
             f"{problem.name}: [M −G; Gᵀ 0] is singular at the start: constraints are redundant, or "
             "M leaves a motion without inertia"
         ) from None
-    length = _time_of_a_motion(problem, a) if t_end is None else t_end
-    if problem.n + problem.m > _MOST_MARCHED or not math.isfinite(length):
+    length = _MOTIONS * _time_of_a_motion(problem) if t_end is None else t_end
+    if problem.n + problem.m > _MOST_MARCHED:
         return OfProblem(problem, [problem], "at the start", [])
+    if not math.isfinite(length):
+        return OfProblem(
+            problem, [problem], "at the start",
+            ["it is at rest, and nothing moves it: rounding is less there than in a motion"],
+        )  # fmt: skip
     try:
         steps = _STATES * _STEPS_BETWEEN
         motion = march(
@@ -425,8 +482,16 @@ def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
     return OfProblem(problem, states, where, [])
 
 
-def _time_of_a_motion(problem: Problem, a: Array) -> float:
-    """Time in which the start's velocities and accelerations cover the mechanism's size (s)."""
+def _time_of_a_motion(problem: Problem) -> float:
+    """Time in which the start's velocities and accelerations cover the mechanism's size (s).
+
+    Or the accelerations of forces that come later: what begins at rest may have a motor.
+    """
     size, speed = np.linalg.norm(problem.u0), np.linalg.norm(problem.v0)
+    of = Index1(problem)
     with np.errstate(divide="ignore"):
-        return float(min(size / speed, np.sqrt(2 * size / np.linalg.norm(a))))
+        times = [float(size / speed)]
+        for later in _LATER:
+            a, _ = of.accelerations(problem.t0 + later, problem.u0, problem.v0)
+            times.append(max(later, float(np.sqrt(2 * size / np.linalg.norm(a)))))
+    return min(times)

@@ -13,6 +13,9 @@ from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 
+#: Largest β and γ, and the reciprocal of the smallest.
+_FARTHEST = 1e12
+
 
 @dataclass(frozen=True)
 class Factors:
@@ -118,15 +121,27 @@ def scaling(
 
 
 def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: Any) -> Integrator:
-    """An integrator as `integrator_of` takes it, or Newmark's with β and γ."""
+    """An integrator as `integrator_of` takes it, or Newmark's with β and γ.
+
+    Raises:
+        ArgumentError: For β and γ of which factors of a scaling would overflow, too.
+    """
     if integrator is None:
-        return Newmark(
+        found: Integrator = Newmark(
             0.25 if beta is None else arguments.number("beta", beta),
             0.5 if gamma is None else arguments.number("gamma", gamma),
         )
-    if beta is not None or gamma is not None:
+    elif beta is not None or gamma is not None:
         raise ArgumentError("give either an integrator or beta and gamma, not both")
-    return integrator_of(integrator)
+    else:
+        found = integrator_of(integrator)
+    for name, value in found.symbols(1.0).items():
+        if not 1 / _FARTHEST <= value <= _FARTHEST:
+            raise ArgumentError(
+                f"{name} must be between {1 / _FARTHEST:g} and {_FARTHEST:g} where factors are "
+                f"computed, given {value:g}"
+            )
+    return found
 
 
 def preconditioning_of(given: Any, name: str) -> Preconditioning:

@@ -412,14 +412,7 @@ class _Model:
 
     def _values(self, u: Array, v: Array, acceleration: Array, multipliers: Array) -> Values:
         """The problem's values in the march's precision."""
-        problem, dtype, pattern = self.problem, self.scheme.dtype, self.problem.pattern
-        if dtype is np.float64:
-            return problem.values(self.t, u, v, multipliers)
-        entries = (pattern.x_rows, pattern.y_rows, pattern.g_rows)
-        sizes = (problem.n, problem.m, *map(len, entries))
-        values = Values(*(np.empty(size, dtype) for size in sizes))
-        problem.function(dtype(self.t), u, v, multipliers, problem.ints, self._reals, *values)
-        return values
+        return self.problem.values(self.t, u, v, multipliers, self.scheme.dtype)
 
     def _rows_found(self, u: Array, v: Array, acceleration: Array) -> ConstraintRows:
         """Derivatives of the constraints in the march's precision."""

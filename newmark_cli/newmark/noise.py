@@ -1,21 +1,28 @@
-"""Noise of λ along a march: rounding of the positions, as the update relations carry it on.
+"""Noise of λ along a march: rounding of the constraints, as the update relations carry it on.
 
-At every step the positions are machine numbers, off by their rounding δ, and the constraints
-are met no better than that: Gᵀ δ.  The accelerations that follow from such positions through V
-and K, and with them λ, are off by ∂v'/∂u δ in the step itself, and what stays in the past
-vectors adds to the next steps.  With numerical dissipation it dies out, and the sum has a
-variance that the relations alone give; without, it grows for ever.
+At the end of a step Newton's iteration has brought the computed Φ as near to zero as machine
+numbers allow.  So the exact one is Gᵀ δ − ρ: the coordinates are off by their rounding δ, and Φ
+is computed with an error ρ, which is the larger of the two where constraints have many terms.
+Accelerations that follow from such coordinates through V and K, and with them λ, are off by
+∂v'/∂u times that in the step itself, and what stays in the past vectors adds to the next steps.
+With numerical dissipation it dies out, and the sum has a variance that the relations alone
+give; without, it grows for ever.
 """
 
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from newmark_cli.arrays import Array
-from newmark_cli.newmark.balance import Inverted
 from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.jacobian import scaling_factors
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem
 
 #: Rms relative error of a rounding, in units of eps, for mantissas spread log-uniformly.
 ROUNDING = 0.212
+#: Units in the last place around a state in which the rounding of Φ is looked at.
+_UNITS_ASIDE = 64
+_SEED = 20061012
 
 
 def carried(integrator: Integrator) -> float:
@@ -40,18 +47,60 @@ def carried(integrator: Integrator) -> float:
     return float(np.sqrt(past @ variance @ past + now**2) / abs(now))
 
 
-def multiplier_noise(jacobian: Array, gradient: Array, moved: Array, eps: float) -> float:
-    """Rms of the change of ‖λ‖ that the rounding of positions in one step makes.
+def violations(
+    problem: Problem, scheme: Scheme, t: float, u: Array, v: Array, samples: int
+) -> Array:
+    """(samples, m) Φ at the end of a step, as rounding leaves it: draws of Gᵀ δ − ρ.
+
+    ρ comes from the problem's own function at machine numbers near the state.  In compensated
+    evaluation Φ changes by Gᵀ Δ: Δ, about h v, is rounded in place of u, and so is the product.
+
+    Args:
+        problem: The problem.
+        scheme: Step size, evaluation and precision.
+        t: Time (s).
+        u, v: (n,) the state.
+        samples: Number of draws.
+    """
+    dtype, none = scheme.dtype, np.zeros(problem.m, scheme.dtype)
+    u, v = u.astype(dtype), v.astype(dtype)
+    entries = problem.values(t, u, v, none, dtype).g
+    moved = dtype(scheme.h) * v if scheme.compensated else u
+    unit = np.where(moved == 0, 0, np.abs(np.spacing(moved))).astype(float)
+    rows, columns = problem.pattern.g_rows, problem.pattern.g_columns
+
+    def constraints(moved: Array) -> Array:
+        if not scheme.compensated:
+            return problem.values(t, moved, v, none, dtype).phi
+        found = np.zeros(problem.m, dtype)
+        np.add.at(found, columns, entries * moved[rows])
+        return found
+
+    random, drawn = np.random.default_rng(_SEED), np.empty((samples, problem.m))
+    for k in range(samples):
+        aside = random.integers(-_UNITS_ASIDE, _UNITS_ASIDE + 1, problem.n) * unit
+        drawn[k] = problem.along(entries, aside) - constraints((moved + aside).astype(dtype))
+    # What all draws share is how far the state itself is off, which is not known.
+    drawn = (drawn - drawn.mean(axis=0)) * np.sqrt(samples / (samples - 1))
+    roundings = random.uniform(-0.5, 0.5, (samples, problem.n)) * unit
+    return np.asarray(drawn + [problem.along(entries, off) for off in roundings])
+
+
+def multiplier_noise(jacobian: Array, scheme: Scheme, violated: Array) -> float:
+    """Rms of the change of ‖λ‖ that comes with constraints that a single step has not met.
 
     Args:
         jacobian: (n + m, n + m) J of the (u, λ) form, index 3.
-        gradient: (n, m) G.
-        moved: (n,) what is rounded: u, or in compensated evaluation its change in a step.
-        eps: Rounding unit of the arithmetic, as `numpy.finfo` has it.
+        scheme: What it is the Jacobian of.
+        violated: (samples, m) Φ at the end of the step.
 
     Raises:
         numpy.linalg.LinAlgError: When J is singular.
     """
-    n, m = gradient.shape
-    reaction = Inverted(jacobian, [n, m]).inverse()[n:, n:]
-    return float(np.linalg.norm(reaction @ gradient.T * (ROUNDING * eps * moved)))
+    samples, m = violated.shape
+    n = len(jacobian) - m
+    left, right = scaling_factors(scheme, n, m)
+    rhs = np.zeros((n + m, samples))
+    rhs[n:] = left[n:, None] * violated.T
+    found = right[n:, None] * np.linalg.solve(left[:, None] * jacobian * right, rhs)[n:]
+    return float(np.sqrt(np.sum(found**2) / samples))

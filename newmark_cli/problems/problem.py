@@ -254,17 +254,19 @@ class Problem:
             self.pattern.mass_rows, self.pattern.mass_columns, self.mass_values, (self.n, self.n)
         )
 
-    def values(self, t: float, u: Array, v: Array, multipliers: Array) -> Values:
-        """Force, Φ and the values of X, Y, G at a state; u, v are (n,), multipliers (m,)."""
+    def values(
+        self, t: float, u: Array, v: Array, multipliers: Array, dtype: type[Any] = np.float64
+    ) -> Values:
+        """Force, Φ and the values of X, Y, G at a state; u, v are (n,), multipliers (m,).
+
+        All of one type of numbers, in which they are computed.
+        """
         pattern = self.pattern
-        values = Values(
-            force=np.empty(self.n),
-            phi=np.empty(self.m),
-            x=np.empty(len(pattern.x_rows)),
-            y=np.empty(len(pattern.y_rows)),
-            g=np.empty(len(pattern.g_rows)),
-        )
-        self.function(t, u, v, multipliers, self.ints, self.reals, *values)
+        entries = (pattern.x_rows, pattern.y_rows, pattern.g_rows)
+        values = Values(*(np.empty(size, dtype) for size in (self.n, self.m, *map(len, entries))))
+        reals = self.reals.astype(dtype, copy=False)
+        t = t if dtype is np.float64 else dtype(t)
+        self.function(t, u, v, multipliers, self.ints, reals, *values)
         return values
 
     def dense(self, values: Values) -> Terms:
@@ -285,7 +287,7 @@ class Problem:
             ArgumentError: For other shapes, or what is not a number.
         """
         given = {"u": (u, self.n), "v": (v, self.n), "multipliers": (multipliers, self.m)}
-        arrays = []
+        arrays: list[Array] = []
         for name, (values, length) in given.items():
             array = np.asarray(values)
             if array.shape != (length,) or array.dtype.kind not in "iuf":
@@ -293,7 +295,8 @@ class Problem:
                     f"{name} must be {length} numbers, given an array of shape {array.shape}"
                 )
             arrays.append(np.ascontiguousarray(array, float))
-        return self.dense(self.values(float(t), *arrays))
+        u, v, multipliers = arrays
+        return self.dense(self.values(float(t), u, v, multipliers))
 
     def along(self, entries: Array, vector: Array) -> Array:
         """(m,) a matrix at the pattern of Gᵀ times (n,).
