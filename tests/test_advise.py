@@ -932,7 +932,7 @@ def test_an_inverse_is_not_taken_for_a_jacobian(form, scaling):
 
 
 @each("size, said", [
-    (1e308, "J has 1e+308 at (1, 2); sizes must be 0 or between 1e-60 and 1e+60"),
+    (1e308, "J has 1e+308 at (1, 2); the largest of a row or column must be 0 or"),
     (1e-200, None), (5e-324, None),
 ])  # fmt: skip
 def test_sizes_that_would_overflow(cli, size, said):

@@ -79,8 +79,8 @@ class Noise:
             exceeds it, its rms over some of the states: what a single step cannot know.  0
             stands for less than 1e-9 s, and None for any step size, more than 0.1 s.
         carried: The same of the noise that stays from step to step, its rms over the states;
-            None for any step size where the integrator does not damp it.  Empty for other formulations than index 3,
-            of which it is not predicted.
+            None for any step size where the integrator does not damp it.  Empty for other
+            formulations than index 3, of which it is not predicted.
     """
 
     cure: str

@@ -42,10 +42,11 @@ _STATES, _STEPS_BETWEEN = 15, 40
 #: Times in which a problem moves by its own size that are looked at: most have then
 #: been in the positions that are the worst for rounding.
 _MOTIONS = 3
-#: Largest size of an entry of a matrix, and the reciprocal of the smallest.
+#: Largest size of an entry of a matrix, and the reciprocal of the smallest that is the largest
+#: of a row or column.
 _FARTHEST = 1e60
 #: Entries that are smaller than the largest of their row and of their column by this are zeros.
-_NOTHING = 1e-60
+_NOTHING = 1e-40
 #: Draws of the rounding errors at each state, for a floor and for one that is only compared.
 _SAMPLES, _ROUGHLY = 8, 2
 #: Times as many where there is one state, and one in so many states for what is only compared.
@@ -53,6 +54,8 @@ _ALONE = 4
 _DAMPED = "generalized-alpha rho=0.9"
 #: Times (s) after the start at which forces are looked at that come later.
 _LATER = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
+#: What takes longer to move by its size (s) is at rest: its accelerations are rounding.
+_AT_REST = 1e6
 
 
 class Linearisation(NamedTuple):
@@ -131,7 +134,7 @@ class OfMatrices:
     def multiplier_noise(self, scheme: Scheme) -> float:
         """Rms of the noise of ‖λ‖ in one step of the (u, λ) form."""
         given = self.given
-        violated = violations(self._problem, scheme, 0.0, given.u, given.v, _ALONE * _SAMPLES)
+        violated = violations(self._problem, scheme, 0.0, given.u, given.v)
         return multiplier_noise(self.jacobian(scheme), scheme, violated)
 
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
@@ -236,12 +239,11 @@ class OfProblem:
 
     def multiplier_noise(self, scheme: Scheme) -> float:
         """Rms over the states of the noise of ‖λ‖ in one step of the (u, λ) form."""
-        samples = self._samples(_SAMPLES)
         each = [
             multiplier_noise(
                 self._jacobian(scheme, place),
                 scheme,
-                violations(at, scheme, at.t0, at.u0, at.v0, samples),
+                violations(at, scheme, at.t0, at.u0, at.v0),
             )
             for place, at in enumerate(self.states)
         ]
@@ -251,15 +253,11 @@ class OfProblem:
         """Floors at the states; from fewer draws at some of them if `roughly`."""
         if unpredicted(scheme):
             return []
-        samples = self._samples(_ROUGHLY if roughly else _SAMPLES)
+        samples = (_ROUGHLY if roughly else _SAMPLES) * (1 if len(self.states) > 1 else _ALONE)
         return [
             floor(at, scheme, at.t0, initial_state(at, scheme), samples=samples)
             for at in self.states[:: _ALONE if roughly else 1]
         ]
-
-    def _samples(self, of_each: int) -> int:
-        """Draws at a state."""
-        return of_each if len(self.states) > 1 else _ALONE * of_each
 
 
 #: What advice is given about.
@@ -402,22 +400,21 @@ def within_range(array: Array, where: str) -> Array:
     become 0, which is a change far below rounding in any scaling.
 
     Raises:
-        MatrixError: For other entries that are too large or too small.
+        MatrixError: When the largest of a row or column is too large or too small.
     """
     size = np.abs(array)
     if array.ndim == 2 and array.size:
         others = np.minimum(size.max(axis=1)[:, None], size.max(axis=0)[None, :])
         array = np.where(size < _NOTHING * others, 0.0, array)
-        size = np.abs(array)
-        far = (size > _FARTHEST) | ((size < 1 / _FARTHEST) & (size > 0))
+        far = (size > _FARTHEST) | ((others < 1 / _FARTHEST) & (array != 0))
     else:
         far = size > _FARTHEST
     if np.any(far):
         place = tuple(int(k) for k in np.argwhere(far)[0])
         shown = ", ".join(str(k + 1) for k in place)
         raise matrices.MatrixError(
-            f"{where} has {float(array[place])!r} at ({shown}); sizes must be 0 or between "
-            f"{1 / _FARTHEST:g} and {_FARTHEST:g}"
+            f"{where} has {float(array[place])!r} at ({shown}); the largest of a row or column "
+            f"must be 0 or between {1 / _FARTHEST:g} and {_FARTHEST:g}"
         )
     return array
 
@@ -494,4 +491,5 @@ def _time_of_a_motion(problem: Problem) -> float:
         for later in _LATER:
             a, _ = of.accelerations(problem.t0 + later, problem.u0, problem.v0)
             times.append(max(later, float(np.sqrt(2 * size / np.linalg.norm(a)))))
-    return min(times)
+    found = min(times)
+    return found if found < _AT_REST else math.inf

@@ -9,6 +9,8 @@ With numerical dissipation it dies out, and the sum has a variance that the rela
 give; without, it grows for ever.
 """
 
+import math
+
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
@@ -22,6 +24,7 @@ from newmark_cli.problems.problem import Problem
 ROUNDING = 0.212
 #: Units in the last place around a state in which the rounding of Φ is looked at.
 _UNITS_ASIDE = 64
+_DRAWS = 32
 _SEED = 20061012
 
 
@@ -47,10 +50,8 @@ def carried(integrator: Integrator) -> float:
     return float(np.sqrt(past @ variance @ past + now**2) / abs(now))
 
 
-def violations(
-    problem: Problem, scheme: Scheme, t: float, u: Array, v: Array, samples: int
-) -> Array:
-    """(samples, m) Φ at the end of a step, as rounding leaves it: draws of Gᵀ δ − ρ.
+def violations(problem: Problem, scheme: Scheme, t: float, u: Array, v: Array) -> Array:
+    """(draws, m) Φ at the end of a step, as rounding leaves it: draws of Gᵀ δ − ρ.
 
     ρ comes from the problem's own function at machine numbers near the state.  In compensated
     evaluation Φ changes by Gᵀ Δ: Δ, about h v, is rounded in place of u, and so is the product.
@@ -60,7 +61,6 @@ def violations(
         scheme: Step size, evaluation and precision.
         t: Time (s).
         u, v: (n,) the state.
-        samples: Number of draws.
     """
     dtype, none = scheme.dtype, np.zeros(problem.m, scheme.dtype)
     u, v = u.astype(dtype), v.astype(dtype)
@@ -76,13 +76,13 @@ def violations(
         np.add.at(found, columns, entries * moved[rows])
         return found
 
-    random, drawn = np.random.default_rng(_SEED), np.empty((samples, problem.m))
-    for k in range(samples):
+    random, drawn = np.random.default_rng(_SEED), np.empty((_DRAWS, problem.m))
+    for k in range(_DRAWS):
         aside = random.integers(-_UNITS_ASIDE, _UNITS_ASIDE + 1, problem.n) * unit
         drawn[k] = problem.along(entries, aside) - constraints((moved + aside).astype(dtype))
     # What all draws share is how far the state itself is off, which is not known.
-    drawn = (drawn - drawn.mean(axis=0)) * np.sqrt(samples / (samples - 1))
-    roundings = random.uniform(-0.5, 0.5, (samples, problem.n)) * unit
+    drawn = (drawn - drawn.mean(axis=0)) * math.sqrt(_DRAWS / (_DRAWS - 1))
+    roundings = random.uniform(-0.5, 0.5, (_DRAWS, problem.n)) * unit
     return np.asarray(drawn + [problem.along(entries, off) for off in roundings])
 
 
@@ -92,15 +92,15 @@ def multiplier_noise(jacobian: Array, scheme: Scheme, violated: Array) -> float:
     Args:
         jacobian: (n + m, n + m) J of the (u, λ) form, index 3.
         scheme: What it is the Jacobian of.
-        violated: (samples, m) Φ at the end of the step.
+        violated: (draws, m) Φ at the end of the step.
 
     Raises:
         numpy.linalg.LinAlgError: When J is singular.
     """
-    samples, m = violated.shape
+    draws, m = violated.shape
     n = len(jacobian) - m
     left, right = scaling_factors(scheme, n, m)
-    rhs = np.zeros((n + m, samples))
+    rhs = np.zeros((n + m, draws))
     rhs[n:] = left[n:, None] * violated.T
     found = right[n:, None] * np.linalg.solve(left[:, None] * jacobian * right, rhs)[n:]
-    return float(np.sqrt(np.sum(found**2) / samples))
+    return float(np.sqrt(np.sum(found**2) / draws))
