@@ -114,7 +114,7 @@ def test_derivatives_of_constraints_at_any_frequency(frequency, t):
         [2 * v @ w + u @ pull, 2 * v @ v + 2 * (v - w) @ (v - w) - 2 * (u - p) @ pull]
     )
     # Slow motions: rounding of Φ over the square of the longest step.
-    allowed = 1e-8 * np.abs(expected).max() + 1e-9
+    allowed = 3e-10 * np.abs(expected).max() + 1e-11
     np.testing.assert_allclose(curvature, expected, rtol=0, atol=allowed)
 
 

@@ -20,14 +20,15 @@ problem only what asks its Φ and G at given states is compiled, once and with o
 each; where these states are, and what follows from the values, is compiled for all problems.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from newmark_cli.algebra import product
+from newmark_cli.arrays import Array
 from newmark_cli.problems import differences
-from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, STEPS, Compiler
+from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, Compiler
 
 #: The four functions, as a definition calls them.
 NAMES = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
@@ -155,6 +156,13 @@ def of_quadratic(functions: Mapping[str, Any], compile_: Compiler) -> Callable[.
     return compile_(derivatives)
 
 
+#: Longest step (s) of `rates`; by which part of its size the motion may move over that in time
+#: and over that along v; and how many steps there are of both.  References want the law of a
+#: slow motor to all its digits: the steps in time may be longer than those of a march.
+_LONGEST_RATE, _IN_TIME, _ALONG = 0.13, 0.3, 0.03
+_SHRINKING = [np.array([STEP_RATIO**-k for k in range(levels)]) for levels in (11, 7)]
+
+
 def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..., None]:
     """`newmark_cli.problems.problem.Problem.rates`, by differences in plain Python.
 
@@ -163,26 +171,42 @@ def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..
         given: The user's ``constraint_rate`` and ``curvature``, as far as there are any.
     """
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
+    missing = len({"constraint_rate", "curvature"} - given.keys())
 
-    def rates(t, u, v, ints, reals, rate, curvature):  # type: ignore[no-untyped-def]
-        steps = differences.steps_along(u, v, LONGEST_STEP)
-        phi, drift, turn = np.empty((3, 2, STEPS, len(rate)))
-        for k, h in enumerate(steps.tolist()):
-            for i, shift in enumerate((h, -h)):
-                then = t + shift
-                phi[i, k] = phi_of(u, then)
-                drift[i, k] = product(v, gradient_of(u, then))
-                turn[i, k] = product(v, gradient_of(u + shift * v, then))
-        size, none = steps[:, None], np.zeros(STEPS)
-        rate[:] = differences.extrapolated((phi[0] - phi[1]) / (2 * size), STEP_RATIO, none)
-        # As in `by_differences`, in one tableau.
-        here = phi_of(u, t)
-        second = (phi[0] - here + (phi[1] - here)) / size**2
-        second += (drift[0] - drift[1] + (turn[0] - turn[1])) / (2 * size)
-        curvature[:] = differences.extrapolated(second, STEP_RATIO, none)
+    def rates(t, u, v, ints, reals, rate, curvature, share=1.0):  # type: ignore[no-untyped-def]
+        if missing:
+            differentiate(t, u, v, rate, curvature, share)  # type: ignore[no-untyped-call]
         if "constraint_rate" in given:
             rate[:] = given["constraint_rate"](u, t)
         if "curvature" in given:
             curvature[:] = given["curvature"](u, v, t)
 
+    def differentiate(t, u, v, rate, curvature, share):  # type: ignore[no-untyped-def]
+        size, speed = float(np.abs(u).max()), float(np.abs(v).max())
+        turn_in = size / speed if size * speed > 0 else np.inf
+        # Steps by which t changes without rounding: it stands in laws of high frequency.
+        in_time, along = (
+            t + min(_LONGEST_RATE, part * turn_in) * share * shrinking - t
+            for part, shrinking in zip((_IN_TIME, _ALONG), _SHRINKING, strict=True)
+        )
+        then = [t + h for h in in_time] + [t - h for h in in_time]
+        phi = np.array([phi_of(u, at) for at in then]).reshape(2, len(in_time), -1)
+        drift = _ahead_less_behind(v, [gradient_of(u, at) for at in then])
+        turned = _ahead_less_behind(v, [gradient_of(u + s * v, t + s) for s in (*along, *-along)])
+        here, least = phi_of(u, t), 2.2e-16 * float(np.abs(gradient_of(u, t)).max())
+        h, s = in_time[:, None], along[:, None]
+        limit = differences.extrapolated
+        rate[:] = limit((phi[0] - phi[1]) / (2 * h), STEP_RATIO, least * size / in_time)
+        # Φ'' = (Gᵀ v)' along the motion + (Φ_t)', as in `differences.take_rows`.
+        bent = (phi[0] - here + (phi[1] - here)) / (h * h) + drift / (2 * h)
+        rounding = least * (size / in_time + speed) / in_time
+        curvature[:] = limit(bent, STEP_RATIO, rounding)
+        curvature += limit(turned / (2 * s), STEP_RATIO, least * speed / along)
+
     return rates
+
+
+def _ahead_less_behind(v: Array, gradients: Sequence[Array]) -> Array:
+    """(k, m) differences of Gᵀ v for 2k matrices G, those ahead first."""
+    values = product(v, np.stack(gradients, axis=1))
+    return np.asarray(values[: len(values) // 2] - values[len(values) // 2 :])

@@ -154,9 +154,10 @@ class Problem:
             ``("bars", "link")``; numbers where it is empty.
         rows_given: ``"exact"``, or ``"differences"`` where ``derivatives`` finds any of
             its results by numerical differentiation.
-        rates: ``(t, u, v, ints, reals, rate, curvature)`` in plain Python, in place of
-            the same results of ``derivatives``, for all that a march does not ask for in
-            every iteration; None where these serve.
+        rates: ``(t, u, v, ints, reals, rate, curvature, share=1.0)`` in plain Python, in
+            place of the same results of ``derivatives``, for all that a march does not ask
+            for in every iteration, by differences whose steps are multiplied by ``share``;
+            None where ``derivatives`` serves.
         outputs: What else the problem has names for, such as reactions; None without any.
         released: Names of constraints that were dropped because they are redundant.
         until: Time (s) up to which the problem is given: the end of its shortest table.
