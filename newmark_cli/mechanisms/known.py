@@ -10,6 +10,7 @@ from scipy.special import ellipj
 from newmark_cli.arrays import Array
 from newmark_cli.mechanisms import registry
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.multipliers import weights
 from newmark_cli.problems.reference import Reference
 
 _EPS = float(np.finfo(float).eps)
@@ -35,6 +36,7 @@ def _pendulum(t: float) -> Reference:
         u=u,
         v=v,
         multipliers=multipliers,
+        scales=np.abs(multipliers),
         source="exact",
         u_error=(8 + 2 * t) * _EPS,
         v_error=(8 + shift) * _EPS,
@@ -58,7 +60,7 @@ def _andrews(t: float) -> Reference | None:
     """The published table at t = 0.03; nothing at other times.
 
     Its errors are those found against a solution with 64 bits of mantissa: 8e-12 m,
-    1.1e-8 m/s, and 2.6e-10 of the largest multiplier.
+    1.1e-8 m/s, and 2.6e-10 in λ.
     """
     if not math.isclose(t, _ANDREWS_TIME, rel_tol=1e-12):
         return None
@@ -74,12 +76,14 @@ def _andrews(t: float) -> Reference | None:
     )
     points[2:, 0] += (-0.06934, -0.00227)
     u, v = points[:, 0].ravel(), points[:, 1].ravel()
-    _, multipliers = Index1(registry.problem("andrews")).accelerations(t, u, v)
+    problem = registry.problem("andrews")
+    _, multipliers = Index1(problem).accelerations(t, u, v)
     return Reference(
         t=t,
         u=u,
         v=v,
         multipliers=multipliers,
+        scales=weights(problem, t, u).scales(multipliers),
         source="published",
         u_error=2.5e-10,
         v_error=1.5e-9,

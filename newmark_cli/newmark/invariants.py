@@ -18,23 +18,44 @@ class Misfit(NamedTuple):
     """By how much a state misses an invariant, and what that is to be compared with.
 
     Sizes vanish where a motion turns.  What is reported is therefore the error over
-    the largest size along the motion: see `newmark_cli.newmark.measures.invariants`.
+    the largest size along the motion: see `newmark_cli.study.measures.invariants`.
     """
 
     error: float
     size: float
 
 
-def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
-    """`misfits` of the state of a march."""
+class MultiplierMisfit(NamedTuple):
+    """The same of λ against what u and v imply, constraint by constraint.
+
+    What errors of different multipliers are relative to is that of
+    `newmark_cli.problems.multipliers`, in view of all of a motion.
+    """
+
+    errors: Array  #: (m,) |λ − λ₁|, λ₁ from u and v by the index-1 system
+    sizes: Array  #: (m,) |λ₁|
+
+
+def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit | MultiplierMisfit]:
+    """`misfits` of the state of a march, and those of its multipliers.
+
+    Returns:
+        By name, in the order of `INVARIANTS`.  Of multipliers NaN where the state is not
+        finite or the index-1 matrix is singular.
+    """
     u, v = np.asarray(state.fields[:2], float)
-    return misfits(problem, t, u, v, state.multipliers)
+    found: dict[str, Misfit | MultiplierMisfit] = {**misfits(problem, t, u, v)}
+    try:
+        with np.errstate(all="ignore"):
+            _, implied = Index1(problem).accelerations(t, u, v)
+    except np.linalg.LinAlgError:
+        implied = np.full(problem.m, np.nan)
+    found["multiplier"] = MultiplierMisfit(np.abs(state.multipliers - implied), np.abs(implied))
+    return {name: found[name] for name in INVARIANTS if name in found}
 
 
-def misfits(
-    problem: Problem, t: float, u: Array, v: Array, multipliers: Array
-) -> dict[str, Misfit]:
-    """Misfits of coordinates, velocities and multipliers.
+def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]:
+    """Misfits of coordinates and velocities.
 
     ==========  ==============================================  =====================
     name        error                                           size
@@ -43,8 +64,6 @@ def misfits(
                 surface of a constraint
     velocity    max |(Gᵀv + Φ_t)_k| / ‖G_k‖ (m/s): speed at     max |v|, |Φ_t| / ‖G‖
                 which one is left
-    multiplier  max |λ − λ₁|, λ₁ from u and v by the index-1    max |λ₁|
-                system
     energy      |E − E_0|, E = T + V                            T + T_0 + |V − V_0|
     ==========  ==============================================  =====================
 
@@ -56,11 +75,10 @@ def misfits(
         problem: The problem.
         t: Time (s).
         u, v: (n,) coordinates and velocities.
-        multipliers: (m,) λ.
 
     Returns:
         By name, in the order of `INVARIANTS`; without energy where none is conserved.
-        NaN where the state is not finite or the index-1 matrix is singular.
+        NaN where the state is not finite.
     """
     with np.errstate(all="ignore"):
         values = problem.values(t, u, v, np.zeros(problem.m))
@@ -77,12 +95,6 @@ def misfits(
                 max(_largest(v), _largest(rate / lengths)),
             ),
         }
-        try:
-            _, implied = Index1(problem).accelerations(t, u, v)
-        except np.linalg.LinAlgError:
-            found["multiplier"] = Misfit(np.nan, np.nan)
-        else:
-            found["multiplier"] = Misfit(_largest(multipliers - implied), _largest(implied))
         now, begin = (
             problem.energies(*at) for at in ((t, u, v), (problem.t0, problem.u0, problem.v0))
         )

@@ -141,6 +141,8 @@ class Index1:
     def changes(self, t: float, u: Array) -> Callable[[Array], tuple[Array, Array]]:
         """`least_change` at a time (s) and coordinates (n,), its matrix factorised once.
 
+        What is returned takes (m, k) for k changes, too, and gives (n, k) and (m, k).
+
         Raises:
             numpy.linalg.LinAlgError: When the matrix is singular.
         """
@@ -148,7 +150,7 @@ class Index1:
         solve = self._solver(self.problem.values(t, u, self._zeros, self._none))
 
         def change(wanted: Array) -> tuple[Array, Array]:
-            solution = solve(np.concatenate([self._zeros, wanted]))
+            solution = solve(np.concatenate([np.zeros((n, *wanted.shape[1:])), wanted]))
             return solution[:n], solution[n:] * self._unit
 
         return change

@@ -7,21 +7,22 @@ singular positions, where that system has no solution, is computed by collocatio
 instead.  Neither shares code with the integrators that are measured.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from newmark_cli import apart
 from newmark_cli.arrays import Array
 from newmark_cli.errors import InputError
-from newmark_cli.problems import collocation, singular, user_code
+from newmark_cli.problems import collocation, multipliers, singular, user_code
 from newmark_cli.problems.dormand_prince import DormandPrince, StepVanishes
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
 #: Changes whenever `solution` may give other numbers: stored ones are then stale.
-VERSION = 2
+VERSION = 3
 
 #: Local tolerances of the solution and of the one it is compared with, relative to
 #: the largest coordinate and velocity.  The first is close to the least that
@@ -43,8 +44,18 @@ _ENERGY = 1e-8
 _SINGULAR = 1e-4
 #: Distance of two solutions from which on one may have left its branch.
 _DOUBTFUL = 1e-8
-#: What is left of an estimate when both solutions agree: rounding of the state.
-_ROUNDING = 4 * float(np.finfo(float).eps)
+_EPS = float(np.finfo(float).eps)
+#: What is left of an estimate when all solutions agree: rounding of the state.
+_ROUNDING = 4 * _EPS
+#: Part of its size by which a motion moves over a difference quotient of λ in time.
+_NEXT = 1e-4
+#: How much farther from the truth a solution may be than from another one, or the mean of
+#: differences than from those with other steps: what is rounding in both may nearly agree.
+_CHANCE = 3.0
+#: Shares of their steps with which differences are taken again: by a solution each, and all of
+#: them at the end.
+_SHARES = (0.93, 0.86, 0.79, 0.72, 0.65)
+_SHARED = 2
 
 
 class NoReference(InputError):
@@ -107,15 +118,17 @@ class Reference:
         t: Time since the problem's start (s).
         u, v: (n,) coordinates and velocities.
         multipliers: (m,) λ.
+        scales: (m,) what errors of λ are relative to, see `newmark_cli.problems.multipliers`.
         source: Where it comes from: "exact", "published" or "converged".
-        u_error, v_error, multipliers_error: Estimated errors, largest component
-            over largest component.
+        u_error, v_error: Estimated errors, largest component over largest component.
+        multipliers_error: That of λ, the largest error of a multiplier over its scale.
     """
 
     t: float
     u: Array
     v: Array
     multipliers: Array
+    scales: Array
     source: str
     u_error: float
     v_error: float
@@ -131,11 +144,15 @@ def relative_error(found: Array, reference: Array) -> float:
 def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: None) -> Reference:
     """The solution of any problem, converged as far as rounding allows.
 
-    The estimated errors are the distances from a second solution whose tolerance
-    is ten times as large, so that truncation is overestimated about tenfold;
-    rounding is as large in both, and so is what a motion makes of it.  A motion that
-    passes singular positions is computed anew, by `newmark_cli.problems.collocation`,
-    if it is smooth there and the problem has at most `collocation.LARGEST` unknowns.
+    The estimated errors are three times the distances from a second solution whose
+    tolerance is ten times as large, so that truncation is overestimated about thirtyfold;
+    rounding is as large in both, and so is what a motion makes of it.  Where Φ_t or Φ'' come
+    from differences there are two such solutions, with other steps of differences, as errors
+    of these are nearly as large in all solutions; and what differences with still other
+    steps change in v and λ at the end, |M⁻¹G S⁻¹| δΦ' and |S⁻¹| δΦ'' with S = GᵀM⁻¹G, is
+    added.  So is what the motion does while t changes by its rounding.  A motion that passes
+    singular positions is computed anew, by `newmark_cli.problems.collocation`, if it is
+    smooth there and the problem has at most `collocation.LARGEST` unknowns.
 
     Args:
         problem: The problem.
@@ -147,18 +164,24 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
             on the way and it is not smooth or not unique there, the step size vanishes,
             there are too many steps, or it is so sensitive that rounding spoils it.
     """
-    system = Index1(problem)
+    variants = _variants(problem)
+    systems = [Index1(each) for each in variants]
     end = problem.t0 + t
     try:
         # A step that is much too long may overflow; what is not finite is not accepted.
         with np.errstate(all="ignore"):
             try:
-                (u, v), coarse = _straight(system, end, on_work)
-                passage = ""
+                states, passage = _straight(systems[: 1 + _SHARED], end, on_work), ""
             except _SingularError:
-                (u, v), coarse, passage = _across(system, end, on_work)
-        _, multipliers = system.accelerations(end, u, v)
-        _, coarse_multipliers = system.accelerations(end, *coarse)
+                states, passage = _across(systems[: 1 + _SHARED], end, on_work)
+        (u, v), *others = states
+        of_state = [
+            system.accelerations(end, *state)[1]
+            for system, state in zip(systems, states, strict=False)
+        ]
+        changed = _changed_by_differences(variants, end, u, v)
+        moved = _moved_by_rounding(systems[0], end, u, v)
+        scales = multipliers.weights(problem, end, u).scales(of_state[0])
     except InputError:
         raise
     except np.linalg.LinAlgError as error:
@@ -168,14 +191,19 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
             raise
         reason = user_code.described(error)
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {reason}") from None
-    u_error = relative_error(coarse[0], u)
+    u_error = max(relative_error(other[0], u) for other in others)
     if u_error > _WORST:
         how = passage or f"with tolerances {_TOLERANCE:g} and {_COARSE:g} "
         raise NoReference(
             f"{problem.name}: no reference at t = {t:g}: the motion is so sensitive that its "
             f"solutions {how}are {u_error:.1g} apart"
         )
-    multipliers_error = relative_error(coarse_multipliers, multipliers)
+    v_error = max(relative_error(other[1], v) for other in others)
+    multipliers_error = max(
+        multipliers.relative_error(other, of_state[0], scales) for other in of_state[1:]
+    )
+    v_error += relative_error(v + changed[0], v)
+    multipliers_error += multipliers.relative_error(of_state[0] + changed[1], of_state[0], scales)
     if passage and not multipliers_error <= _WORST:
         raise NoReference(
             f"{problem.name}: no reference at t = {t:g}: the constraints nearly lose rank there, "
@@ -185,30 +213,70 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
         t=t,
         u=u,
         v=v,
-        multipliers=multipliers,
+        multipliers=of_state[0],
+        scales=scales,
         source="converged",
-        u_error=_ROUNDING + u_error,
-        v_error=_ROUNDING + relative_error(coarse[1], v),
-        multipliers_error=_ROUNDING + multipliers_error,
+        u_error=_ROUNDING + _CHANCE * u_error + relative_error(u + moved[0], u),
+        v_error=_ROUNDING + _CHANCE * v_error + relative_error(v + moved[1], v),
+        multipliers_error=_ROUNDING
+        + _CHANCE * multipliers_error
+        + multipliers.relative_error(of_state[0] + moved[2], of_state[0], scales),
     )
+
+
+def _variants(problem: Problem) -> list[Problem]:
+    """The problem, and the same with other steps of differences; twice itself without any."""
+    if problem.rates is None:
+        return [problem, problem]
+    return [
+        problem,
+        *(replace(problem, rates=partial(problem.rates, share=share)) for share in _SHARES),
+    ]
+
+
+def _changed_by_differences(
+    variants: Sequence[Problem], t: float, u: Array, v: Array
+) -> tuple[Array, Array]:
+    """By how much other steps of differences may change v (n,) and λ (m,) at a state."""
+    rate, curvature = np.abs(
+        np.array([each.constraint_derivatives(t, u, v) for each in variants])
+        - variants[0].constraint_derivatives(t, u, v)
+    ).max(axis=0)
+    if not (rate.any() or curvature.any()):
+        return np.zeros(len(u)), np.zeros(len(rate))
+    changed = Index1(variants[0]).changes(t, u)
+    of_rates, of_curvatures = changed(np.diag(rate))[0], changed(np.diag(curvature))[1]
+    return np.abs(of_rates).sum(axis=1), np.abs(of_curvatures).sum(axis=1)
+
+
+def _moved_by_rounding(system: Index1, t: float, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    """By how much u (n,), v (n,) and λ (m,) change while t changes by its rounding."""
+    a, here = system.accelerations(t, u, v)
+    size, speed = float(np.abs(u).max()), float(np.abs(v).max())
+    step = _NEXT * (size / speed if size * speed > 0 else 1.0)
+    _, then = system.accelerations(t + step, u + step * v, v + step * a)
+    unit = _EPS * abs(t)
+    return unit * v, unit * a, unit * (then - here) / step
 
 
 #: Coordinates and velocities, (n,) each.
 _State = tuple[Array, Array]
 
 
-def _straight(system: Index1, end: float, on_work: Callable[[], None]) -> tuple[_State, _State]:
-    """The state at a time, and that of larger tolerance, by the index-1 system.
+def _straight(systems: Sequence[Index1], end: float, on_work: Callable[[], None]) -> list[_State]:
+    """The state at a time, and those of larger tolerance, by the index-1 systems.
 
     Raises:
         NoReference: See `solution`.
         _SingularError: The motion passes a singular position, or may have done so and the
-            two states differ.
+            states differ.
     """
-    problem = system.problem
+    problem = systems[0].problem
     size = problem.n + problem.m
-    found, close = [], False
-    for tolerance in (_TOLERANCE, _COARSE):
+    found: list[_State] = []
+    close = False
+    for system in systems:
+        tolerance = _COARSE if found else _TOLERANCE
         watch = _Watch(problem) if size <= singular.LARGEST else None
         try:
             found.append(_integrated(system, end, tolerance, on_work, watch))
@@ -219,26 +287,30 @@ def _straight(system: Index1, end: float, on_work: Callable[[], None]) -> tuple[
                     raise _SingularError from None
             raise
         close = close or (watch is not None and watch.close)
-    fine, coarse = found
-    differ = relative_error(coarse[0], fine[0]) > _DOUBTFUL
+    differ = any(relative_error(coarse[0], found[0][0]) > _DOUBTFUL for coarse in found[1:])
     if close and differ and size <= collocation.LARGEST:
         raise _SingularError
-    return fine, coarse
+    return found
 
 
-def _across(system: Index1, end: float, on_work: Callable[[], None]) -> tuple[_State, _State, str]:
+def _across(
+    systems: Sequence[Index1], end: float, on_work: Callable[[], None]
+) -> tuple[list[_State], str]:
     """The same through singular positions, and words that say where they are.
 
     Raises:
         NoReference: The motion is not smooth there, or there is no telling.
     """
-    problem = system.problem
-    sizes = _initial_sizes(system, end - problem.t0)
+    problem = systems[0].problem
+    sizes = _initial_sizes(systems[0], end - problem.t0)
     try:
-        fine, coarse = (
-            collocation.motion(problem, end, sizes, *how, system.projected, on_work)
-            for how in (_ACROSS, _COARSE_ACROSS)
-        )
+        fine, *coarse = (
+            collocation.motion(
+                problem, end, sizes, *(_COARSE_ACROSS if place else _ACROSS), system.projected,
+                on_work,
+            )
+            for place, system in enumerate(systems)
+        )  # fmt: skip
     except collocation.NotSmoothError as error:
         raise NoReference(
             f"{problem.name}: no reference beyond t = {error.t - problem.t0:g}, close to "
@@ -258,7 +330,7 @@ def _across(system: Index1, end: float, on_work: Callable[[], None]) -> tuple[_S
             )
     first = fine.singular[0] - problem.t0 if fine.singular else end - problem.t0
     passage = f"past the singular position at t = {first:g} "
-    return (fine.u, fine.v), (coarse.u, coarse.v), passage
+    return [(each.u, each.v) for each in (fine, *coarse)], passage
 
 
 def _integrated(

@@ -270,7 +270,7 @@ class CuresFigure:
             self.title,
             tuple(panels),
             len(GROUPS),
-            _legend("(a, λ) form; largest error at the end over the largest value"),
+            _legend("(a, λ) form; error at the end, ‖Δλ‖ / ‖λ‖"),
             panel_size=(7.0 / len(GROUPS), 1.9),
             share_x=False,
             ticks=(6, 8),
@@ -494,7 +494,7 @@ def error_figure() -> CuresFigure:
     claims: list[Claim] = []
     for name in ("index 2", "index 1", "GGL", "GGL + dissipation"):
         curve = error(name, "andrews", name)
-        claims += [SlopeClaim(curve, 2, 0.15), BoundClaim(curve, high=2e-7, h=1e-6)]
+        claims += [SlopeClaim(curve, 2, 0.15), BoundClaim(curve, high=1e-6, h=1e-6)]
     projected = error("velocity projection", "andrews", "velocity projection")
     claims += [
         SlopeClaim(projected, 2, 0.15),

@@ -68,7 +68,7 @@ def _error() -> StudyFigure:
         curves=(*trapezoidal, trapezoidal_compensated, direct, compensated),
         claims=(
             SlopeClaim(compensated, 2, 0.1),
-            BoundClaim(compensated, high=5e-9, h=1e-7),
+            BoundClaim(compensated, high=2e-8, h=1e-7),
             BoundClaim(direct, low=1e-6, h=1e-7),
             RatioClaim(
                 f"{direct.label}, h = 1e-07 / h = 1e-06", ((direct, direct),), 1, at=(1e-7, 1e-6)

@@ -113,6 +113,7 @@ def _record(label: str, found: Reference, content: str) -> dict[str, Any]:
         "u": found.u.tolist(),
         "v": found.v.tolist(),
         "lambda": found.multipliers.tolist(),
+        "lambda_scale": found.scales.tolist(),
         "estimated_error": {
             "u": found.u_error,
             "v": found.v_error,
@@ -133,6 +134,7 @@ def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | N
             u=_array(record["u"], problem.n),
             v=_array(record["v"], problem.n),
             multipliers=_array(record["lambda"], problem.m),
+            scales=_array(record["lambda_scale"], problem.m),
             source=str(record["source"]),
             u_error=float(estimated["u"]),
             v_error=float(estimated["v"]),

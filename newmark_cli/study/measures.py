@@ -36,7 +36,7 @@ from newmark_cli.study.cell import DRIFTS
 if TYPE_CHECKING:
     import pandas as pd
 
-    from newmark_cli.newmark.invariants import Misfit
+    from newmark_cli.newmark.invariants import Misfit, MultiplierMisfit
     from newmark_cli.newmark.march import March, Stretch
     from newmark_cli.newmark.march_data import State
     from newmark_cli.newmark.trajectory import Trajectory
@@ -563,6 +563,8 @@ def errors(
 ) -> list[Measurement]:
     """Measurements of a final state's errors, largest component over largest component.
 
+    Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.
+
     Args:
         reference: The solution at the state's time; None where there is none to be
             had, and the statistics are empty.
@@ -570,6 +572,7 @@ def errors(
         problem: The problem, for errors of its outputs, if it has any.
         t: Time of the state (s).
     """
+    from newmark_cli.problems import multipliers as of_multipliers
     from newmark_cli.problems.reference import relative_error
 
     found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
@@ -595,7 +598,11 @@ def errors(
     if reference is not None:
         found["u"].append(relative_error(state.fields[0], reference.u))
         found["v"].append(relative_error(state.fields[1], reference.v))
-        found["lambda"].append(relative_error(state.multipliers, reference.multipliers))
+        found["lambda"].append(
+            of_multipliers.relative_error(
+                state.multipliers, reference.multipliers, reference.scales
+            )
+        )
     return [
         Measurement(quantity, "error", "primary", statistics(np.array(values)))
         for quantity, values in found.items()
@@ -621,6 +628,16 @@ def _floor_of_error(key: SeriesKey) -> float | None:
 _POWER_OF_V = 1.5
 
 
+def _ratio(quantity: str) -> str:
+    """What an error is, as mathtext; norms of λ weigh its constraints."""
+    name = _math(quantity)
+    if quantity == "lambda":
+        return rf"\|\Delta {name}\| \,/\, \|{name}\|"
+    # The label of a word may have to be broken here.
+    between = r"$ $" if quantity in _WORDS else ""
+    return rf"\max|\Delta {name}| \,/\, {between}\max|{name}|"
+
+
 ERROR = Measure(
     "error",
     "relative errors of u, v, λ at `t_end`, in space also of angular velocities, reaction forces "
@@ -631,12 +648,7 @@ ERROR = Measure(
         Record(
             "error",
             lambda key: f"error of {symbol(key.quantity)}",
-            lambda key: (
-                rf"error at the end, $\max|\Delta {_math(key.quantity)}| \,/\, "
-                # The label of a word may have to be broken here.
-                f"{'$ $' if key.quantity in _WORDS else ''}"
-                rf"\max|{_math(key.quantity)}|$"
-            ),
+            lambda key: f"error at the end, ${_ratio(key.quantity)}$",
             "last",
             _order_of_error,
             0.2,
@@ -662,7 +674,8 @@ ERROR = Measure(
 class _Invariants(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = _sampled(cell)
-        self._samples: list[dict[str, Misfit]] = []
+        self._problem = march.problem
+        self._samples: list[dict[str, Misfit | MultiplierMisfit]] = []
 
     def sees(self, march: "March") -> None:
         from newmark_cli.newmark.invariants import invariants as misfits
@@ -670,20 +683,27 @@ class _Invariants(Observer):
         self._samples.append(misfits(march.problem, march.t, march.seen))
 
     def measured(self) -> list[Measurement]:
-        return invariants(self._samples)
+        return invariants(self._problem, self._samples)
 
 
-def invariants(samples: "Sequence[Mapping[str, Misfit]]") -> list[Measurement]:
+def invariants(
+    problem: "Problem", samples: "Sequence[Mapping[str, Misfit | MultiplierMisfit]]"
+) -> list[Measurement]:
     """Measurements of `newmark_cli.newmark.invariants` at the sampled states.
 
     Each error is divided by the largest size among the samples; 0 where all vanish.
     """
+    from newmark_cli.problems.multipliers import weights_at_start
+
     found = []
     for name in samples[0] if samples else ():
-        misfit, sizes = np.array([sample[name] for sample in samples]).T
+        errors, sizes = (np.array(each) for each in zip(*(s[name] for s in samples), strict=True))
+        largest = sizes.max(axis=0)
+        if name == "multiplier":
+            largest = weights_at_start(problem).scales(largest)
         with np.errstate(divide="ignore", invalid="ignore"):
-            relative = np.where(misfit == 0, 0.0, misfit / sizes.max())
-        found.append(Measurement(name, "invariant", "primary", statistics(relative)))
+            relative = np.where(errors == 0, 0.0, errors / largest).reshape(len(samples), -1)
+        found.append(Measurement(name, "invariant", "primary", statistics(relative.max(axis=1))))
     return found
 
 
@@ -731,9 +751,10 @@ class _Drift(Observer):
         return self._recorded
 
     def sees(self, march: "March") -> None:
-        from newmark_cli.newmark.invariants import invariants as misfits
+        from newmark_cli.newmark.invariants import misfits
 
-        found = misfits(march.problem, march.t, march.here)
+        u, v = np.asarray(march.here.fields[:2], float)
+        found = misfits(march.problem, march.t, u, v)
         self._recorded.append((march.done, np.array([found[name].error for name in DRIFTS])))
 
     def measured(self) -> list[Measurement]:
@@ -898,17 +919,21 @@ class _History(Observer):
         self._recorded.append((march.done, np.concatenate(parts)))
 
     def measured(self) -> list[Measurement]:
+        from newmark_cli.problems.multipliers import weights_at_start
+
         names = over_time(self._problem)
         m, outputs = self._problem.m, self._problem.outputs
-        groups: dict[str, Any] = {"lambda": slice(0, m)}
+        groups: dict[str, Any] = {}
         if outputs is not None:
             end = m + len(outputs.names)
             groups |= {kind: m + np.flatnonzero(of) for kind, of in _groups(outputs).items()}
             groups |= {ENERGY: slice(end, end + 1)} if len(names) > end else {}
         values = np.abs([of_step for _, of_step in self._recorded]).reshape(-1, len(names))
+        largest = {"lambda": weights_at_start(self._problem).largest(values[:, :m])}
+        largest |= {quantity: values[:, of].max(axis=1) for quantity, of in groups.items()}
         return [
-            Measurement(quantity, "history", "primary", statistics(values[:, of].max(axis=1)))
-            for quantity, of in groups.items()
+            Measurement(quantity, "history", "primary", statistics(of_steps))
+            for quantity, of_steps in largest.items()
         ]
 
 
@@ -938,6 +963,7 @@ class _Trajectories(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         from newmark_cli.newmark.trajectory import Recorder
 
+        self._problem = march.problem
         kept = self._kept = cell.trajectory or Kept()
         steps = kept.looks(march.problem.t0, cell.h, cell.steps)
         wanted = {*kept.keep, *(("u", "v") if ENERGY in kept.keep else ())}
@@ -964,6 +990,8 @@ class _Trajectories(Observer):
         return {"step": found.numbers} | found.columns(self._kept.keep)
 
     def measured(self) -> list[Measurement]:
+        from newmark_cli.problems.multipliers import weights_at_start
+
         found = self._found
         # The start is no step; where it is all that was kept, it has to do.
         after = slice(1, None) if len(found.t) > 1 and found.numbers[0] == 0 else slice(None)
@@ -972,15 +1000,15 @@ class _Trajectories(Observer):
             sizes[ENERGY] = found.energy[:, None]
         if OUTPUT in self._kept.keep and found.output_names:
             sizes[OUTPUT] = found.outputs
+        largest = {
+            name: np.abs(values[after]).max(axis=1, initial=0.0) for name, values in sizes.items()
+        }
+        if "lambda" in sizes:
+            largest["lambda"] = weights_at_start(self._problem).largest(sizes["lambda"][after])
         return [
-            Measurement(
-                name,
-                "trajectory",
-                "primary",
-                statistics(np.abs(sizes[name][after]).max(axis=1, initial=0.0)),
-            )
+            Measurement(name, "trajectory", "primary", statistics(largest[name]))
             for name in (*KEPT, ENERGY, OUTPUT)
-            if name in sizes
+            if name in largest
         ]
 
 

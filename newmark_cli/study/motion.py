@@ -19,6 +19,7 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.trajectory import Recorder, Trajectory
 from newmark_cli.problems import singular
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.multipliers import weights
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.measures import errors
@@ -145,10 +146,9 @@ def _marched_with(
                 "iteration does not converge; try a smaller --h, or the motion ends there"
             )
     found, worst = recorder.trajectory(), 0.0
-    states = zip(found.t.tolist(), found.u, found.v, found.multipliers, strict=True)
+    states = zip(found.t.tolist(), found.u, found.v, strict=True)
     for state in islice(states, 1, None):
-        missed = misfits(problem, *state)
-        kept = [missed[name] for name in ("position", "velocity", "energy") if name in missed]
+        kept = misfits(problem, *state).values()
         worst = max(worst, *(each.error / each.size if each.error else 0.0 for each in kept))
     return Motion([*found.u], h, math.inf, worst)
 
@@ -219,7 +219,8 @@ def amplification(
         largest, changed = float(np.abs(multipliers).max(initial=0.0)), system.changes(t, u)
         if not 0 < largest < math.inf:
             continue
-        here = Reference(t, u, v, multipliers, "converged", 0.0, 0.0, 0.0)
+        scales = weights(problem, t, u).scales(multipliers)
+        here = Reference(t, u, v, multipliers, scales, "converged", 0.0, 0.0, 0.0)
         values = problem.values(t, u, v, np.zeros(problem.m))
         terms = np.abs(values.g * u[problem.pattern.g_rows])
         missed = np.bincount(problem.pattern.g_columns, terms, problem.m)
