@@ -39,9 +39,11 @@ LEAST = 3
 #: How far a local order may be from the order of the middle.  Truncation and condition
 #: numbers are smooth; rms of rounding scatter, by a factor of 2 between two step sizes.
 _LOCAL = {"truncation": 0.25, "rounding": 0.6}
-#: How far above that an alternation which is not damped may carry it; and how far above
-#: the order of the middle the drift of λ may carry corrections and condition numbers.
-_FED, _DRIFT = 100.0, 10.0
+#: How far above that an alternation which is not damped may carry it: from starts one unit in
+#: the last place apart, Andrews' mechanism reaches 400 in v at h = 1e-6, as its motion multiplies
+#: a kick across the constraints by 1e7.  And how far above the order of the middle the drift
+#: of λ may carry corrections and condition numbers.
+_FED, _DRIFT = 1e3, 10.0
 #: Rounding of a block that is zero, in units of roundoff and of balanced rows and unknowns.
 _LACKING = 1e4
 #: Relative error that is no longer a solution.
