@@ -704,23 +704,23 @@ def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, 
 
 
 @pytest.mark.usefixtures("without_noise", "of_float64")
-@each("mechanism, form, steps", [
-    (own_mechanisms.heavy_top(30, -1, 5), "a-lambda", 1000),
-    (own_mechanisms.driven_pendulum(), "u-lambda", 3000),
+@each("mechanism, form, t_end", [
+    (own_mechanisms.heavy_top(30, -1, 5), "a-lambda", 0.03),
+    ({**own_mechanisms.driven_pendulum(), "gravity": [0, 0]}, "u-lambda", None),
 ])  # fmt: skip
-def test_positions_in_which_little_is_rounded_do_not_rule_the_tolerance(mechanism, form, steps):
-    """A top whose corrections at a few states are a hundredth of others', a motor that starts late.
+def test_positions_in_which_little_is_rounded_do_not_rule_the_tolerance(mechanism, form, t_end):
+    """A top whose corrections at four states are a tenth of others', and a motor that starts late.
 
-    A quarter of the steps of the one, and all of the other's, missed three times the smallest
-    tolerance at four states, or at the start.
+    At rest all corrections are zero; the top missed three times the smallest tolerance of four
+    states at a quarter of its steps.
     """
     problem = newmark.problem(mechanism)
     how = {"h": 1e-5, "form": form, "integrator": "generalized-alpha rho=0.9"}
-    (smallest,) = [one.scaled for one in newmark.advise(problem, **how).tolerances
+    (smallest,) = [one.scaled for one in newmark.advise(problem, t_end=t_end, **how).tolerances
                    if one.unknown == "all"]  # fmt: skip
-    march = newmark.march(problem, steps=steps, every=0, stop={"absolute": 3 * smallest}, **how)
+    assert 1e-17 < smallest < 1e-14
+    march = newmark.march(problem, steps=3000, every=0, stop={"absolute": 3 * smallest}, **how)
     assert (march.status, march.not_converged) == ("ok", 0)
-    assert smallest < 1e-14
 
 
 @pytest.mark.usefixtures("without_noise", "of_float64", "few_draws")
@@ -925,8 +925,6 @@ def test_an_inverse_is_not_taken_for_a_jacobian(form, scaling):
             orders.append(np.roll(orders[0], problem.m))
             for rows in orders:
                 newmark.advise_jacobian(jacobian[rows], blocks=blocks, h=h)
-            if len(counts) > 2 and h < 0.1 and scaling in ("none", "right"):
-                continue  # Rounding of J⁻¹ hides its zeros.
             with pytest.raises(newmark.NewmarkError, match="is the inverse of a Jacobian"):
                 newmark.advise_jacobian(np.linalg.inv(jacobian), blocks=blocks, h=h)
 
