@@ -95,7 +95,7 @@ def spectral_norm(matrix: Array) -> float:
     eigenvalue of [[0, B], [Bᵀ, 0]] is bisected by counts of signs.  Its relative error is a
     small multiple of the unit roundoff, however uneven the entries are.
     """
-    tall = _contiguous(matrix if matrix.shape[0] >= matrix.shape[1] else matrix.T).copy()
+    tall = _contiguous(matrix if matrix.shape[0] >= matrix.shape[1] else matrix.T)
     largest = float(np.abs(tall).max(initial=0.0))
     if not np.isfinite(largest):
         return np.nan
