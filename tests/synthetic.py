@@ -19,6 +19,14 @@ ERROR = {
     (DAMPED, "compensated"): {1e-4: 4.4e-3, 1e-5: 5.0e-5, 1e-6: 5.0e-7, 1e-7: 5.1e-9},
 }
 
+#: What rounding changes in it, over h².
+ROUNDING = {
+    ("newmark beta=0.25 gamma=0.5", "direct"): 1e-9,
+    ("newmark beta=0.25 gamma=0.5", "compensated"): 1e-14,
+    (DAMPED, "direct"): 1e-19,
+    (DAMPED, "compensated"): 1e-25,
+}
+
 #: Most iterations that the Krylov solver is allowed.
 LIMIT = 600
 
@@ -34,7 +42,11 @@ def _error(curve):
     if curve.preconditioning != "optimal":
         found = {1e-6: {"none": 3e3, "left": 4e2, "right": 1.2e3}[curve.preconditioning]}
     statistics = ("rms", "max", "median", "last")
-    return {h: dict.fromkeys(statistics, value) for h, value in found.items()}
+    rounding = ROUNDING[curve.integrator, curve.evaluation]
+    return {
+        h: dict.fromkeys(statistics, value) | {"rounding": rounding * h**-2}
+        for h, value in found.items()
+    }
 
 
 def _tolerance(curve):

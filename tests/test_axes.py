@@ -18,7 +18,7 @@ from newmark_cli.study import axes, config, reading, results
 STUDY_COLUMNS = (
     "study,problem,integrator,form,preconditioning,evaluation,precision,linear_solver,h,t_end,"
     "steps,quantity,measure,role,rms,max,median,last,zeros,not_converged,newton_iterations,status,"
-    "row_block,stop,met,formulation,projection,multipliers,start"
+    "row_block,stop,met,formulation,projection,multipliers,start,rounding"
 )
 SLOPE_COLUMNS = (
     "figure,study,form,preconditioning,quantity,measure,slope,stderr,points,expected,tolerance,"
@@ -152,7 +152,7 @@ REPEAT = (
     repeat: str = axis(
         usual="1",
         initial="1",
-        since=(5, 5),
+        since=(6, 6),
         config=lambda: _keys().OneOrMore[str],
         default=("1",),
         about="names of repetitions",

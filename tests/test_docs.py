@@ -20,7 +20,7 @@ from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report import check, slopes
 from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, TOO_FEW
+from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.keys import FigureConfig
@@ -363,7 +363,7 @@ def test_committed_results_are_complete(committed):
         (s.problem, s.formulation.partition(" ")[0]) for s in others if s.integrator != TRAPEZOIDAL
     }
     assert damped <= {("shaken-pendulum", "index-3"), ("shaken-pendulum", "augmented-lagrangian")}
-    assert {s.verdict for s in others} == {NOT_CONVERGING, TOO_FEW}
+    assert {s.verdict for s in others} == {NOT_CONVERGING, UNDECIDED}
     judged = check.judge(committed)
     assert {entry.finding.verdict for entry in judged} == {PASS}
     assert {entry.figure.study for entry in judged} == {*config.BEYOND} - {

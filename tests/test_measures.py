@@ -6,12 +6,15 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.stats import chi2
+from scipy.stats import t as student
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS, Newmark
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import statistics
+from newmark_cli.report import fits
 from newmark_cli.report.fits import power_law
 from newmark_cli.study.measures import corrections, sample_steps
 
@@ -107,3 +110,25 @@ def test_fit_leaves_out_what_has_no_logarithm():
     assert found.slope == pytest.approx(1.0)
     assert np.isnan(found.stderr)
     assert np.isnan(power_law(h[:1], h[:1]).slope)
+
+
+def test_intervals_of_fits():
+    """As a textbook's weighted least squares; Student's quantiles where scatter sets the error."""
+    for freedoms in range(1, 12):
+        inside, of_t = (table[min(freedoms, 10) - 1] for table in (fits._SQUARES, fits._STUDENT))
+        least = min(freedoms, 10)
+        assert inside == pytest.approx(chi2.ppf(0.9545, least) / least, abs=0.006)
+        assert of_t == pytest.approx(student.ppf(0.97725, least), abs=0.006)
+    h, unsure = np.array([1e-2, 3e-3, 1e-3, 1e-4]), np.array([0.1, 0.2, 0.1, 0.3])
+    values = 3 * h**2 * np.exp([0.1, -0.1, 0.05, 0.0])
+    found = power_law(h, values, unsure)
+    known = np.hypot(unsure, 0.02)
+    line, cov = np.polyfit(np.log(h), np.log(values), 1, w=1 / known, cov="unscaled")
+    assert found.slope == pytest.approx(line[0])
+    assert (found.stderr, found.margin) == pytest.approx(np.sqrt(cov[0, 0]) * np.array([1, 2]))
+    assert found.straight
+    off = power_law(h, values * [1, 3, 1 / 3, 1], unsure)
+    _, cov = np.polyfit(np.log(h), np.log(values * [1, 3, 1 / 3, 1]), 1, w=1 / known, cov=True)
+    assert not off.straight
+    assert off.stderr == pytest.approx(np.sqrt(cov[0, 0]))
+    assert off.margin == pytest.approx(4.53 * off.stderr)

@@ -117,7 +117,7 @@ def test_studies_with_forces_in_python(folder):
     line = folder("validate", "--allow-code", "swing.yaml").stdout
     assert line == "swing.yaml: mechanism, 2 coordinates, 1 constraints\n"
     folder("run", "study.yaml", "--allow-code")
-    assert re.search(r"(1[24]) of \1 slopes as predicted", folder("check", "s").stdout)
+    assert re.search(r"([56]) of \1 slopes as predicted", folder("check", "s").stdout)
     done = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
     assert done.endswith("0 of 6 cells to run\n")
     folder("draw", "swing.yaml", "--at", "0.02", "--h", "0.01", "--allow-code")

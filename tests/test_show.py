@@ -68,7 +68,7 @@ def test_fits_are_those_of_slopes_csv(cli, monkeypatch):
     (slopes,) = (line for line in lines if line[0] == "slope")
     for name, printed in zip(("none", "left", "right", "optimal"), slopes[1:], strict=True):
         given = float(fits["condition", "jacobian", name]["slope"])
-        assert float(printed.partition(" ")[0].replace("−", "-")) == pytest.approx(given, abs=1e-4)
+        assert float(printed.partition(" ")[0].replace("−", "-")) == pytest.approx(given, abs=1e-3)
     assert ["fitted", *["0.1 … 0.0001"] * 4] in lines
     assert ["predicted", "−4 ± 0.02", "−2 ± 0.02", "−2 ± 0.02", "0 ± 0.02"] in lines
     assert ["verdict", *["pass"] * 4] in lines
@@ -217,10 +217,10 @@ def test_check_of_one_study(cli):
 def test_check_warns_of_what_it_cannot_judge(cli):
     """Next to a series that passes: exit 0, one line on stderr.  Alone: exit 1."""
     write(cli, conditions((1e-1, 1e-2)), "few")
-    warning = "newmark-study: warning: not judged: 1 too few points\n"
+    warning = "newmark-study: warning: not judged: 1 undecided\n"
     done = cli("check", code=1)
     assert done.stderr == warning
-    assert done.stdout.endswith("1 too few points: nothing could be judged\n")
+    assert done.stdout.endswith("1 undecided: nothing could be judged\n")
     write(cli, conditions())
     assert cli("check").stderr == warning
     assert cli("check", "own").stderr == ""

@@ -30,7 +30,8 @@ def row(h, value, **columns):
         "study": "mine", "problem": "hoist.yaml", "integrator": TRAPEZOIDAL, "form": "u-lambda",
         "preconditioning": "optimal", "evaluation": "direct", "precision": "float64",
         "linear_solver": "dense-lu", "stop": "saturation", "h": h, "t_end": 1.0,
-        "steps": round(1 / h), "quantity": "u", "measure": "error", "role": "primary", "zeros": 0,
+        "steps": round(1 / h), "rounding": 1e-16, "quantity": "u", "measure": "error",
+        "role": "primary", "zeros": 0,
         "not_converged": 0, "newton_iterations": 3.0, "status": "ok", "met": "",
         "formulation": "index-3", "projection": "none",
         "multipliers": "newton", "start": "consistent",
@@ -271,8 +272,8 @@ def test_sheet_of_a_single_panel(tmp_path):
     optimal, none = panel.traces
     assert optimal.x.tolist() == sorted(H)
     assert optimal.y == pytest.approx(np.array(sorted(H)) ** 2)
-    assert optimal.fit == "2.00"
-    assert none.fit == f"1.00, {given.by_key[figure.curves[1].key].verdict}"
+    assert optimal.fit == "2.00 ± 0.01"
+    assert none.fit == f"1.00 ± 0.01, {given.by_key[figure.curves[1].key].verdict}"
     assert none.fit.endswith("miss")
     (line,) = panel.references
     assert line.text == "h²"
@@ -280,8 +281,8 @@ def test_sheet_of_a_single_panel(tmp_path):
     assert sheet.legend.title == "fitted slope"
     assert sheet.words == (
         "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u. "
-        "error of u, optimal: slope 2.00, predicted 2, pass. "
-        "error of u, none: slope 1.00, predicted 2, miss."
+        "error of u, optimal: slope 2.00 ± 0.01, predicted 2, pass. "
+        "error of u, none: slope 1.00 ± 0.01, predicted 2, miss."
     )
     draw.drawn(sheet)
 
@@ -290,7 +291,7 @@ def test_the_fit_and_its_line_are_about_the_middle(tmp_path):
     """Points where rounding rules are drawn, but the line ends before them."""
     values = [2.4e-5, 2.4e-7, 2.4e-9, 8.3e-10]
     rows = [
-        row(h, value, integrator=DAMPED)
+        row(h, value, integrator=DAMPED) | {"rounding": 2e-20 / h**2}
         for h, value in zip((1e-2, 1e-3, 1e-4, 1e-5), values, strict=True)
     ]
     given = written(tmp_path, rows)
@@ -298,7 +299,10 @@ def test_the_fit_and_its_line_are_about_the_middle(tmp_path):
     (panel,) = figure.sheet(given).panels
     (trace,) = panel.traces
     assert trace.y.tolist() == values[::-1]
-    assert trace.fit == "2.00"
+    assert trace.fit == "2.00 ± 0.02"
+    assert trace.bars == pytest.approx(2e-20 / trace.x**2)
+    assert trace.uncertain.tolist() == [True, False, False, False]
+    assert figure.sheet(given).heading == "fitted slope; bars: rounding"
     assert panel.references[0].x == pytest.approx([1e-4, 1e-2])
 
 
@@ -585,7 +589,7 @@ def test_the_page_has_them_with_words(tmp_path):
     (picture,) = page.pictures(given)
     assert picture.caption == "mine: " + picture.title
     assert picture.title == "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u"
-    assert "slope 2.00, predicted 2, pass" in picture.label
+    assert "slope 2.00 ± 0.01, predicted 2, pass" in picture.label
 
 
 # -- the command ------------------------------------------------------------------------------

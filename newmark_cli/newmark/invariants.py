@@ -21,36 +21,34 @@ class Misfit(NamedTuple):
     the largest size along the motion: see `newmark_cli.study.measures.invariants`.
     """
 
-    error: float
-    size: float
+    errors: Array  #: (k,) with their signs; (1,) of the energy, (m,) of all others
+    sizes: Array  #: (1,), or (m,) |λ₁| of multipliers, which differ in their units
+
+    @property
+    def error(self) -> float:
+        """The largest error."""
+        return _largest(self.errors)
 
 
-class MultiplierMisfit(NamedTuple):
-    """The same of λ against what u and v imply, constraint by constraint.
-
-    What errors of different multipliers are relative to is that of
-    `newmark_cli.problems.multipliers`, in view of all of a motion.
-    """
-
-    errors: Array  #: (m,) |λ − λ₁|, λ₁ from u and v by the index-1 system
-    sizes: Array  #: (m,) |λ₁|
-
-
-def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit | MultiplierMisfit]:
+def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
     """`misfits` of the state of a march, and those of its multipliers.
+
+    Those of λ are λ − λ₁, where u and v imply λ₁ by the index-1 system.  What errors of
+    different multipliers are relative to is that of `newmark_cli.problems.multipliers`, in
+    view of all of a motion.
 
     Returns:
         By name, in the order of `INVARIANTS`.  Of multipliers NaN where the state is not
         finite or the index-1 matrix is singular.
     """
     u, v = np.asarray(state.fields[:2], float)
-    found: dict[str, Misfit | MultiplierMisfit] = {**misfits(problem, t, u, v)}
+    found = misfits(problem, t, u, v)
     try:
         with np.errstate(all="ignore"):
             _, implied = Index1(problem).accelerations(t, u, v)
     except np.linalg.LinAlgError:
         implied = np.full(problem.m, np.nan)
-    found["multiplier"] = MultiplierMisfit(np.abs(state.multipliers - implied), np.abs(implied))
+    found["multiplier"] = Misfit(state.multipliers - implied, np.abs(implied))
     return {name: found[name] for name in INVARIANTS if name in found}
 
 
@@ -58,13 +56,13 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
     """Misfits of coordinates and velocities.
 
     ==========  ==============================================  =====================
-    name        error                                           size
+    name        errors                                          size
     ==========  ==============================================  =====================
-    position    max |Φ_k| / ‖G_k‖ (m): distance from the        max |u|
-                surface of a constraint
-    velocity    max |(Gᵀv + Φ_t)_k| / ‖G_k‖ (m/s): speed at     max |v|, |Φ_t| / ‖G‖
-                which one is left
-    energy      |E − E_0|, E = T + V                            T + T_0 + |V − V_0|
+    position    Φ_k / ‖G_k‖ (m): distance from the surface of   max |u|
+                a constraint
+    velocity    (Gᵀv + Φ_t)_k / ‖G_k‖ (m/s): speed at which     max |v|, |Φ_t| / ‖G‖
+                it is left
+    energy      E − E_0, E = T + V                              T + T_0 + |V − V_0|
     ==========  ==============================================  =====================
 
     G_k is the column of G of constraint k: dividing by its length makes links of any
@@ -89,10 +87,10 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
         lengths = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
         rate, _ = problem.constraint_derivatives(t, u, v)
         found = {
-            "position": Misfit(_largest(values.phi / lengths), _largest(u)),
+            "position": Misfit(values.phi / lengths, np.array([_largest(u)])),
             "velocity": Misfit(
-                _largest((gradient.T @ v + rate) / lengths),
-                max(_largest(v), _largest(rate / lengths)),
+                (gradient.T @ v + rate) / lengths,
+                np.array([max(_largest(v), _largest(rate / lengths))]),
             ),
         }
         now, begin = (
@@ -100,7 +98,8 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
         )
         if now is not None and begin is not None:
             gained, released = now[0] - begin[0], begin[1] - now[1]
-            found["energy"] = Misfit(abs(gained - released), now[0] + begin[0] + abs(released))
+            size = now[0] + begin[0] + abs(released)
+            found["energy"] = Misfit(np.array([gained - released]), np.array([size]))
     return found
 
 

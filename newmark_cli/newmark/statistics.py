@@ -15,6 +15,8 @@ class Statistics:
         rms, max, median, last: NaN when no step counts.
         zeros: Exact zeros; they are part of the statistics, but a log axis
             cannot show them.
+        rounding: What rounding alone changes in the one that is drawn; NaN where that is
+            not known.
     """
 
     rms: float
@@ -22,6 +24,7 @@ class Statistics:
     median: float
     last: float
     zeros: int
+    rounding: float = np.nan
 
 
 def statistics(values: Array) -> Statistics:
@@ -38,6 +41,25 @@ def statistics(values: Array) -> Statistics:
         last=float(values[-1]),
         zeros=int(np.count_nonzero(values == 0)),
     )
+
+
+#: Blocks of successive steps from which the error of an rms is estimated, at most.
+_BLOCKS = 16
+
+
+def standard_error(values: Array) -> float:
+    """Standard error of the rms of non-negative values that scatter from step to step.
+
+    It is that of the mean squares of blocks of successive steps, as neighbours may be alike:
+    up to 16 blocks; NaN of less than two values.
+    """
+    largest = float(np.max(values, initial=0.0))
+    if len(values) < 2 or not 0 < largest < np.inf:
+        return 0.0 if len(values) > 1 and largest == 0 else np.nan
+    blocks = np.array_split((values / largest) ** 2, min(_BLOCKS, len(values)))
+    squares = np.array([block.mean() for block in blocks])
+    error = squares.std(ddof=1) / np.sqrt(len(squares))
+    return float(largest * error / (2 * np.sqrt(squares.mean())))
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from newmark_cli.newmark.march import March, Stretch
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
 from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.twins import spread
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
 
@@ -174,6 +175,7 @@ class Trajectory:
         problem: What was marched, with the start that it was marched from.
         arrays: ``"u"``, ``"v"``, ``"a"``, ``"lambda"`` → array, of those that were kept.
         reason: What there is to say of the status besides; may be empty.
+        twins: Marches from starts one unit in the last place away, as many as were asked for.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -201,6 +203,7 @@ class Trajectory:
     problem: Problem = field(repr=False)
     arrays: Mapping[str, Array] = field(repr=False)
     reason: str = field(default="", repr=False)
+    twins: Sequence["Trajectory"] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         return (
@@ -248,6 +251,20 @@ class Trajectory:
     def multipliers(self) -> Array:
         """(k, m) λ; raises ArgumentError where they were not kept."""
         return self._array("lambda")
+
+    @cached_property
+    def rounding(self) -> Mapping[str, Array]:
+        """What rounding alone changes in what was kept: of ``"u"``, ``"lambda"`` and so on.
+
+        The standard deviation over the march and its `twins`, of the shape of the array;
+        infinite where a twin ended before.  Empty without twins.
+        """
+        if not self.twins:
+            return {}
+        return {
+            name: spread([each.arrays[name] for each in (self, *self.twins)])
+            for name in self.arrays
+        }
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:

@@ -232,12 +232,23 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
+def _counted(slopes: Sequence[Slope]) -> Counter[str]:
+    """How often each verdict is met; corrections in physical units follow from scaled ones."""
+    scaled = {slope.study for slope in slopes if slope.measure == "correction"}
+    return Counter(
+        slope.verdict
+        for slope in slopes
+        if not slope.accepted
+        and (slope.fails or slope.measure != "physical_correction" or slope.study not in scaled)
+    )
+
+
 def summary(slopes: Sequence[Slope], judged: Sequence[Judged]) -> str:
     """How many slopes are as predicted, what became of the others, and how many claims hold."""
-    counted = Counter(slope.verdict for slope in slopes if not slope.accepted)
+    counted = _counted(slopes)
     decided = sum(counted[word] for word in (PASS, *FAILING))
     parts = [f"{counted[PASS]} of {decided} slopes as predicted"]
-    parts += [f"{counted[word]} {word}" for word in (NOT_CONVERGING, *UNDECIDED) if counted[word]]
+    parts += [f"{counted[word]} {word}" for word in (NOT_CONVERGING, UNDECIDED) if counted[word]]
     if judged:
         held = [entry.finding.verdict for entry in judged].count(PASS)
         parts.append(f"{held} of {len(judged)} claims hold")
@@ -287,11 +298,10 @@ def format_verdict(slope: Slope) -> str:
     return f"{slope.verdict} (accepted)" if slope.accepted else slope.verdict
 
 
-def warning(slopes: Iterable[Slope]) -> str:
+def warning(slopes: Sequence[Slope]) -> str:
     """Warning of a check that passes: how many series it could not judge."""
-    counted = Counter(slope.verdict for slope in slopes if not slope.accepted)
-    parts = [f"{counted[word]} {word}" for word in UNDECIDED if counted[word]]
-    return f"warning: not judged: {', '.join(parts)}" if parts else ""
+    count = _counted(slopes)[UNDECIDED]
+    return f"warning: not judged: {count} {UNDECIDED}" if count else ""
 
 
 def format_orders(slope: Slope) -> str:

@@ -163,6 +163,15 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
         )
         return line
 
+    uncertain = shown & trace.uncertain
+    if trace.bars is not None and uncertain.any():
+        y, bars = trace.y[uncertain], trace.bars[uncertain]
+        # On a logarithmic axis a decade at most, which is all that it has room for.
+        least = 0.1 * y if panel.y_scale == "log" else -np.inf
+        below, above = np.maximum(y - bars, least), y + bars
+        axes.vlines(
+            trace.x[uncertain], below, above, color=look.color, alpha=0.5, linewidth=trace.size
+        )
     # Also without a point, for the legend.
     handle = points(shown & ~apart, look.linestyle, look.filled)
     if (shown & apart).any():
@@ -303,7 +312,7 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: dict[str, Any], grows:
         return
     most = _MOST * drawing.bbox.width
     size = mpl.rcParams["legend.fontsize"]
-    title = _wrapped(drawing, sheet.legend.title, size, most)
+    title = _wrapped(drawing, sheet.heading, size, most)
     columns, room, labels = sheet.legend.columns or len(entries), most, list(entries)
     fixed = sheet.layout is not None
     while True:

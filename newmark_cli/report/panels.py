@@ -20,6 +20,9 @@ from newmark_cli.arrays import Array, Mask
 #: Width of a journal column (inch).
 WIDTH = 3.5
 
+#: What bars show, in legends, and from which part of a value on they do.
+BARS, _VISIBLE = "bars: rounding", 0.1
+
 #: How an axis counts.
 Scale = Literal["log", "linear", "symlog"]
 
@@ -89,6 +92,7 @@ class Trace:
         look: How it looks.
         apart: (points,) which points are not joined and have open markers: cells of which
             the value is a limit, not a result; none when omitted.
+        bars: (points,) what rounding alone changes in each y; NaN where it is not known.
         size: Factor of the look's markers.
         fit: Fitted slope as text; empty for none.
         said: The trace in words, for those who do not see it; empty where another trace
@@ -100,6 +104,7 @@ class Trace:
     y: Array
     look: Look
     apart: Mask | None = None
+    bars: Array | None = None
     size: float = 1.0
     fit: str = ""
     said: str = ""
@@ -107,6 +112,13 @@ class Trace:
     def shown(self, x_scale: Scale, y_scale: Scale) -> Mask:
         """(points,) which points have a place on axes of these scales."""
         return _placed(self.x, x_scale) & _placed(self.y, y_scale)
+
+    @property
+    def uncertain(self) -> Mask:
+        """(points,) which of them rounding changes so much that it shows."""
+        if self.bars is None:
+            return np.full(len(self.y), False)
+        return np.asarray(self.bars > _VISIBLE * np.abs(self.y))
 
     @property
     def zeros(self) -> int:
@@ -277,6 +289,13 @@ class Sheet:
     minor_ticks: bool = True
     grid: bool = True
     settings: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def heading(self) -> str:
+        """What stands above the legend, with the meaning of bars where there are any."""
+        there = any(trace.uncertain.any() for panel in self.panels for trace in panel.traces)
+        told = there and BARS not in self.legend.title
+        return "; ".join(filter(None, (self.legend.title, BARS if told else "")))
 
     @property
     def rows(self) -> int:

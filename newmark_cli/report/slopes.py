@@ -6,6 +6,7 @@ the step size alone.  Predictions come from exponent arithmetic
 table of expected numbers.  Where theory predicts none, the series is shown.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -20,7 +21,7 @@ from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import REPORTED, STARTS, Formulation, Projection
-from newmark_cli.newmark.scheme import COMPENSATED, EVALUATIONS, PRECISIONS
+from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, power_law
 from newmark_cli.report.verdicts import (
@@ -28,11 +29,10 @@ from newmark_cli.report.verdicts import (
     INCOMPLETE,
     LEAST,
     MISS,
-    NOT_ASYMPTOTIC,
     NOT_CONVERGING,
     PASS,
     SHOWN,
-    TOO_FEW,
+    UNDECIDED,
     Evidence,
     Judgement,
     judge,
@@ -41,7 +41,7 @@ from newmark_cli.report.verdicts import (
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, results
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.measures import RECORDS, Record
+from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
 from newmark_cli.study.reading import (
     SERIES,
     Motion,
@@ -52,7 +52,7 @@ from newmark_cli.study.reading import (
     released,
     study_files,
 )
-from newmark_cli.study.results import NUMBERS
+from newmark_cli.study.results import NUMBERS, ROUNDING
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,6 +97,7 @@ class Slope:
         steps: (points,) steps of the run.
         values: (points,) the statistic that is drawn; where a Krylov solver
             stagnated, the number of iterations that it was allowed.
+        rounding: (points,) what rounding alone changes in each value; NaN where it is not known.
         statuses: Status of the cell behind each point.
         fitted: (points,) which of them the fit is for; see `newmark_cli.report.verdicts`.
         fit: Power law through them.
@@ -115,6 +116,7 @@ class Slope:
     h: Array
     steps: Array
     values: Array
+    rounding: Array
     statuses: tuple[str, ...]
     fitted: Mask
     fit: Fit
@@ -216,8 +218,7 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         if key.measure:
             of_motion = moved.get(key.problem, Motion())
             points = len(sizes[cases[at[0]]])
-            amplified = of_motion.amplification.get(key.quantity, 0.0)
-            slope = _slope(key, role, rows, points, accepted, path, amplified)
+            slope = _slope(key, role, rows, points, accepted, path)
             slope = _moved(_resolved(slope), of_motion.singular, of_motion.still)
             found.append(_shared(slope, dropped.get(key.problem)))
         elif not set(rows["status"]) <= set(accepted):
@@ -257,7 +258,6 @@ def _slope(
     points: int,
     accepted: Sequence[str],
     path: Path,
-    amplification: float,
 ) -> Slope:
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
@@ -274,7 +274,7 @@ def _slope(
         # A cell that was expected to end like this measured something else.
         expected, exact = np.nan, False
     tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
-    found = _judged(key, record, rows, values, expected, tolerance, points, exact, amplification)
+    found = _judged(key, record, rows, values, expected, tolerance, points, exact)
     return Slope(
         figures=figures,
         key=key,
@@ -282,6 +282,7 @@ def _slope(
         h=h,
         steps=np.array(rows["steps"], float),
         values=values,
+        rounding=np.array(rows[ROUNDING], float),
         statuses=statuses,
         fitted=found.fitted,
         fit=found.fit,
@@ -305,9 +306,7 @@ def _resolved(slope: Slope) -> Slope:
     if np.count_nonzero(products <= _SLOW) >= LEAST:
         return slope
     reason = f"α h is {products.min():.2g} to {products.max():.2g}: orders show below {_SLOW:g}"
-    return replace(
-        slope, verdict=NOT_ASYMPTOTIC, reason="; ".join(filter(None, (slope.reason, reason)))
-    )
+    return replace(slope, verdict=UNDECIDED, reason="; ".join(filter(None, (slope.reason, reason))))
 
 
 #: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
@@ -319,12 +318,12 @@ def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
     if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
         return slope
     if still:
-        return replace(slope, verdict=TOO_FEW, reason="nothing moves: there is only rounding")
+        return replace(slope, verdict=UNDECIDED, reason="nothing moves: there is only rounding")
     if not singular or slope.verdict not in (MISS, NOT_CONVERGING):
         return slope
     where = ", ".join(f"{t:g}" for t in singular[:3]) + (", …" if len(singular) > 3 else "")
     reason = f"the motion passes a singular position near t = {where}, where no order holds"
-    verdict = NOT_ASYMPTOTIC if slope.verdict == MISS else slope.verdict
+    verdict = UNDECIDED if slope.verdict == MISS else slope.verdict
     return replace(slope, verdict=verdict, reason="; ".join(filter(None, (slope.reason, reason))))
 
 
@@ -350,7 +349,6 @@ def _judged(
     tolerance: float,
     points: int,
     exact: bool,
-    amplification: float,
 ) -> Judgement:
     """The verdict on the rows of one series, its points in their order."""
     h = np.array(rows["h"], float)
@@ -374,27 +372,39 @@ def _judged(
     evidence = Evidence(
         h=h[order],
         values=values[order],
-        steps=np.array(rows["steps"], float)[order],
+        uncertainty=_uncertainty(record, rows, values)[order],
         kind=record.kind,
-        quantity=key.quantity,
         expected=expected,
         tolerance=tolerance,
-        damped=not record.alternates(key),
-        unit=float(np.finfo(PRECISIONS[key.precision]).eps),
-        coarse=record.coarse(key),
-        compensated=key.evaluation == COMPENSATED,
-        floor=record.floor(key),
         exact=exact,
         bound=record.bounded(key),
-        lacking=record.lacking(key),
+        coarse=record.coarse(key),
         typical=np.array(rows["median"], float)[order],
-        amplification=amplification,
+        undamped=key.quantity in OF_MULTIPLIERS and record.alternates(key),
     )
     found = judge(evidence)
     fitted = np.empty(len(h), bool)
     fitted[order] = found.fitted
-    # The fit does not depend on the order of the points but for rounding: keep that of the CSV.
-    return replace(found, fitted=fitted, fit=power_law(h[fitted], values[fitted]))
+    return replace(found, fitted=fitted)
+
+
+#: Relative standard deviation by which the place of h between powers of two changes what
+#: rounding leaves: ln 2/√12, as the unit in the last place doubles from one to the next.
+_BINADE = math.log(2) / math.sqrt(12)
+
+
+def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Array) -> Array:
+    """(points,) uncertainty of each value, relative to it; NaN where it was not measured."""
+    rounding, steps = (np.array(rows[name], float) for name in (ROUNDING, "steps"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(rounding == 0, 0.0, rounding / values)
+        if record.kind == "rounding":
+            # Without blocks of steps the scatter of a normal distribution.
+            sampling = np.where(np.isnan(relative), 1 / np.sqrt(2 * steps), relative)
+            return np.asarray(np.hypot(sampling, _BINADE))
+    if record.kind == "determined":
+        return np.nan_to_num(relative, nan=0.0)
+    return np.asarray(relative)
 
 
 def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
@@ -413,6 +423,7 @@ def _failed(key: SeriesKey, role: str) -> Slope:
         h=np.array([]),
         steps=np.array([]),
         values=np.array([]),
+        rounding=np.array([]),
         statuses=(),
         fitted=np.array([], bool),
         fit=power_law(np.array([]), np.array([])),

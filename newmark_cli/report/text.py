@@ -22,7 +22,7 @@ _WORD = 20
 _GAP = 2
 #: Colours of words on a terminal.
 _COLOURS = {
-    **dict.fromkeys(UNDECIDED, "yellow"),
+    UNDECIDED: "yellow",
     **dict.fromkeys((*STATUSES[1:], *FAILING), "red"),
 }
 

@@ -10,6 +10,7 @@ from newmark_cli.arrays import Array, Mask
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.panels import (
+    BARS,
     WIDTH,
     Layout,
     Legend,
@@ -72,6 +73,7 @@ def trace(
         slope.values[order],
         look,
         apart=stagnated[order],
+        bars=slope.rounding[order],
         size=size,
         fit=fit,
         said=in_words(name or label, slope),
@@ -136,7 +138,8 @@ def single(
     ]
     entries = [t.label + (f": {t.fit}" if t.fit else "") for t in traces]
     compared = any(not math.isnan(slope.expected) for slope in slopes)
-    heading = "fitted slope" if compared else note
+    bars = BARS if any(each.uncertain.any() for each in traces) else ""
+    heading = "; ".join(filter(None, ("fitted slope" if compared else note, bars)))
     columns = 2 if max(map(len, entries)) <= 26 else 1
     lines = math.ceil((len(entries) + compared) / columns) + bool(heading)
     return Sheet(

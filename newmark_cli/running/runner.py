@@ -28,7 +28,6 @@ from newmark_cli.study import motion, provenance, results, trajectories
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
-from newmark_cli.study.measures import ERROR
 
 
 @dataclass(frozen=True)
@@ -501,14 +500,9 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         if cell.steps > 0:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
             longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
-    # Verdicts on errors ask how large their rounding may be.
-    erring = {cell.problem for cell in cells if ERROR.name in cell.measure}
-    found = {
-        spec.label: _facts(spec, t_end, h, spec in erring) for spec, (t_end, h) in longest.items()
-    }
+    found = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
     return {
         label: {"singular": list(facts.singular), "still": facts.still}
-        | ({"amplification": dict(facts.amplification)} if facts.amplification else {})
         for label, facts in found.items()
         if facts != motion.Facts()
     }
@@ -538,16 +532,16 @@ def _not_unique(cells: Sequence[Cell]) -> dict[str, dict[str, list[str]]]:
     return found
 
 
-def _facts(spec: ProblemSpec, t_end: float, h: float, amplified: bool) -> motion.Facts:
+def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
     try:
-        return with_problem(spec, _quiet_facts, t_end, h, amplified)
+        return with_problem(spec, _quiet_facts, t_end, h)
     except apart.ApartError:  # the cells have told what goes wrong
         return motion.Facts()
 
 
-def _quiet_facts(problem: Problem, t_end: float, h: float, amplified: bool) -> motion.Facts:
+def _quiet_facts(problem: Problem, t_end: float, h: float) -> motion.Facts:
     with np.errstate(all="ignore"):
-        return motion.facts(problem, t_end, h, amplified)
+        return motion.facts(problem, t_end, h)
 
 
 def weight(planned: Sequence[Planned]) -> int:

@@ -289,6 +289,14 @@ class Cell:
         config=lambda: _keys().Count,
         default=32,
     )
+    twins: int = setting(
+        "marches from starts one unit in the last place away, by which the rounding of errors, "
+        "invariants and drifts is measured; 0: none",
+        column=False,
+        initial=0,
+        config=lambda: _keys().TwinCount,
+        default=3,
+    )
     krylov: Krylov | None = setting(
         "when gmres and minres stop",
         column=False,
@@ -331,8 +339,8 @@ class Cell:
 
     @property
     def weight(self) -> int:
-        """Steps, as progress counts them; never zero."""
-        return max(self.steps, 1)
+        """Steps, as progress counts them, those of twins included; never zero."""
+        return max(self.steps, 1) * (1 + self.twins)
 
 
 @dataclass(frozen=True)

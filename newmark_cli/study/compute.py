@@ -1,16 +1,20 @@
 """Marching a cell while its measures look on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from newmark_cli.arrays import IndexArray
 from newmark_cli.newmark import march_data
 from newmark_cli.newmark.march import March, is_ready
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.statistics import Measurement
+from newmark_cli.newmark.twins import spread, twins
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
-from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.measures import MEASURES, Deviations, Observer
 from newmark_cli.study.redundancy import REDUNDANT, Watch
 
 
@@ -58,18 +62,57 @@ def compute(
         on_steps: Told how many steps were done, now and then; an exception
             that it raises ends the march.
     """
-    march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
+    problem, scheme = cell.problem.load(), scheme_of(cell)
+    march = March(problem, scheme, cell.solver, cell.krylov)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
-    observers = [measure.observe(cell, march, reference) for measure in measures]
-    observers.append(Watch(march.problem, cell.steps))
+    observers = {each.name: each.observe(cell, march, reference) for each in measures}
+    watch = Watch(march.problem, cell.steps)
+    counts, pivoted = _marched(march, cell.steps, [*observers.values(), watch], on_steps)
+    measured = {name: each.measured() for name, each in observers.items()}
+    if cell.twins:
+        twinned = [each for each in measures if each.twins]
+        found = [{each.name: observers[each.name].deviations for each in twinned}]
+        for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov):
+            of_twin = {each.name: each.observe(cell, twin, reference) for each in twinned}
+            _marched(twin, cell.steps, [*of_twin.values()], on_steps)
+            found.append({name: each.deviations for name, each in of_twin.items()})
+        for each in twinned:
+            of_each = [deviations[each.name] for deviations in found]
+            measured[each.name] = [
+                with_rounding(row, of_each, observers[each.name].unresolved(row.quantity))
+                for row in measured[each.name]
+            ]
+
+    every = [*observers.values(), watch]
+    reason = next((observer.reason for observer in every if observer.reason), "")
+    not_converged = int(np.count_nonzero(counts < 0))
+    ended = march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok")
+    return Outcome(
+        measurements=[row for rows in measured.values() for row in rows],
+        not_converged=not_converged,
+        newton_iterations=float(np.mean(np.abs(counts))) if march.done else np.nan,
+        status=REDUNDANT if reason else ended,
+        reason=reason,
+        met=march.done - not_converged if cell.stop else None,
+        history=[entry for observer in every for entry in observer.history],
+        drift=[entry for observer in every for entry in observer.drift],
+        trajectory={name: at for each in every for name, at in each.trajectory.items()},
+        pivoted=pivoted,
+    )
+
+
+def _marched(
+    march: March, steps: int, observers: Sequence[Observer], on_steps: Callable[[int], None]
+) -> tuple[IndexArray, int]:
+    """Newton corrections of each step that was taken, and how many steps were pivoted."""
     counts, pivoted = [np.zeros(0, np.int64)], 0
-    if cell.steps == 0:
+    if steps == 0:
         for observer in observers:
             observer.sees(march)
         on_steps(1)
     stops = frozenset[int]().union(*(observer.stops for observer in observers))
     looks = next((observer.looks for observer in observers if len(observer.looks)), ())
-    for stretch in march.stretches(cell.steps, stops, looks) if cell.steps else ():
+    for stretch in march.stretches(steps, stops, looks) if steps else ():
         on_steps(len(stretch.iterations))
         counts.append(stretch.iterations)
         pivoted += stretch.pivoted
@@ -81,20 +124,19 @@ def compute(
                     observer.sees(march)
         if any(observer.reason for observer in observers):
             break
+    return np.concatenate(counts), pivoted
 
-    iterations = np.concatenate(counts)
-    reason = next((observer.reason for observer in observers if observer.reason), "")
-    not_converged = int(np.count_nonzero(iterations < 0))
-    ended = march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok")
-    return Outcome(
-        measurements=[found for observer in observers for found in observer.measured()],
-        not_converged=not_converged,
-        newton_iterations=float(np.mean(np.abs(iterations))) if march.done else np.nan,
-        status=REDUNDANT if reason else ended,
-        reason=reason,
-        met=march.done - not_converged if cell.stop else None,
-        history=[entry for observer in observers for entry in observer.history],
-        drift=[entry for observer in observers for entry in observer.drift],
-        trajectory={name: at for each in observers for name, at in each.trajectory.items()},
-        pivoted=pivoted,
-    )
+
+def with_rounding(
+    row: Measurement, marches: Sequence[Deviations], unresolved: float = 0.0
+) -> Measurement:
+    """A row with the rounding that a march and its twins tell.
+
+    Args:
+        row: Of the march.
+        marches: What it is about, of the march and then of each twin.
+        unresolved: By how much what they deviate from may be off itself.
+    """
+    off = spread([each.get(row.quantity, np.empty(0)) for each in marches])
+    rounding = float(np.hypot(off.max(), unresolved)) if off.size else np.nan
+    return replace(row, statistics=replace(row.statistics, rounding=rounding))

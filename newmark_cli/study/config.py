@@ -366,6 +366,7 @@ class _Rules(StrictModel):
                 steps=steps,
                 krylov=axes.krylov_options(self, at["linear_solver"]),
                 trajectory=axes.kept_of(self),
+                twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
                 **{name: getattr(self, name) for name in _AS_GIVEN},
             )
 
@@ -390,7 +391,7 @@ else:
 _AS_GIVEN = [
     axis.name
     for axis in axes.cell_axes()
-    if not axis.cell and axis.name not in ("t_end", "steps", "krylov", "trajectory")
+    if not axis.cell and axis.name not in ("t_end", "steps", "krylov", "trajectory", "twins")
 ]
 
 

@@ -810,6 +810,7 @@ Figures = Annotated[
 
 
 Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
+TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
 StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
 
 

@@ -10,7 +10,7 @@ neither.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -26,9 +26,8 @@ from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning
-from newmark_cli.newmark.scaling import sensitivity as by_displacement
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
-from newmark_cli.newmark.statistics import Measurement, statistics
+from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
 from newmark_cli.newmark.truncation import March as Marched
 from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS
@@ -36,7 +35,7 @@ from newmark_cli.study.cell import DRIFTS
 if TYPE_CHECKING:
     import pandas as pd
 
-    from newmark_cli.newmark.invariants import Misfit, MultiplierMisfit
+    from newmark_cli.newmark.invariants import Misfit
     from newmark_cli.newmark.march import March, Stretch
     from newmark_cli.newmark.march_data import State
     from newmark_cli.newmark.trajectory import Trajectory
@@ -64,6 +63,21 @@ def _math(quantity: str) -> str:
 
 #: Measure, quantity, role and row block of a row of the CSV.
 RowName = tuple[str, str, str, str]
+#: Quantity → (samples, k) by how much components of it are off at each sample, with their
+#: signs, in the unit of the row, whose statistics are those of the largest of each sample.
+Deviations = Mapping[str, Array]
+
+
+def _at_samples(found: Mapping[str, Sequence[Array]]) -> Deviations:
+    """Of quantities what was found at each sample; there may be none."""
+    return {name: np.array(each) if each else np.zeros((0, 1)) for name, each in found.items()}
+
+
+def _of_largest(measure: str, deviations: Deviations) -> list[Measurement]:
+    return [
+        Measurement(quantity, measure, "primary", statistics(np.abs(off).max(axis=1)))
+        for quantity, off in deviations.items()
+    ]
 
 
 class Observer:
@@ -89,6 +103,15 @@ class Observer:
     def measured(self) -> list[Measurement]:
         """Rows of the CSV, once the march is over."""
         return []
+
+    @property
+    def deviations(self) -> Deviations:
+        """What its rows are about, of a measure that twins march for."""
+        return {}
+
+    def unresolved(self, quantity: str) -> float:
+        """By how much what a quantity deviates from may be off itself."""
+        return 0.0
 
     @property
     def history(self) -> list[tuple[int, Array]]:
@@ -134,10 +157,6 @@ class Record:
         coarse: Orders that a series may show while h is too coarse, from its key.
         bounded: Why the predicted order is only a lower bound, from the key; empty where
             it is the order.
-        lacking: Order of the rounding of a value that vanishes in some problems, from the
-            key; NaN where none does.
-        floor: Power of the number of steps with which rounding may grow, from the key;
-            None where the quantity says it.
         alternates: Whether an error may alternate undamped from step to step, from the key.
         quantities: What the rows may be about, as in the CSV.
     """
@@ -158,8 +177,6 @@ class Record:
     at_end: bool = False
     coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
     bounded: Callable[[SeriesKey], str] = lambda key: ""
-    lacking: Callable[[SeriesKey], float] = lambda key: np.nan
-    floor: Callable[[SeriesKey], float | None] = lambda key: None
     alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
     quantities: tuple[str, ...] = ()
 
@@ -194,6 +211,7 @@ class Measure:
         solvers: Linear solvers that it is about; any when empty.
         at_end: Whether it is taken at t_end, which must then be a whole number of steps.
         reference: Whether it needs the solution at the end.
+        twins: Whether twins of the march tell the rounding of its rows.
         rows: Measure, quantity, role and row block of every row that a cell of a form has
             of it, in their order; None where that is not known beforehand.
         may_lack: Quantities of which there are rows for some problems only.
@@ -208,6 +226,7 @@ class Measure:
     solvers: tuple[str, ...] = ()
     at_end: bool = False
     reference: bool = False
+    twins: bool = False
     rows: Callable[[Form], Sequence[RowName]] | None = None
     may_lack: tuple[str, ...] = ()
 
@@ -268,15 +287,14 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
         source = int(np.argmax(weights))
         physical[eliminated] = weights[source] * physical[form.kept[source]]
 
-    found = [
-        Measurement(unknown, "correction", "primary", statistics(scaled[unknown]))
-        for unknown in form.unknowns
-    ]
+    def row(quantity: str, measure: str, role: str, values: Array) -> Measurement:
+        found = replace(statistics(values), rounding=standard_error(values))
+        return Measurement(quantity, measure, role, found)
+
+    found = [row(unknown, "correction", "primary", scaled[unknown]) for unknown in form.unknowns]
     for quantity in (*FIELDS, *form.multipliers):
         role = "recovered" if quantity in form.eliminated else "primary"
-        found.append(
-            Measurement(quantity, "physical_correction", role, statistics(physical[quantity]))
-        )
+        found.append(row(quantity, "physical_correction", role, physical[quantity]))
     return found
 
 
@@ -449,27 +467,32 @@ class _Sensitivities(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = _sampled(cell)
         self._samples: list[dict[tuple[str, str], float]] = []
+        self._beside: list[dict[tuple[str, str], float]] = []
 
     def sees(self, march: "March") -> None:
         from newmark_cli.newmark import perturbation
+        from newmark_cli.newmark.twins import beside
 
         here = march.here
-        self._samples.append(
-            perturbation.sensitivities(march.problem, march.scheme, march.t, here, march.system)
-        )
+        for state, found in ((here, self._samples), (beside(here), self._beside)):
+            found.append(
+                perturbation.sensitivities(
+                    march.problem, march.scheme, march.t, state, march.system
+                )
+            )
 
     def measured(self) -> list[Measurement]:
-        samples = self._samples
-        return [
-            Measurement(
-                unknown,
-                "sensitivity",
-                "primary",
-                statistics(np.array([sample[row, unknown] for sample in samples])),
-                row,
+        found = []
+        for row, unknown in self._samples[0] if self._samples else ():
+            values, others = (
+                np.array([sample[row, unknown] for sample in samples])
+                for samples in (self._samples, self._beside)
             )
-            for row, unknown in (samples[0] if samples else ())
-        ]
+            # Rounding alone tells a state from the one beside it.
+            rounding = float(np.median(np.abs(values - others)))
+            of_row = replace(statistics(values), rounding=rounding)
+            found.append(Measurement(unknown, "sensitivity", "primary", of_row, row))
+        return found
 
 
 def _order_of_sensitivity(key: SeriesKey) -> float:
@@ -487,23 +510,6 @@ def _bound_of_sensitivity(key: SeriesKey) -> str:
     return "blocks are smaller at rest, without damping, or with P = M⁻¹G"
 
 
-def _rounding_of_sensitivity(key: SeriesKey) -> float:
-    """Order of the rounding of a block that a problem may lack: in balanced units it has none."""
-    form, orders, scaling = _form_of(key), _orders_of(key), _scaling_of(key)
-    place = form.solved.index(key.quantity), form.rows.index(key.row_block)
-    # In index 3 motions that constraints leave free answer to D; where all are driven, none.
-    index_3 = form.formulation == CONSTRAINTS.label
-    if not index_3 and (not _bound_of_sensitivity(key) or np.isfinite(orders.special[place])):
-        return np.nan
-    balanced = by_displacement(form)
-    return float(
-        sum(
-            sign * (each.left[key.row_block].order() + each.right[key.quantity].order())
-            for sign, each in ((1, balanced), (-1, scaling))
-        )
-    )
-
-
 SENSITIVITY = Measure(
     "sensitivity",
     "change of each unknown for a perturbation of each row of the residual",
@@ -518,7 +524,6 @@ SENSITIVITY = Measure(
             0.05,
             may_vanish=True,
             bounded=_bound_of_sensitivity,
-            lacking=_rounding_of_sensitivity,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
     ),
@@ -537,15 +542,26 @@ class _Errors(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = frozenset((cell.steps,))
         self._reference = reference
-        self._found: list[Measurement] = []
+        self._found: Deviations = {}
 
     def sees(self, march: "March") -> None:
         self._found = errors(self._reference, march.seen, march.problem, march.t)
 
-    def measured(self) -> list[Measurement]:
+    @property
+    def deviations(self) -> Deviations:
         return self._found
 
+    def unresolved(self, quantity: str) -> float:
+        of = OF_OUTPUTS.get(quantity, quantity)
+        name = {"lambda": "multipliers"}.get(of, of)
+        return float(getattr(self._reference, f"{name}_error", 0.0))
 
+    def measured(self) -> list[Measurement]:
+        return _of_largest("error", self._found)
+
+
+#: Quantities that are multipliers, or reactions, which are linear in them.
+OF_MULTIPLIERS = ("lambda", "multiplier", "force", "moment")
 #: Errors of outputs → what their errors are of.  Names of outputs end in these and an axis.
 OF_OUTPUTS: Mapping[str, str] = MappingProxyType(
     {"omega": "v", "force": "lambda", "moment": "lambda"}
@@ -560,8 +576,8 @@ def _groups(outputs: "Outputs") -> dict[str, Mask]:
 
 def errors(
     reference: "Reference | None", state: "State", problem: "Problem | None" = None, t: float = 0.0
-) -> list[Measurement]:
-    """Measurements of a final state's errors, largest component over largest component.
+) -> Deviations:
+    """Errors of a final state, component by component, relative to the largest component.
 
     Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.
 
@@ -572,13 +588,10 @@ def errors(
         problem: The problem, for errors of its outputs, if it has any.
         t: Time of the state (s).
     """
-    from newmark_cli.problems import multipliers as of_multipliers
-    from newmark_cli.problems.reference import relative_error
-
-    found: dict[str, list[float]] = {"u": [], "v": [], "lambda": []}
+    off: dict[str, list[Array]] = {"u": [], "v": [], "lambda": []}
     if problem is not None and problem.outputs is not None:
         groups = _groups(problem.outputs)
-        found |= {kind: [] for kind in groups}
+        off |= {kind: [] for kind in groups}
         if reference is not None:
             u, v = np.asarray(state.fields[:2], float)
             multipliers = np.asarray(state.multipliers, float)
@@ -587,45 +600,29 @@ def errors(
                 problem, t, reference.u, reference.v, reference.multipliers
             )
             for kind, of in groups.items():
-                off = relative_error(here[of], there[of])
+                size = float(np.abs(there[of]).max())
                 if kind == "moment":
                     # Moments about axes that turn freely are rounding of those of forces.
                     lever = problem.outputs.length(reference.u)
-                    of_forces = lever * float(np.abs(there[groups["force"]]).max())
-                    if (size := max(of_forces, float(np.abs(there[of]).max()))) > 0:
-                        off = float(np.abs(here[of] - there[of]).max()) / size
-                found[kind].append(off)
+                    size = max(lever * float(np.abs(there[groups["force"]]).max()), size)
+                off[kind].append(_relative(here[of] - there[of], size))
     if reference is not None:
-        found["u"].append(relative_error(state.fields[0], reference.u))
-        found["v"].append(relative_error(state.fields[1], reference.v))
-        found["lambda"].append(
-            of_multipliers.relative_error(
-                state.multipliers, reference.multipliers, reference.scales
-            )
+        fields = zip(state.fields[:2], (reference.u, reference.v), strict=True)
+        off["u"], off["v"] = (
+            [_relative(here - there, float(np.abs(there).max()))] for here, there in fields
         )
-    return [
-        Measurement(quantity, "error", "primary", statistics(np.array(values)))
-        for quantity, values in found.items()
-    ]
+        off["lambda"].append(_relative(state.multipliers - reference.multipliers, reference.scales))
+    return _at_samples(off)
+
+
+def _relative(errors: Array, sizes: float | Array) -> Array:
+    """Errors over sizes; 0 where an error vanishes, whatever its size is."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(errors == 0, 0.0, errors / sizes))
 
 
 def _order_of_error(key: SeriesKey) -> float:
     return _march_of(key).error(OF_OUTPUTS.get(key.quantity, key.quantity))
-
-
-def _floor_of_error(key: SeriesKey) -> float | None:
-    """λ loses less to rounding where corrections of λ do, or where u and v imply it."""
-    march = _march_of(key)
-    of_multipliers = OF_OUTPUTS.get(key.quantity, key.quantity) == "lambda"
-    if not of_multipliers or not march.formulated or march.alternates:
-        return None
-    if march.recovers:
-        return _POWER_OF_V
-    return max(_POWER_OF_V, -_orders_of(key).physical_corrections()["lambda"])
-
-
-#: Power of the number of steps with which rounding of v may grow, and of what follows from v.
-_POWER_OF_V = 1.5
 
 
 def _ratio(quantity: str) -> str:
@@ -654,15 +651,13 @@ ERROR = Measure(
             0.2,
             kind="truncation",
             at_end=True,
-            # From rest λ of undamped integrators has the order too, until it alternates.
-            coarse=lambda key: (float(integrator.parse(key.integrator).order),),
-            floor=_floor_of_error,
             quantities=("u", "v", "lambda", *OF_OUTPUTS),
         ),
     ),
     _Errors,
     at_end=True,
     reference=True,
+    twins=True,
     rows=_primary(*(("error", quantity) for quantity in ("u", "v", "lambda", *OF_OUTPUTS))),
     may_lack=tuple(OF_OUTPUTS),
 )
@@ -675,35 +670,35 @@ class _Invariants(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = _sampled(cell)
         self._problem = march.problem
-        self._samples: list[dict[str, Misfit | MultiplierMisfit]] = []
+        self._samples: list[dict[str, Misfit]] = []
 
     def sees(self, march: "March") -> None:
         from newmark_cli.newmark.invariants import invariants as misfits
 
         self._samples.append(misfits(march.problem, march.t, march.seen))
 
-    def measured(self) -> list[Measurement]:
+    @property
+    def deviations(self) -> Deviations:
         return invariants(self._problem, self._samples)
 
+    def measured(self) -> list[Measurement]:
+        return _of_largest("invariant", self.deviations)
 
-def invariants(
-    problem: "Problem", samples: "Sequence[Mapping[str, Misfit | MultiplierMisfit]]"
-) -> list[Measurement]:
-    """Measurements of `newmark_cli.newmark.invariants` at the sampled states.
+
+def invariants(problem: "Problem", samples: "Sequence[Mapping[str, Misfit]]") -> Deviations:
+    """`newmark_cli.newmark.invariants` at the sampled states.
 
     Each error is divided by the largest size among the samples; 0 where all vanish.
     """
     from newmark_cli.problems.multipliers import weights_at_start
 
-    found = []
+    found = {}
     for name in samples[0] if samples else ():
         errors, sizes = (np.array(each) for each in zip(*(s[name] for s in samples), strict=True))
         largest = sizes.max(axis=0)
         if name == "multiplier":
             largest = weights_at_start(problem).scales(largest)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            relative = np.where(errors == 0, 0.0, errors / largest).reshape(len(samples), -1)
-        found.append(Measurement(name, "invariant", "primary", statistics(relative.max(axis=1))))
+        found[name] = _relative(errors, largest)
     return found
 
 
@@ -731,6 +726,7 @@ INVARIANT = Measure(
         ),
     ),
     _Invariants,
+    twins=True,
     rows=_primary(
         *(("invariant", name) for name in ("position", "velocity", "multiplier", "energy"))
     ),
@@ -745,10 +741,15 @@ class _Drift(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = _sampled(cell)
         self._recorded: list[tuple[int, Array]] = []
+        self._signed: dict[str, list[Array]] = {name: [] for name in DRIFTS}
 
     @property
     def drift(self) -> list[tuple[int, Array]]:
         return self._recorded
+
+    @property
+    def deviations(self) -> Deviations:
+        return _at_samples(self._signed)
 
     def sees(self, march: "March") -> None:
         from newmark_cli.newmark.invariants import misfits
@@ -756,13 +757,11 @@ class _Drift(Observer):
         u, v = np.asarray(march.here.fields[:2], float)
         found = misfits(march.problem, march.t, u, v)
         self._recorded.append((march.done, np.array([found[name].error for name in DRIFTS])))
+        for name, errors in self._signed.items():
+            errors.append(found[name].errors)
 
     def measured(self) -> list[Measurement]:
-        errors = np.array([values for _, values in self._recorded]).reshape(-1, len(DRIFTS))
-        return [
-            Measurement(name, "drift", "primary", statistics(errors[:, k]))
-            for k, name in enumerate(DRIFTS)
-        ]
+        return _of_largest("drift", self.deviations)
 
 
 _LABELS_OF_DRIFT = {
@@ -784,6 +783,7 @@ DRIFT = Measure(
         ),
     ),
     _Drift,
+    twins=True,
     rows=_primary(*(("drift", name) for name in DRIFTS)),
 )
 

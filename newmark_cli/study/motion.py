@@ -1,8 +1,8 @@
 """Motions of problems: for drawings, and what verdicts must know of them."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -13,16 +13,12 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Integrator
 from newmark_cli.newmark.invariants import misfits
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.march_data import COMPLETED, State
+from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.newmark.trajectory import Recorder, Trajectory
+from newmark_cli.newmark.trajectory import Recorder
 from newmark_cli.problems import singular
-from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.multipliers import weights
 from newmark_cli.problems.problem import Problem
-from newmark_cli.problems.reference import Reference
-from newmark_cli.study.measures import errors
 
 #: The trapezoidal rule would leave an alternating error of the multipliers undamped.
 DAMPED = GeneralizedAlpha(0.9)
@@ -149,7 +145,9 @@ def _marched_with(
     states = zip(found.t.tolist(), found.u, found.v, strict=True)
     for state in islice(states, 1, None):
         kept = misfits(problem, *state).values()
-        worst = max(worst, *(each.error / each.size if each.error else 0.0 for each in kept))
+        worst = max(
+            worst, *(each.error / float(each.sizes[0]) if each.error else 0.0 for each in kept)
+        )
     return Motion([*found.u], h, math.inf, worst)
 
 
@@ -171,12 +169,10 @@ class Facts:
     Attributes:
         singular: Times (s since the start) near which the constraints lose rank.
         still: Whether nothing moves.
-        amplification: See `amplification`; empty where it was not asked for, or is not known.
     """
 
     singular: tuple[float, ...] = ()
     still: bool = False
-    amplification: Mapping[str, float] = field(default_factory=dict)
 
 
 #: Steps of the march that looks for singular positions, and samples of it.
@@ -185,61 +181,7 @@ _LOOK_STEPS, _LOOKS = 20_000, 400
 _STILL = 1e-12
 
 
-#: States at which the amplification of rounding is sampled, and how often at each.
-_AMPLIFIED, _DRAWN = 5, 16
-#: Constraints up to which that takes little time.
-_QUICK = 600
-_SEED = 20061012
-
-
-def amplification(
-    problem: Problem, states: Sequence[tuple[float, Array, Array]]
-) -> dict[str, float]:
-    """How large rounding of u is in λ and in reactions.
-
-    Rounded coordinates make constraint k miss 0 by ε Σ_i |G_ik u_i|, with a sign of its own.
-    To undo that in one step takes (GᵀM⁻¹G)⁻¹ times that over h² of multipliers.
-
-    Args:
-        problem: The problem.
-        states: Time (s), u and v (n,) of each.
-
-    Returns:
-        Quantity → that change over ε, relative as errors of the quantity are, times h² (s²): the
-        median over the states of its rms over signs drawn at random.
-
-    Raises:
-        numpy.linalg.LinAlgError: When the multipliers of a state are not determined.
-    """
-    system, random = Index1(problem), np.random.default_rng(_SEED)
-    found: list[dict[str, float]] = []
-    none = np.empty(0)
-    for t, u, v in states:
-        multipliers = system.accelerations(t, u, v)[1]
-        largest, changed = float(np.abs(multipliers).max(initial=0.0)), system.changes(t, u)
-        if not 0 < largest < math.inf:
-            continue
-        scales = weights(problem, t, u).scales(multipliers)
-        here = Reference(t, u, v, multipliers, scales, "converged", 0.0, 0.0, 0.0)
-        values = problem.values(t, u, v, np.zeros(problem.m))
-        terms = np.abs(values.g * u[problem.pattern.g_rows])
-        missed = np.bincount(problem.pattern.g_columns, terms, problem.m)
-        squares: dict[str, float] = {}
-        for _ in range(_DRAWN):
-            pushed = changed(missed * random.choice([-1.0, 1.0], problem.m))[1]
-            # Both are to be of one size, as errors are differences.
-            scale = largest / (float(np.abs(pushed).max()) or 1.0)
-            seen = State(np.array([u, v]), none, multipliers + scale * pushed, *[none] * 4)
-            for each in errors(here, seen, problem, t):
-                part = (each.statistics.last / scale) ** 2 / _DRAWN
-                squares[each.quantity] = squares.get(each.quantity, 0.0) + part
-        found.append({name: math.sqrt(square) for name, square in squares.items()})
-    names = [name for name in found[0] if name not in ("u", "v", "omega")] if found else []
-    medians = {name: float(np.median([each[name] for each in found])) for name in names}
-    return {name: float(f"{value:.3g}") for name, value in medians.items() if 0 < value < math.inf}
-
-
-def facts(problem: Problem, t_end: float, h: float, amplified: bool = False) -> Facts:
+def facts(problem: Problem, t_end: float, h: float) -> Facts:
     """Singular positions that a motion passes, and whether it moves at all.
 
     Looks along a damped march; of motions that it does not get through, of large
@@ -249,13 +191,9 @@ def facts(problem: Problem, t_end: float, h: float, amplified: bool = False) -> 
         problem: The problem.
         t_end: End (s), counted from the problem's start; positive.
         h: Smallest step size of the study (s).
-        amplified: Whether `amplification` is asked for: along the motion, of large problems
-            at its start.
     """
     if not problem.compiled or problem.n + problem.m > singular.LARGEST:
-        at_start = [(problem.t0, problem.u0, problem.v0)]
-        asked = amplified and problem.compiled and problem.m <= _QUICK
-        return Facts(amplification=_if_regular(problem, at_start) if asked else {})
+        return Facts()
     steps = max(min(round(t_end / h), _LOOK_STEPS), 1)
     try:
         march = March(problem, _scheme(DAMPED, t_end / steps))
@@ -275,20 +213,4 @@ def facts(problem: Problem, t_end: float, h: float, amplified: bool = False) -> 
     return Facts(
         tuple(float(f"{crossing.t:.4g}") for crossing in found),
         still=len(times) > 0 and fastest * t_end < _STILL * size,
-        amplification=_if_regular(problem, _few(seen)) if amplified else {},
     )
-
-
-def _few(seen: Trajectory) -> list[tuple[float, Array, Array]]:
-    """Some states of a motion, evenly spread, its end among them; none where it fails at once."""
-    if not len(seen.t):
-        return []
-    places = np.unique(np.linspace(0, len(seen.t) - 1, _AMPLIFIED).round().astype(int))
-    return [(float(seen.t[k]), seen.u[k], seen.v[k]) for k in places.tolist()]
-
-
-def _if_regular(problem: Problem, states: Sequence[tuple[float, Array, Array]]) -> dict[str, float]:
-    try:
-        return amplification(problem, states)
-    except np.linalg.LinAlgError:
-        return {}

@@ -4,7 +4,7 @@ import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -28,7 +28,10 @@ _AXES = (
 #: Columns that tell the rows of one step size apart.
 SERIES = tuple(axis.name for axis in _AXES)
 #: Columns that a CSV of an older version may lack, and what it then has in them.
-_DEFAULTS = {axis.name: axis.usual for axis in _AXES if axis.usual is not None} | {"met": ""}
+_DEFAULTS = {axis.name: axis.usual for axis in _AXES if axis.usual is not None} | {
+    "met": "",
+    results.ROUNDING: "",
+}
 
 #: Files in a results folder that are not studies.
 NOT_STUDIES = ("slopes.csv",)
@@ -247,7 +250,6 @@ class Motion:
 
     singular: tuple[float, ...] = ()
     still: bool = False
-    amplification: Mapping[str, float] = field(default_factory=dict)
 
 
 def released(path: Path) -> dict[str, tuple[str, ...]]:
@@ -266,16 +268,11 @@ def motions(path: Path) -> dict[str, Motion]:
     found = {}
     for label, facts in recorded.items() if isinstance(recorded, dict) else ():
         told = facts if isinstance(facts, dict) else {}
-        given, amplified = told.get("singular"), told.get("amplification")
+        given = told.get("singular")
         times = given if isinstance(given, list) else []
         found[str(label)] = Motion(
             tuple(float(t) for t in times if isinstance(t, float)),
             told.get("still") is True,
-            {
-                str(name): value
-                for name, value in (amplified if isinstance(amplified, dict) else {}).items()
-                if isinstance(value, float) and 0 < value < math.inf
-            },
         )
     return found
 

@@ -20,7 +20,8 @@ from newmark_cli.study.cell import DRIFTS, Outcome
 from newmark_cli.study.measures import LAMBDA, over_time
 
 #: Columns of what a cell found, besides its axes, and the version that brought each.
-_STATISTICS = tuple((0, each.name) for each in fields(Statistics))
+ROUNDING = "rounding"
+_STATISTICS = tuple((5 if each.name == ROUNDING else 0, each.name) for each in fields(Statistics))
 _OUTCOME = ((0, "not_converged"), (0, "newton_iterations"), (0, "status"), (2, "met"))
 
 #: Columns of a study's CSV; a new one is appended, none is renamed.
@@ -53,6 +54,10 @@ ABOUT: Mapping[str, str] = {
     "`singular`, `diverged`, `redundant` (in space: a row that was released as redundant is needed "
     "after all) or `failed`",
     "met": "steps that met the tolerance; empty where rounding stops Newton",
+    ROUNDING: "what rounding alone changes in the statistic that figures use, in its unit: of "
+    "errors, invariants and drifts the standard deviation over the march and its twins, and "
+    "the reference's own error; of corrections the standard error of the rms from blocks of steps; "
+    "of sensitivities the change from one state to a neighbouring one; empty where it is not known",
 }
 #: Columns that hold numbers.
 NUMBERS = frozenset(

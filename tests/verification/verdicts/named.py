@@ -16,6 +16,7 @@ COLUMNS = [
     "study", "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
     "linear_solver", "h", "t_end", "steps", "quantity", "measure", "role", "rms", "max", "median",
     "last", "zeros", "not_converged", "newton_iterations", "status", "row_block", "stop", "met",
+    "rounding",
 ]  # fmt: skip
 DECADES = (1e-2, 1e-3, 1e-4, 1e-5)
 NEWMARK = "newmark beta=0.25 gamma=0.5"
@@ -24,7 +25,10 @@ DAMPED = "generalized-alpha rho=0.9"
 
 @dataclass(frozen=True)
 class Named:
-    """A series and the truth about it; `accept` are verdicts besides the label's own."""
+    """A series and the truth about it; `accept` are verdicts besides the label's own.
+
+    `rounding` is what rounding changes in each value, of all that are errors.
+    """
 
     problem: str
     measure: str
@@ -39,6 +43,7 @@ class Named:
     integrator: str = NEWMARK
     preconditioning: str = "none"
     accept: str = ""
+    rounding: Sequence[float] = ()
 
 
 def _grown(orders: Sequence[float], first: float, h: Sequence[float] = DECADES) -> list[float]:
@@ -52,6 +57,7 @@ NAMED = (
     Named(
         "order-two-then-floor", "error", "u", (2.4e-5, 2.4e-7, 2.4e-9, 8.3e-10), "floor", 2,
         "order 2 over three points, then rounding", span=(1e-4, 1e-2),
+        rounding=(1e-13, 1e-12, 2e-11, 5e-10),
     ),
     Named(
         "garbage", "error", "u", (0.75, 1.90, 1.15), "wrong", float("nan"),
@@ -110,7 +116,7 @@ NAMED = (
     ),
     Named(
         "floor-at-once", "error", "u", (2.4e-7, 3.1e-11, 8.3e-10, 4.1e-10), "too few", 2,
-        "one point above rounding", accept="not converging",
+        "one point above rounding", rounding=(1e-12, 2e-11, 5e-10, 6e-10),
     ),
     Named(
         "coarse", "error", "u", (0.9, 0.4, 0.05), "preasymptotic", 2,
@@ -119,7 +125,7 @@ NAMED = (
     Named(
         "rounding-only", "error", "u", (1.2e-16, 2.4e-16, 1.2e-16), "too few", 2,
         "the coordinates are prescribed: rounding at every h", h=(1e-3, 3e-4, 1e-4),
-        accept="shown",
+        accept="shown", rounding=(1e-16, 1e-16, 2e-16),
     ),
 )  # fmt: skip
 
@@ -127,7 +133,9 @@ NAMED = (
 def rows(named: Named) -> list[str]:
     """CSV rows of a series."""
     found = []
-    for h, value in zip(named.h, named.values, strict=True):
+    of_errors = [1e-15 * value for value in named.values] if named.measure == "error" else []
+    rounding = named.rounding or of_errors or [""] * len(named.values)
+    for h, value, changes in zip(named.h, named.values, rounding, strict=True):
         steps = round(1 / h)
         values = {
             "study": STUDY, "problem": named.problem, "form": named.form,
@@ -137,7 +145,7 @@ def rows(named: Named) -> list[str]:
             "measure": named.measure, "role": "primary", "rms": value, "max": value,
             "median": value, "last": value, "zeros": 0, "not_converged": 0,
             "newton_iterations": 4.0, "status": "ok", "row_block": "", "stop": "saturation",
-            "met": "",
+            "met": "", "rounding": changes,
             "formulation": "index-3", "projection": "none",
             "multipliers": "newton", "start": "consistent",
         }  # fmt: skip

@@ -1,0 +1,78 @@
+"""Twins of a march: the same motion from starts that differ in the last place.
+
+A twin solves the same problem to far less than its rounding, and rounds everything
+differently.  What twins differ by is therefore rounding, with all that the motion, the
+integrator and the solver make of it: no constant has to be known.  Twins do not see what
+all of them share, such as data that were rounded once.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from newmark_cli.algebra import product
+from newmark_cli.arrays import Array
+from newmark_cli.newmark.linear.choice import Krylov
+from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.problem import Problem
+
+_SEED = 20061012
+
+
+def twins(
+    problem: Problem,
+    scheme: Scheme,
+    count: int,
+    linear_solver: str,
+    krylov: Krylov | None = None,
+) -> Iterator[March]:
+    """Marches at their start, each with other signs of what it is perturbed by.
+
+    Coordinates and velocities are u₀ (1 ± kε) and v₀ (1 ± kε), and where time may enter, as no
+    energy is conserved, h is h (1 ± kε), with k from 1 to 4 and the roundoff ε of the
+    scheme's precision.
+
+    Args:
+        problem, scheme, linear_solver, krylov: As of `March`.
+        count: How many.
+    """
+    for number in range(count):
+        units = _units((problem.n + 1, 2), number)
+        h = scheme.h * float(1 + np.finfo(scheme.dtype).eps * units[-1, 0])
+        own = scheme if problem.potential is not None else replace(scheme, h=h)
+        begin = initial_state(problem, own)
+        state = beside(begin, number)
+        change = (state.fields - begin.fields)[:3].astype(float)
+        carried = product(own.relations.start, change).astype(scheme.dtype)
+        yield March(problem, own, linear_solver, krylov, state._replace(past=begin.past + carried))
+
+
+def beside(state: State, number: int = 0) -> State:
+    """The state with u (1 ± kε) and v (1 ± kε); what the integrator carries is not touched."""
+    fields = state.fields.copy()
+    units = _units((fields.shape[1] + 1, 2), number)[:-1].T
+    fields[:2] += np.finfo(fields.dtype).eps * units.astype(fields.dtype) * fields[:2]
+    return state._replace(fields=fields)
+
+
+def _units(shape: tuple[int, int], number: int) -> Array:
+    """Units in the last place: of twins of few coordinates the same signs are drawn too often."""
+    signs = np.random.default_rng((_SEED, number)).choice([-1.0, 1.0], shape)
+    return np.asarray((1 + number % 4) * signs)
+
+
+def spread(marches: Sequence[Array]) -> Array:
+    """Sample standard deviation over marches, entry by entry; infinite where one did not arrive.
+
+    Args:
+        marches: Values of the march and of its twins, at least two arrays of one shape; an
+            empty one of a twin that did not get there.
+    """
+    first, *others = marches
+    if any(other.shape != first.shape for other in others):
+        return np.full(first.shape, np.inf)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.std(marches, axis=0, ddof=1))

@@ -1,0 +1,175 @@
+"""Rounding as twins tell it, beside marches in 40 digits, and what studies make of it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from each import each
+from hypothesis import given
+from hypothesis import strategies as st
+from mpmath import MPContext
+
+import newmark_cli as newmark
+from newmark_cli.errors import ArgumentError
+from newmark_cli.newmark.statistics import standard_error
+from newmark_cli.newmark.twins import spread
+from newmark_cli.problems.reference import Reference
+from newmark_cli.study.measures import MEASURES
+
+mp = MPContext()
+mp.dps = 40
+
+
+def exact_pendulum(u, v, h, steps):
+    """The trapezoidal rule on the unit pendulum, without rounding: its step has a closed form.
+
+    u' = w + c λ u' with c = h²/4 and what is known in w; |u'| = 1 gives λ = (1 − |w|)/c.
+    """
+    u, v, g = (np.array([mp.mpf(float(x)) for x in z]) for z in (u, v, (0, -1)))
+    h = mp.mpf(h)
+    c = h * h / 4
+    a = g - u * (u @ g + v @ v) / (u @ u)
+    for _ in range(steps):
+        w = u + h * v + c * a + c * g
+        size = mp.sqrt(w @ w)
+        u, multiplier = w / size, (1 - size) / c
+        new = g + multiplier * u
+        v, a = v + h / 2 * (a + new), new
+    return {"u": u, "v": v, "lambda": np.array([multiplier])}
+
+
+@each("h", [3e-2, 1e-2, 3e-3, 1e-3])
+@each("angle", [0.0, 0.3, 1.0])
+def test_twins_tell_rounding_to_a_factor(h, angle):
+    """Of u, v and λ at the end of a swing: the true rounding is rarely ten times as large."""
+    start = {"u0": [np.cos(angle), -np.sin(angle)], "v0": [np.sin(angle), np.cos(angle)]}
+    found = newmark.march("pendulum", h=h, t_end=0.6, every=0, twins=3, project=True, **start)
+    begin = found.problem
+    exact = exact_pendulum(begin.u0, begin.v0, h, found.steps)
+    for name, told in found.rounding.items():
+        if name != "a":
+            off = max(
+                abs(float(e - x)) for e, x in zip(exact[name], found.arrays[name][-1], strict=True)
+            )
+            assert 0.02 * told.max() < off < 10 * told.max(), (name, off, told.max())
+
+
+def test_twins_are_other_marches_of_the_same_problem():
+    """They differ in the last places; what they differ by is the spread; the march is the march."""
+    options = {"h": 1e-2, "t_end": 0.5, "every": 25}
+    plain, found = (newmark.march("pendulum", **options, twins=count) for count in (0, 3))
+    np.testing.assert_array_equal(plain.u, found.u)
+    assert len(plain.twins) == 0
+    assert plain.rounding == {}
+    assert len(found.twins) == 3
+    for twin in found.twins:
+        assert 0 < abs(twin.u - found.u).max() < 1e-13
+    of_u = np.std([found.u, *(twin.u for twin in found.twins)], axis=0, ddof=1)
+    np.testing.assert_array_equal(found.rounding["u"], of_u)
+    again = newmark.march("pendulum", **options, twins=3)
+    np.testing.assert_array_equal(found.rounding["lambda"], again.rounding["lambda"])
+
+
+def test_precision_is_that_of_the_march():
+    """A twin in float32 starts a unit of float32 away."""
+    fine, coarse = (
+        newmark.march("pendulum", h=1e-2, t_end=0.5, every=0, twins=3, precision=precision)
+        for precision in ("float64", "float32")
+    )
+    ratio = coarse.rounding["v"].max() / fine.rounding["v"].max()
+    assert 1e7 < ratio < 1e11
+
+
+@each("options", [{"steps": True}, {"callback": print}, {"state": ...}])
+def test_twins_of_what_has_none(options):
+    """A loop, a callback, a march that goes on: refused in one line."""
+    if "state" in options:
+        options = {"state": newmark.march("pendulum", h=1e-2, t_end=0.1).state}
+    with pytest.raises(ArgumentError, match="twins: not with steps=True, callback or state"):
+        newmark.march("pendulum", h=1e-2, t_end=0.5, twins=1, **options)
+
+
+def test_a_twin_that_does_not_arrive():
+    """Then nobody knows what rounding changes."""
+    assert np.isinf(spread([np.ones(3), np.empty(0)])).all()
+
+
+# -- the column of the CSV ----------------------------------------------------------------------
+
+STUDY = """study: swing
+problem: pendulum
+form: u-lambda
+preconditioning: optimal
+measure: [error, invariant, drift, correction, condition]
+h: [1e-2, 5e-3]
+t_end: 0.5
+"""
+
+
+def test_the_column_rounding(tmp_path):
+    """Errors as `march` tells them; corrections by blocks; of condition numbers nothing."""
+    (tmp_path / "swing.yaml").write_text(STUDY)
+    frame = newmark.run(tmp_path / "swing.yaml", results=tmp_path / "results")
+    assert list(frame.columns)[-1] == "rounding"
+    told = frame.set_index(["h", "measure", "quantity"])["rounding"]
+    for h in (1e-2, 5e-3):
+        found = newmark.march("pendulum", h=h, t_end=0.5, every=0, twins=3)
+        for name in ("u", "v"):
+            size = abs(found.arrays[name][-1]).max()
+            assert told[h, "error", name] == pytest.approx(
+                found.rounding[name].max() / size, rel=1e-3
+            )
+        for measure, quantity in (("invariant", "position"), ("drift", "velocity")):
+            assert 0 < told[h, measure, quantity] < 1e-12
+        assert np.isnan(told[h, "condition", "jacobian"])
+    rms = frame.set_index(["h", "measure", "quantity"])["rms"]
+    share = told / rms
+    assert share[:, "correction", :].between(0.01, 0.5).all()
+
+
+@each("count", [0, 5])
+def test_twins_of_a_study(tmp_path, count):
+    """A number of one's own; none leaves the column empty, and everything else as it is."""
+    (tmp_path / "swing.yaml").write_text(STUDY)
+    usual = newmark.run(tmp_path / "swing.yaml", results=tmp_path / "usual")
+    (tmp_path / "swing.yaml").write_text(STUDY + f"twins: {count}\n")
+    frame = newmark.run(tmp_path / "swing.yaml", results=tmp_path / "results")
+    pd.testing.assert_frame_equal(
+        usual.drop(columns="rounding"), frame.drop(columns="rounding"), check_exact=True
+    )
+    twinned = frame["measure"].isin([name for name, each in MEASURES.items() if each.twins])
+    assert frame["rounding"][twinned].isna().all() == (count == 0)
+    assert twinned.sum() == 2 * 9
+    assert (frame["rounding"][twinned] != usual["rounding"][twinned]).sum() > 12
+
+
+def test_the_error_of_the_reference_counts():
+    """A value cannot be known better than what it is compared with."""
+    off = Reference(1.0, *(np.ones(2),) * 4, "converged", 1e-9, 1e-8, 1e-7)
+    observer = MEASURES["error"].observe(SimpleNamespace(steps=1), None, off)
+    told = [observer.unresolved(name) for name in ("u", "v", "lambda", "omega", "force")]
+    assert told == [1e-9, 1e-8, 1e-7, 1e-8, 1e-7]
+
+
+# -- standard errors ----------------------------------------------------------------------------
+
+
+def test_the_error_of_an_rms_of_independent_steps():
+    """Of normal numbers it is 1/√(2N), as a textbook has it; of neighbours alike it is larger."""
+    random = np.random.default_rng(5)
+    draws = [np.abs(random.normal(size=400)) for _ in range(60)]
+    told = [standard_error(values) / np.sqrt(np.mean(values**2)) for values in draws]
+    assert np.mean(told) == pytest.approx(1 / np.sqrt(800), rel=0.1)
+    alike = [np.repeat(values[::20], 20) for values in draws]
+    told = [standard_error(values) / np.sqrt(np.mean(values**2)) for values in alike]
+    assert np.mean(told) == pytest.approx(1 / np.sqrt(40), rel=0.25)
+
+
+@given(st.lists(st.floats(1e-20, 1e3), min_size=2, max_size=40), st.integers(-40, 40))
+def test_the_error_has_the_unit_of_the_values(values, power):
+    """Multiplied by a power of two it is that power of two larger; alike, it is 0."""
+    values = np.array(values)
+    assert standard_error(2.0**power * values) == pytest.approx(2.0**power * standard_error(values))
+    assert standard_error(np.full(7, values[0])) == pytest.approx(0, abs=1e-12 * values[0])
+    assert np.isnan(standard_error(values[:1]))
