@@ -80,7 +80,7 @@ def interpreted_march(subject, scheme, state, first, norms, iterations, record=N
         patch.setattr(compiled_march, "specialised", lambda problem, *_: unspecialised(problem))
         engine = compiled_march.Engine(subject, scheme)
     compiled = engine.arguments(
-        state, first, norms, iterations, np.zeros(len(norms), np.int64),
+        state, first, norms, iterations, *np.zeros((2, len(norms)), np.int64),
         recording(state, np.empty(0)) if record is None else record,
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:

@@ -365,8 +365,9 @@ def test_a_refused_step_begins_again(toppling):
     engine._dense = no_tables(scheme)
     state = initial_state(toppling, scheme)
     state.multipliers[:] = 0  # the first matrix is M's; the correction brings the weight
-    norms, counts, pivoted = np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros(1, np.int64)
-    given = engine.arguments(state, 0, norms, counts, pivoted, recording(state, np.empty(0)))
+    norms, (counts, positions, pivoted) = np.zeros((1, 2)), np.zeros((3, 1), np.int64)
+    recorded = recording(state, np.empty(0))
+    given = engine.arguments(state, 0, norms, counts, positions, pivoted, recorded)
     assert compiled_march.kernel.march(*given) == (PIVOTING, 0)
     assert norms[0, 1] > 0
     assert pivoted == 1

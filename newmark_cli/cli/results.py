@@ -78,6 +78,13 @@ def _chooser(axis: str, metavar: str, about: str) -> Callable[[Callable[..., int
 @_chooser("preconditioning", "NAME", "this scaling")
 @_chooser("integrator", "NAME", "this integrator")
 @click.option(
+    "--cost",
+    type=click.Choice(["operations", "wall-time"]),
+    default="operations",
+    show_default=True,
+    help="What work-precision figures measure work by; wall times need `run --timed`.",
+)
+@click.option(
     "--all", "everything", is_flag=True, help="Draw all figures of a study, however many."
 )
 def plot(
@@ -87,6 +94,7 @@ def plot(
     size: tuple[float, float] | None,
     style_file: Path | None,
     measure: tuple[str, ...],
+    cost: str,
     everything: bool,
     **values: tuple[str, ...],
 ) -> int:
@@ -108,7 +116,7 @@ def plot(
     choice = plotting.Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
     needed = bool(choice) or plotting.needs_results(names)
-    results = Results(folder, slopes.collect(folder) if needed else [])
+    results = Results(folder, slopes.collect(folder) if needed else [], cost)
     chosen = plotting.chosen(names, results, choice)
     for file in plotting.plot(chosen.figures, results, formats, size, style_file):
         screen.line(file)

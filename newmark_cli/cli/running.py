@@ -51,6 +51,11 @@ def _shard(
     metavar="I/N",
     help="Run only the I-th of N parts; `merge` puts them together.",
 )
+@click.option(
+    "--timed",
+    is_flag=True,
+    help="Also time the march of each cell by itself, one cell after another.",
+)
 @format_option
 @allow_code_option
 def run(
@@ -59,14 +64,16 @@ def run(
     how: How,
     dry_run: bool,
     shard: tuple[int, int] | None,
+    timed: bool,
     kind: str,
     allow_code: bool,
 ) -> int:
     """Run studies: YAML files, or names of shipped configs.
 
-    Writes DIR/<study>.csv, and the resolved config, versions and wall times as
-    .json next to it.  Finished cells are cached in DIR/cells: an interrupted run
-    resumes where it stopped.  Exits with 1 if a cell does not end well.
+    Writes DIR/<study>.csv, the resolved config as .json next to it, and versions
+    and wall times as DIR/runs/<study>.json.  Finished cells are cached in DIR/cells:
+    an interrupted run resumes where it stopped.  Exits with 1 if a cell does not
+    end well.
 
     \b
     Example:
@@ -77,7 +84,7 @@ def run(
     studies = [config.find(name, allow_code) for name in configs]
     if dry_run:
         return _dry_run(studies, folder, how.force, shard)
-    return _run(studies, folder, how, shard, kind)
+    return _run(studies, folder, how, shard, kind, timed)
 
 
 @click.command()
@@ -174,13 +181,14 @@ def _run(
     how: How,
     shard: tuple[int, int] | None,
     kind: str = "csv",
+    timed: bool = False,
 ) -> int:
     from newmark_cli.cli import terminal
     from newmark_cli.running import runner
 
     options = runner.Options(
-        how.jobs, how.force, how.fail_fast, how.timeout, how.executor, how.scheduler, shard,
-        kind == "parquet",
+        1 if timed else how.jobs, how.force, how.fail_fast, how.timeout, how.executor,
+        how.scheduler, shard, kind == "parquet", timed,
     )  # fmt: skip
     with terminal.watching(how.quiet, how.verbose) as watcher:
         interrupts.note(lambda: _kept(watcher, how.force))

@@ -84,6 +84,7 @@ class Engine:
         norms: Array,
         iterations: IndexArray,
         record: Record | None = None,
+        positions: IndexArray | None = None,
     ) -> tuple[int, int]:
         """Advance ``state``; see `newmark_cli.newmark.scipy_march.march`.
 
@@ -92,13 +93,14 @@ class Engine:
         no part in it keeps the march independent of where it halts.
         """
         record = recording(state, np.empty(0)) if record is None else record
+        positions = np.zeros(len(norms), np.int64) if positions is None else positions
         pivoted = np.zeros(len(norms), np.int64)
         done = 0
         while True:
             if self.exchanges:
                 self._static, self._solve = self.exchanges.at(state, first + done)
-            rest = norms[done:], iterations[done:], pivoted[done:], _after(record, done)
-            given = self.arguments(state, first + done, *rest)
+            counts = iterations[done:], positions[done:], pivoted[done:]
+            given = self.arguments(state, first + done, norms[done:], *counts, _after(record, done))
             ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
@@ -126,6 +128,7 @@ class Engine:
         first: int,
         norms: Array,
         iterations: IndexArray,
+        positions: IndexArray,
         pivoted: IndexArray,
         record: Record,
     ) -> tuple[Any, ...]:
@@ -153,6 +156,7 @@ class Engine:
             stop.relative,
             norms,
             iterations,
+            positions,
             pivoted,
             self.exchanges.patience if self.exchanges else len(norms) + 1,
             record,

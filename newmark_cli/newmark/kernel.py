@@ -840,7 +840,7 @@ def _keep(state, record, place):
 def _march(
     evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
     t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
-    pivoted, patience, record,
+    positions, pivoted, patience, record,
 ):  # fmt: skip
     """The march as numba compiles it; see `march`.
 
@@ -1014,9 +1014,8 @@ def _march(
             _take_increments(iterate, state)
         iterations[s] = solves if settled > 0 else -solves
         if extra is not None and extra.level > 0:
-            positions = 0
-            while extra.level > 1 and positions < MOST_POSITIONS:
-                positions += 1
+            while extra.level > 1 and positions[s] < MOST_POSITIONS:
+                positions[s] += 1
                 evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
                 if compensated:
                     _increase_phi(
@@ -1134,7 +1133,7 @@ def is_compiled(dtype, formulated):
 def march(
     evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
     t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
-    pivoted, patience, record,
+    positions, pivoted, patience, record,
 ):  # fmt: skip
     """Advance ``state`` by ``len(norms)`` steps.
 
@@ -1170,6 +1169,7 @@ def march(
             those of the eliminated fields behind them.
         iterations: (steps,) overwritten with the corrections computed; negative
             where the step ended above ``settled_below``, or above the tolerance.
+        positions: (steps,) zeros, to which corrections of positions by projections are added.
         pivoted: (steps,) set to 1 where ``solve`` or the code gave a matrix up.
         patience: Steps of this kind after which the march halts, for another ``solve``.
         record: Overwritten with the states after the steps that it names.
@@ -1182,7 +1182,7 @@ def march(
     arguments = (
         code, problem, tables, static, dense, extra, state, compensated, float(t_start),
         float(h), first, cap, float(settled_below), float(absolute), float(relative), norms,
-        iterations, pivoted, patience, record,
+        iterations, positions, pivoted, patience, record,
     )  # fmt: skip
     with _compiling:
         solve = _as_given(solve, solve_type(dtype))

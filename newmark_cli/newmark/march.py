@@ -110,6 +110,8 @@ class March:
         system: The linear system that it solves.
         state: Where the march is; overwritten as it goes on.
         done: Steps taken.
+        corrections: Newton corrections that this object has computed in them.
+        positions: Corrections of positions by projections, likewise.
         ending: How the march ended; COMPLETED as long as it can go on.
 
     Raises:
@@ -148,7 +150,7 @@ class March:
             self.state = initial_state(problem, scheme)
         else:
             self.state = State(*(np.array(array, scheme.dtype, order="C") for array in state))
-        self.done = done
+        self.done, self.corrections, self.positions = done, 0, 0
         self.ending = COMPLETED
         self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
 
@@ -201,7 +203,7 @@ class March:
         record = recording(self.state, np.array(looks, np.int64) - (begin + 1))
         pivoted = self._pivoted
         try:
-            ending, taken, norms, iterations = self._marched(steps, record)
+            ending, taken, norms, iterations, positions = self._marched(steps, record)
             pivoted = self._pivoted - pivoted
             if ending != COMPLETED:
                 # Newton has overwritten the state on its way to a step that there is not.
@@ -219,6 +221,8 @@ class March:
                 Record(*(array[:reached] for array in record)),
                 pivoted,
             )
+            self.corrections += int(np.abs(iterations[:taken]).sum())
+            self.positions += int(positions[:taken].sum())
             self.ending, self.done = ending, begin + taken
             return stretch
         except BaseException:
@@ -241,12 +245,16 @@ class March:
     def _pivoted(self) -> int:
         return self._compiled.pivoted if self._compiled else 0
 
-    def _marched(self, steps: int, record: Record) -> tuple[int, int, Array, IndexArray]:
-        """How it ended, the steps taken, and norms and iterations of all."""
+    def _marched(
+        self, steps: int, record: Record
+    ) -> tuple[int, int, Array, IndexArray, IndexArray]:
+        """How it ended, the steps taken, and norms, iterations and corrected positions of all."""
         norms = np.zeros((steps, len(self.scheme.recorded)))
-        iterations = np.zeros(steps, np.int64)
-        ending, taken = self._engine(self.state, self.done, norms, iterations, record=record)
-        return ending, taken, norms, iterations
+        iterations, positions = np.zeros(steps, np.int64), np.zeros(steps, np.int64)
+        ending, taken = self._engine(
+            self.state, self.done, norms, iterations, record=record, positions=positions
+        )
+        return ending, taken, norms, iterations, positions
 
     def _go_back(self, before: State) -> None:
         for array, values in zip(self.state, before, strict=True):

@@ -324,14 +324,18 @@ class _Formulated:
         self._last = found
         return bool(self._done.all())
 
-    def project(self, t: float, moving: Array) -> None:
+    def project(self, t: float, moving: Array) -> int:
         """Project positions and velocities, as far as the scheme asks for it.
+
+        Returns:
+            Corrections of the positions.
 
         Raises:
             numpy.linalg.LinAlgError: When the matrix of the projection is singular.
         """
-        level, state = self.scheme.projection.level, self.state
-        for _ in range(MOST_POSITIONS if level > 1 else 0):
+        level, state, taken = self.scheme.projection.level, self.state, 0
+        while level > 1 and taken < MOST_POSITIONS:
+            taken += 1
             _, phi = self._constraints(t, moving, state.multipliers)
             change, _ = self._index_1.least_change(t, state.fields[0], -phi)
             moving[0] += change
@@ -346,6 +350,7 @@ class _Formulated:
             moving[1] += change
             state.impulse[:] = impulse
             self._take(moving)
+        return taken
 
     def project_accelerations(self, t: float, moving: Array) -> None:
         """Set v' to that of the index-1 system, and change a alike.
@@ -369,6 +374,7 @@ def march(
     iterations: IndexArray,
     system: LinearSystem | None = None,
     record: Record | None = None,
+    positions: IndexArray | None = None,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps; the arguments are the kernel's.
 
@@ -382,6 +388,7 @@ def march(
             where the step did not converge, or missed the tolerance.
         system: Linear system of the scheme on the problem; dense when omitted.
         record: Overwritten with the states after the steps that it names.
+        positions: (steps,) overwritten with the corrections of positions by projections.
 
     Returns:
         How the march ended and the steps done.
@@ -449,7 +456,9 @@ def march(
         iterations[s] = solves if settled else -solves
         try:
             if extra:
-                extra.project(t, moving)
+                projected = extra.project(t, moving)
+                if positions is not None:
+                    positions[s] = projected
             step.form_acceleration(fields)
             if extra and scheme.projection.accelerations:
                 extra.project_accelerations(t, moving)

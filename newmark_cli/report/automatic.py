@@ -31,7 +31,7 @@ from newmark_cli.report.panels import (
 from newmark_cli.report.parts import OfParts, Part
 from newmark_cli.report.text import in_words
 from newmark_cli.report.verdicts import PASS, SHOWN
-from newmark_cli.report.work import NOT_JOINED, Times, WorkPrecisionFigure, wall_times
+from newmark_cli.report.work import NOT_JOINED, Costs, WorkPrecisionFigure, costs
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
@@ -188,7 +188,7 @@ def figures(
     spelled = _Slugs(ours)
     ours = [slope for slope in ours if keep(slope)]
     every = tuple(dict.fromkeys(slope.measure for slope in ours))
-    times = wall_times(results.folder, [s for s in ours if s.measure == "error"])
+    spent = costs(results, [s for s in ours if s.measure == "error"])
     given = defined
     if given is None:
         # Predicted floors stand in the figures of what they predict.
@@ -200,7 +200,7 @@ def figures(
     for definition in given:
         for kind in definition.kinds:
             if not kinds or kind in kinds:
-                slopes = [slope for slope in ours if _shows(definition, kind, slope, times)]
+                slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
                 found += _defined(study, definition, kind, slopes, spelled, names)
     return found
 
@@ -210,7 +210,7 @@ def _rank(kind: str) -> int:
     return order.index(kind)
 
 
-def _shows(definition: Definition, kind: str, slope: "Slope", times: Times) -> bool:
+def _shows(definition: Definition, kind: str, slope: "Slope", spent: Costs) -> bool:
     """Whether a series is of this kind and has at least two points."""
     work = kind == WORK_PRECISION
     rows = (definition.quantity, definition.problem, definition.form)
@@ -221,7 +221,7 @@ def _shows(definition: Definition, kind: str, slope: "Slope", times: Times) -> b
         return False
     there = np.isfinite(slope.values)
     if work:
-        there &= np.isfinite(times.get(slope.key, np.full(len(slope.h), np.nan)))
+        there &= np.isfinite(spent.get(slope.key, np.full(len(slope.h), np.nan)))
     return len(np.unique(slope.h[there])) >= 2
 
 

@@ -1,7 +1,7 @@
 """Which cure cures what: every cell predicted and measured; Figure 19.
 
 Predictions are those of the series; measured values come from the CSVs of the studies, and
-the cost from the wall times in their records.  Nothing here is a number that somebody typed
+the cost from the operations in their records.  Nothing here is a number that somebody typed
 in, but for the bounds beyond which a value counts as good or bad.
 """
 
@@ -33,7 +33,7 @@ from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Panel, Sheet
 from newmark_cli.report.text import markdown
 from newmark_cli.report.verdicts import MISS, PASS
-from newmark_cli.report.work import wall_times
+from newmark_cli.report.work import costs
 from newmark_cli.study import results
 from newmark_cli.study.axes import SeriesKey
 
@@ -110,22 +110,22 @@ class Evidence:
         return self._by_key.get(curve.key)
 
     @cached_property
-    def seconds(self) -> Mapping[SeriesKey, Any]:
-        """Wall times of the cells of Andrews' mechanism."""
+    def operations(self) -> Mapping[SeriesKey, Any]:
+        """Those of the cells of Andrews' mechanism."""
         ours = [
             slope
             for slope in self.results.slopes
             if (slope.study, slope.problem, slope.measure) == (STUDY, PROBLEM, "error")
         ]
-        return wall_times(self.results.folder, ours)
+        return costs(self.results, ours)
 
     def per_step(self, cure: Cure) -> Any:
-        """(points,) wall time per step (s) at the three smallest step sizes, or None."""
+        """(points,) operations per step at the three smallest step sizes, or None."""
         slope = self.series(cure.curve(STUDY, PROBLEM, "u", "error"))
         if slope is None:
             return None
         chosen = np.argsort(slope.h)[:3]
-        return (self.seconds[slope.key] / slope.steps)[chosen]
+        return (self.operations[slope.key] / slope.steps)[chosen]
 
 
 def _damped(cure: Cure) -> Cure:
@@ -296,8 +296,8 @@ SYMPTOMS = (
     Symptom("drift Φ", "order, and largest relative misfit at the smallest h", _drift("position")),
     Symptom("drift Gᵀv", "the same of the constraints' rate", _drift("velocity")),
     Symptom(
-        "cost", "wall time per step over that of index 3, median of the three smallest h, of one "
-        "run with all its measures", _cost,
+        "cost", "multiplications and additions per step over those of index 3, median of the three "
+        "smallest h", _cost,
     ),
     Symptom("needs", "what a problem or you must supply", lambda found, cure: Cell(
         NONE, "", cure.needs)),

@@ -25,7 +25,7 @@ from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.history import Drift, read_drifts
 from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Look, Panel, Sheet, Trace, look, spread
-from newmark_cli.report.work import timed
+from newmark_cli.report.work import COSTS, costed
 from newmark_cli.study.measures import symbol
 from newmark_cli.study.results import drift_path
 
@@ -281,7 +281,7 @@ class CuresFigure:
 
 @dataclass(frozen=True)
 class CureWorkFigure:
-    """Errors of every cure against wall time: quantities down, groups across.
+    """Errors of every cure against its work: quantities down, groups across.
 
     Attributes:
         name: Number, after the paper's.
@@ -313,26 +313,25 @@ class CureWorkFigure:
         ]
 
     def require(self, results: Results) -> None:
-        """All series, and wall times of their cells."""
-        timed(self, results)
+        """All series, and costs of their cells."""
+        costed(self, results)
 
     def sheet(self, results: Results) -> Sheet:
         """Points of a series joined from the largest step size to the smallest."""
-        slopes, times = timed(self, results)
+        slopes, found = costed(self, results)
         panels = []
         for quantity in self.quantities:
             limits = spread([s.values for s in slopes.values() if s.quantity == quantity])
             for group in GROUPS:
                 drawn = []
                 for curve in self._panel_curves(quantity, group):
-                    slope, seconds = slopes[curve.key], times[curve.key]
+                    slope, spent = slopes[curve.key], found[curve.key]
                     order = np.argsort(-slope.h)
-                    simulated = slope.h * slope.steps
                     best = int(np.argmin(slope.h))
                     drawn.append(
                         Trace(
                             curve.label,
-                            (seconds / simulated)[order],
+                            spent[order],
                             slope.values[order],
                             look_of(curve.label),
                             size=0.75,
@@ -344,7 +343,7 @@ class CureWorkFigure:
                 panels.append(
                     Panel(
                         _filled(drawn, GROUPS[group]),
-                        "wall time / simulated time",
+                        COSTS[results.cost].label,
                         f"error of {symbol(quantity)}" if first else "",
                         group if quantity == self.quantities[0] else "",
                         y_limits=limits,
@@ -354,7 +353,7 @@ class CureWorkFigure:
             self.title,
             tuple(panels),
             len(GROUPS),
-            _legend("each from the largest step size to the smallest; wall times of one run"),
+            _legend("each from the largest step size to the smallest"),
             panel_size=(7.0 / len(GROUPS), 2.1),
             share_x=True,
             ticks=(5, 8),
@@ -528,7 +527,7 @@ def _plain(curve: Curve) -> dict[str, str]:
 def work_figure() -> CureWorkFigure:
     """Figure 17."""
     return CureWorkFigure(
-        "17", "Andrews' mechanism: error against wall time under every cure", "andrews"
+        "17", "Andrews' mechanism: error against work under every cure", "andrews"
     )
 
 

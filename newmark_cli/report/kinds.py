@@ -49,10 +49,12 @@ class Results:
     Attributes:
         folder: Results folder.
         slopes: Series of its CSVs.
+        cost: What work is measured by, of `newmark_cli.report.work.COSTS`.
     """
 
     folder: Path
     slopes: Sequence["Slope"]
+    cost: str = "operations"
 
     @cached_property
     def by_key(self) -> Mapping[SeriesKey, "Slope"]:

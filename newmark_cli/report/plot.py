@@ -11,9 +11,10 @@ from newmark_cli.report import automatic, records, rendering
 from newmark_cli.report.figures import FIGURES, TABLED
 from newmark_cli.report.kinds import Figure, Results
 from newmark_cli.report.panels import Sheet
+from newmark_cli.report.work import COSTS
 from newmark_cli.spelling import nearest
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import SHOWABLE, definitions, kinds
+from newmark_cli.study.drawing import SHOWABLE, WORK_PRECISION, definitions, kinds
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
@@ -123,7 +124,8 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) ->
         if lacking and not choice and (not found or shipped & set(studies)):
             notes.append(how_to_get(lacking))
     if choice and not found:
-        raise InputError("nothing to draw: no figure has all that the options choose")
+        why = f"; or {COSTS[results.cost].lacking}" if WORK_PRECISION in choice.kinds else ""
+        raise InputError(f"nothing to draw: no figure has all that the options choose{why}")
     if names and not found:
         raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")
     return Chosen(list({id(figure): figure for figure in found}.values()), notes)

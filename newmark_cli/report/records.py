@@ -85,8 +85,9 @@ def facts(record: Mapping[str, Any]) -> dict[str, str]:
         "finished": str(record.get("finished", UNKNOWN)),
         "cells": _counted(cells_of(record)),
         "wall time": (
-            f"{total_seconds(record):.3g} s of all cells together, "
-            f"{record.get('jobs', UNKNOWN)} side by side"
+            f"{total_seconds(record):.3g} s of all cells together, {record['jobs']} side by side"
+            if "jobs" in record
+            else UNKNOWN
         ),
         "config SHA-256": str(record.get("config_sha256", UNKNOWN)),
         **{f"{name} SHA-256": digest for name, digest in checksums(record).items()},
@@ -103,15 +104,22 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
         for key, name in columns.items()
         if key == "problem" or len({str(cell.get(key, "")) for cell in cells}) > 1
     }
+    numbers = {
+        "operations": "operations", "march_seconds": "march (s)", "wall_seconds": "wall time (s)",
+    }  # fmt: skip
+    shown = {key: name for key, name in numbers.items() if any(key in cell for cell in cells)}
     return [
-        (*told.values(), "h", "steps", "status", "wall time (s)"),
+        (*told.values(), "h", "steps", "status", *shown.values()),
         *(
             (
                 *(str(cell.get(key, "")) for key in told),
                 _number(cell.get("h")),
                 str(cell.get("steps", "")),
                 " – ".join(str(cell[key]) for key in ("status", "reason") if key in cell),
-                "" if math.isnan(seconds(cell)) else f"{seconds(cell):.3g}",
+                *(
+                    "" if math.isnan(number(cell, key)) else f"{number(cell, key):.3g}"
+                    for key in shown
+                ),
             )
             for cell in cells
         ),
@@ -134,7 +142,7 @@ def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]
             (
                 study,
                 _counted(cells) if record else UNKNOWN,
-                f"{total_seconds(record):.3g}" if cells else "",
+                "" if math.isnan(slowest) else f"{total_seconds(record):.3g}",
                 "" if math.isnan(slowest) else f"{slowest:.3g}",
                 str(record.get("jobs", "")),
             )
@@ -162,10 +170,15 @@ def checksums(record: Mapping[str, Any]) -> dict[str, str]:
     return {str(name): str(digest) for name, digest in _mapping(record, "sha256").items()}
 
 
+def number(cell: Mapping[str, Any], key: str) -> float:
+    """A number of a cell; NaN where it is not recorded."""
+    given = cell.get(key)
+    return float(given) if isinstance(given, int | float) else math.nan
+
+
 def seconds(cell: Mapping[str, Any]) -> float:
     """Wall time of a cell (s); NaN where it is not recorded."""
-    given = cell.get("wall_seconds")
-    return float(given) if isinstance(given, int | float) else math.nan
+    return number(cell, "wall_seconds")
 
 
 def total_seconds(record: Mapping[str, Any]) -> float:

@@ -1,8 +1,8 @@
-"""Work and precision: the error that a cell leaves against the wall time that it takes."""
+"""Work and precision: the error that a cell leaves against the work that it takes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,23 +22,62 @@ if TYPE_CHECKING:
 #: What points that stand apart are.
 NOT_JOINED = "not joined: cells that did not end well"
 
-#: Series → wall time (s) of the cell behind each of its points; NaN where it is not known.
-Times = Mapping[SeriesKey, Array]
+#: Series → cost of the cell behind each of its points; NaN where it is not known.
+Costs = Mapping[SeriesKey, Array]
 
 
-def wall_times(folder: Path, slopes: Sequence["Slope"]) -> Times:
-    """Wall times of the cells behind the points of series, from the records of their studies.
+@dataclass(frozen=True)
+class Cost:
+    """What the work of a cell is measured by.
+
+    Attributes:
+        key: Of a cell in a record.
+        label: Of an axis.
+        unit: Behind a number.
+        lacking: What to do where a record lacks it.
+    """
+
+    key: str
+    label: str
+    unit: str
+    lacking: str
+
+
+#: By name, as `newmark_cli.report.kinds.Results` has it.
+COSTS: Mapping[str, Cost] = MappingProxyType(
+    {
+        "operations": Cost(
+            "operations",
+            "multiplications and additions",
+            "operations",
+            "no counted operations; run the study again",
+        ),
+        "wall-time": Cost(
+            "march_seconds",
+            "wall time of the march (s)",
+            "s",
+            "no wall times of marches; run the study again with --timed --force",
+        ),
+    }
+)
+
+
+def costs(results: Results, slopes: Sequence["Slope"]) -> Costs:
+    """Costs of the cells behind the points of series, from the records of their studies.
 
     Args:
-        folder: Results folder.
+        results: What the series come from, and which cost is meant.
         slopes: The series.
     """
+    key = COSTS[results.cost].key
     studies = dict.fromkeys(slope.study for slope in slopes)
-    seconds = {study: _of_cells(records.known(folder / f"{study}.csv")) for study in studies}
+    found = {
+        study: _of_cells(records.known(results.folder / f"{study}.csv"), key) for study in studies
+    }
     return {
         slope.key: np.array(
             [
-                seconds[slope.study].get((*_cell(slope.key.named()), h, steps), np.nan)
+                found[slope.study].get((*_cell(slope.key.named()), h, steps), np.nan)
                 for h, steps in zip(slope.h.tolist(), slope.steps.tolist(), strict=True)
             ]
         )
@@ -46,11 +85,12 @@ def wall_times(folder: Path, slopes: Sequence["Slope"]) -> Times:
     }
 
 
-def _of_cells(record: Mapping[str, Any]) -> dict[tuple[Any, ...], float]:
+def _of_cells(record: Mapping[str, Any], key: str) -> dict[tuple[Any, ...], float]:
     found = {}
     for cell in records.cells_of(record):
         if isinstance(cell.get("h"), int | float) and isinstance(cell.get("steps"), int):
-            found[*_cell(cell), float(cell["h"]), float(cell["steps"])] = records.seconds(cell)
+            place = *_cell(cell), float(cell["h"]), float(cell["steps"])
+            found[place] = records.number(cell, key)
     return found
 
 
@@ -63,48 +103,49 @@ def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def timed(
-    figure: Figure, results: Results
-) -> tuple[Mapping[SeriesKey, "Slope"], Mapping[SeriesKey, Array]]:
-    """Series of a figure, and wall times of their cells.
+def costed(figure: Figure, results: Results) -> tuple[Mapping[SeriesKey, "Slope"], Costs]:
+    """Series of a figure, and costs of their cells.
 
     Raises:
-        ResultsError: When a series is missing, or has no wall times.
+        ResultsError: When a series is missing, or has no costs.
     """
     slopes = {slope.key: slope for slope in results.series(figure)}
-    times = wall_times(results.folder, list(slopes.values()))
-    if not all(np.isfinite(times[key]).any() for key in slopes):
+    found = costs(results, list(slopes.values()))
+    if not all(np.isfinite(found[key]).any() for key in slopes):
         raise ResultsError(
-            f"{results.folder / figure.study}.json: no wall times for figure {figure.name}; "
-            f"run the study again"
+            f"{results.folder / figure.study}.json: figure {figure.name}: "
+            f"{COSTS[results.cost].lacking}"
         )
-    return slopes, times
+    return slopes, found
 
 
 @dataclass(frozen=True)
 class WorkPrecisionFigure(OfParts):
-    """Errors of a study against the wall times of its cells, a point for each step size."""
+    """Errors of a study against the work of its cells, a point for each step size."""
 
     def require(self, results: Results) -> None:
-        """All series, and wall times of their cells."""
-        timed(self, results)
+        """All series, and costs of their cells."""
+        costed(self, results)
 
     def sheet(self, results: Results) -> Sheet:
         """Points of a series joined from the largest step size to the smallest."""
-        slopes, times = timed(self, results)
+        slopes, found = costed(self, results)
+        cost = COSTS[results.cost]
         labels = list(dict.fromkeys(curve.label for curve in self.curves))
         limits = spread([slope.values for slope in slopes.values()])
         panels = []
         for part in self.parts:
             first = slopes[part.curves[0].key]
             drawn = [
-                _trace(slopes[c.key], times[c.key], c.label, labels.index(c.label), part.title)
+                _trace(
+                    slopes[c.key], found[c.key], cost, c.label, labels.index(c.label), part.title
+                )
                 for c in part.curves
             ]
             panels.append(
                 Panel(
                     tuple(drawn),
-                    "wall time of the cell (s)",
+                    cost.label,
                     first.record.label(first.key),
                     part.title,
                     y_limits=limits,
@@ -131,18 +172,18 @@ class WorkPrecisionFigure(OfParts):
         )
 
 
-def _trace(slope: "Slope", seconds: Array, label: str, place: int, panel: str) -> Trace:
+def _trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, panel: str) -> Trace:
     order = np.argsort(-slope.h)
-    ends = [i for i in order.tolist() if np.isfinite(seconds[i]) and np.isfinite(slope.values[i])]
+    ends = [i for i in order.tolist() if np.isfinite(spent[i]) and np.isfinite(slope.values[i])]
     said = "; ".join(
-        f"{slope.values[i]:.3g} in {seconds[i]:.3g} s at h = {slope.h[i]:g}"
+        f"{slope.values[i]:.3g} in {spent[i]:.3g} {cost.unit} at h = {slope.h[i]:g}"
         for i in dict.fromkeys((ends[0], ends[-1]))
     )
     name = ", ".join(filter(None, (panel, label)))
     ok = np.isin(np.array(slope.statuses, str), slope.record.ok)
     return Trace(
         label,
-        seconds[order],
+        spent[order],
         slope.values[order],
         look(place),
         apart=~ok[order],

@@ -25,7 +25,7 @@ from newmark_cli.problems.problem import ContradictionError
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
-from newmark_cli.study.compute import compute, prepare
+from newmark_cli.study.compute import compute, march_seconds, prepare
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,13 @@ class Task:
         cell: The cell.
         reference: Solution that its errors are taken from, if it measures any.
         compiled: Whether its problem is compiled, of a task that travels; see `Apart`.
+        timed: Whether its march is timed by itself, too.
     """
 
     cell: Cell
     reference: Reference | None = None
     compiled: bool = True
+    timed: bool = False
 
     def of(self, problem: ProblemSpec) -> "Task":
         """The same task, with its problem in the shape that travels."""
@@ -90,6 +92,10 @@ def perform(
             prepare(task.cell)
             start = time.perf_counter()
             outcome = compute(task.cell, task.reference, checked)
+            done = Done(outcome, time.perf_counter() - start)
+            if task.timed:
+                done = replace(done, march_seconds=march_seconds(task.cell, on_steps))
+            return done
     except ContradictionError as error:
         outcome = failed(str(error))
     except (_Stopped, InputError):

@@ -43,6 +43,7 @@ class Options:
         scheduler: Address of a dask scheduler.
         shard: (i, N): the i-th of N parts alone, counted from 1.
         parquet: Whether trajectories are written as Parquet, not as CSV.
+        timed: Whether the march of each cell that is computed is timed by itself.
     """
 
     jobs: int
@@ -53,6 +54,7 @@ class Options:
     scheduler: str | None = None
     shard: tuple[int, int] | None = None
     parquet: bool = False
+    timed: bool = False
 
 
 @dataclass(frozen=True)
@@ -211,10 +213,11 @@ def run_studies(
         missing: dict[int, str] = {}
         for i in sorted(places, key=lambda i: -_cost(planned[i].cell)):
             cell = planned[i].cell
+            task = Task(cell, timed=options.timed)
             try:
-                tasks[i] = Task(cell, _reference(cell, references))
+                tasks[i] = replace(task, reference=_reference(cell, references))
             except NoReference as error:
-                tasks[i], missing[i] = Task(cell), str(error)
+                tasks[i], missing[i] = task, str(error)
         with _execution(tasks, options, watcher) as finished:
             for i, result in finished:
                 done = _without_reference(result, missing[i]) if i in missing else result
@@ -462,7 +465,6 @@ def _cost(cell: Cell) -> int:
 def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) -> Path:
     cells = study.cells()
     outcomes = [done.outcome for done in found]
-    seconds = [done.seconds for done in found]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
     texts: dict[Path, str | bytes] = {path: results.csv_text(results.COLUMNS, table)}
@@ -478,7 +480,7 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         for file, text in texts.items()
     }
     record = provenance.record(study, cells, outcomes, len(table), checksums)
-    run = provenance.run(study, seconds, options.jobs, checksums)
+    run = provenance.run(study, found, options.jobs, checksums)
     for cell, told in zip(cells, run["cells"], strict=True):
         told["kept_as"] = file_name(cell)
     if moved := _motions(cells):

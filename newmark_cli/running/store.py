@@ -114,7 +114,12 @@ class Store:
         if record is None:
             return None
         try:
-            kept = Done(_outcome(record["outcome"]), _number(record["seconds"]))
+            timed = record.get("march_seconds")
+            kept = Done(
+                _outcome(record["outcome"]),
+                _number(record["seconds"]),
+                None if timed is None else _number(timed),
+            )
         except _UNREADABLE:
             return None
         return kept if failed or kept.outcome.status != "failed" else None
@@ -134,6 +139,7 @@ class Store:
             "key": asdict(key),
             "versions": versions(),
             "seconds": done.seconds,
+            "march_seconds": done.march_seconds,
             "outcome": _record(done.outcome),
         }
         sealed.write(self._folder / key.file, record, self._results)
@@ -268,6 +274,7 @@ def _record(outcome: Outcome) -> dict[str, Any]:
         "history": [[step, multipliers.tolist()] for step, multipliers in outcome.history],
         "lacks": list(outcome.lacks),
         "pivoted": outcome.pivoted,
+        "operations": outcome.operations,
         "drift": [[step, values.tolist()] for step, values in outcome.drift],
         "trajectory": {name: values.tolist() for name, values in outcome.trajectory.items()},
     }
@@ -277,7 +284,7 @@ def _outcome(record: dict[str, Any]) -> Outcome:
     """Read back; KeyError, TypeError or ValueError where it is not as written."""
     if record["status"] not in STATUSES:
         raise ValueError("unknown status")
-    met = record["met"]
+    met, operations = record["met"], record.get("operations")
     return Outcome(
         measurements=[_measurement(found) for found in record["measurements"]],
         not_converged=_count(record["not_converged"]),
@@ -290,6 +297,7 @@ def _outcome(record: dict[str, Any]) -> Outcome:
         drift=[(_count(step), _vector(values)) for step, values in record.get("drift", ())],
         trajectory=_columns(record.get("trajectory", {})),
         pivoted=_count(record.get("pivoted", 0)),
+        operations=None if operations is None else _count(operations),
     )
 
 

@@ -33,6 +33,8 @@ class Outcome:
         lacks: Why rows of the CSV are empty although the march reached its end: the
             reason for each thing that was not to be had, such as a reference.
         pivoted: Steps that static elimination left to partial pivoting.
+        operations: Multiplications and additions of the march, see
+            `newmark_cli.newmark.operations`; None where it did not get that far.
     """
 
     measurements: list[Measurement]
@@ -46,6 +48,7 @@ class Outcome:
     drift: Sequence[tuple[int, Array]] = ()
     trajectory: Mapping[str, Array | IndexArray] = field(default_factory=dict)
     pivoted: int = 0
+    operations: int | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,10 @@ class Done:
     Attributes:
         outcome: What it found.
         seconds: Its wall time (s).
+        march_seconds: That of its march by itself (s), where it was measured; see
+            `newmark_cli.study.compute.march_seconds`.
     """
 
     outcome: Outcome
     seconds: float
+    march_seconds: float | None = None

@@ -1,5 +1,6 @@
 """Marching a cell while its measures look on."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import numpy as np
 from newmark_cli.arrays import IndexArray
 from newmark_cli.newmark import march_data
 from newmark_cli.newmark.march import March, is_ready
+from newmark_cli.newmark.operations import of_march
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.newmark.twins import spread, twins
@@ -16,6 +18,9 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.measures import MEASURES, Deviations, Observer
 from newmark_cli.study.redundancy import REDUNDANT, Watch
+
+#: Seconds that a march is timed for in all, and most repetitions of a short one.
+_MEASURED, _MOST_MARCHES = 0.2, 1_000
 
 
 def scheme_of(cell: Cell) -> Scheme:
@@ -98,6 +103,7 @@ def compute(
         drift=[entry for observer in every for entry in observer.drift],
         trajectory={name: at for each in every for name, at in each.trajectory.items()},
         pivoted=pivoted,
+        operations=of_march(march),
     )
 
 
@@ -140,3 +146,23 @@ def with_rounding(
     off = spread([each.get(row.quantity, np.empty(0)) for each in marches])
     rounding = float(np.hypot(off.max(), unresolved)) if off.size else np.nan
     return replace(row, statistics=replace(row.statistics, rounding=rounding))
+
+
+def march_seconds(cell: Cell, on_steps: Callable[[int], None]) -> float | None:
+    """Wall time of a cell's march by itself (s): the least of some that take 0.2 s together.
+
+    Args:
+        cell: A cell that has been computed, so that nothing needs to be compiled.
+        on_steps: As of `compute`, told of no step.
+
+    Returns:
+        None for a cell without steps.
+    """
+    found: list[float] = []
+    while cell.steps and sum(found) < _MEASURED and len(found) < _MOST_MARCHES:
+        march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
+        start = time.perf_counter()
+        for _ in march.stretches(cell.steps):
+            on_steps(0)
+        found.append(time.perf_counter() - start)
+    return min(found, default=None)

@@ -10,7 +10,7 @@ from typing import Any
 from newmark_cli.study import axes
 from newmark_cli.study.measures import ERROR, MEASURES, RECORDS
 
-#: Error against wall time: made from the rows of `error` and the record's wall times.
+#: Error against work: made from the rows of `error` and the operations in the record.
 WORK_PRECISION = "work-precision"
 
 #: What a figure can show: kinds of rows, measures that give several kinds, and this one.

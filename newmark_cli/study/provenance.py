@@ -19,7 +19,7 @@ import newmark_cli
 from newmark_cli.processors import usable
 from newmark_cli.study import axes, checkout
 from newmark_cli.study.axes import Cell
-from newmark_cli.study.cell import Outcome
+from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.checkout import Source
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def record(
                 **({"reason": outcome.reason} if outcome.reason else {}),
                 **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
                 **({"pivoted_steps": outcome.pivoted} if outcome.pivoted else {}),
+                **({} if outcome.operations is None else {"operations": outcome.operations}),
             }
             for cell, outcome in zip(cells, outcomes, strict=True)
         ],
@@ -73,7 +74,7 @@ def record(
 
 
 def run(
-    study: "Study", seconds: Sequence[float], jobs: int, checksums: Mapping[str, str]
+    study: "Study", found: Sequence[Done], jobs: int, checksums: Mapping[str, str]
 ) -> dict[str, Any]:
     """Provenance of one run of a study: when, by what, where, and how long it took.
 
@@ -83,7 +84,7 @@ def run(
 
     Args:
         study: The study.
-        seconds: Wall times of its cells (s).
+        found: Its cells.
         jobs: Cells that ran side by side.
         checksums: As of `record`, by which the two belong together.
     """
@@ -105,7 +106,17 @@ def run(
         },
         "jobs": jobs,
         "sha256": dict(checksums),
-        "cells": [{"wall_seconds": round(taken, 4)} for taken in seconds],
+        "cells": [
+            {
+                "wall_seconds": round(done.seconds, 4),
+                **(
+                    {}
+                    if done.march_seconds is None
+                    else {"march_seconds": float(f"{done.march_seconds:.4g}")}
+                ),
+            }
+            for done in found
+        ],
     }
 
 

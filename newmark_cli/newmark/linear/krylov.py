@@ -42,6 +42,8 @@ class KrylovSystem:
 
     Attributes:
         iterations: Iterations of each solve so far, failed ones included.
+        symmetric: Whether it is MINRES.
+        size, entries: N, and the entries of J̄.
         residuals: ‖B(rhs − J̄ q̄)‖/‖B rhs‖ that each achieved, evaluated from its
             solution; B takes the scaled rows to balanced ones, and is 1 under the
             optimal scaling but for a factor β/γ in row D of the (v, λ) form.
@@ -67,6 +69,8 @@ class KrylovSystem:
                 f"linear_solver minres: the Jacobian of {problem.name}, {scheme.form.described}, "
                 f"preconditioning {scheme.scaling.name} is not symmetric; take gmres"
             )
+        self.symmetric, self.size = symmetric, self._sparse.size
+        self.entries = len(self._sparse.rows)
         self._options = options
         self._method: _Method = _minres if symmetric else _gmres
         self._turn = _turn(self._sparse) if symmetric else np.ones(self._sparse.size)

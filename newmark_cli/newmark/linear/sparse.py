@@ -16,7 +16,7 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
-from newmark_cli.newmark.linear.ordering import banded, coupling
+from newmark_cli.newmark.linear.ordering import Order, banded, coupling
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
@@ -238,6 +238,11 @@ class SparseSystem:
     An entry of J is a sum of weights times sources: values of X, Y, M, G at their
     places, 1, and the coefficients of V and K.  Which weight, which source and
     which entry is decided here, once.
+
+    Attributes:
+        size: N.
+        order: Of the elimination.
+        terms: Weights times sources that are added up.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
@@ -289,8 +294,10 @@ class SparseSystem:
                 for field in FIELDS:
                     full[row][field] = (g_columns, g_rows, behind + np.arange(len(self._g)))
                     behind += len(self._g)
-            self._products = _Products(self.constraining, problem)
-            terms += self._products.terms(scheme, behind, scheme.elimination.weights)
+            products = _Products(self.constraining, problem)
+            #: What a formulation multiplies before it is added up.
+            self.products = products.values
+            terms += products.terms(scheme, behind, scheme.elimination.weights)
         ends = np.cumsum(scheme.form.sizes(n, m)).tolist()
         for row, start in zip(scheme.form.rows, [0, *ends], strict=False):
             for field, (rows, columns, sources) in full[row].items():
@@ -304,17 +311,18 @@ class SparseSystem:
             np.concatenate([term[part] for term in terms]) for part in range(3)
         )
         self._weights = np.concatenate([np.full(len(term[2]), term[3]) for term in terms])
+        self.terms = len(self._weights)
 
-        self._row_order, self._column_order = elimination_order(problem, kept, constraint_rows)
+        self.order = Order(*elimination_order(problem, kept, constraint_rows))
         keys, self._slots = np.unique(
-            np.argsort(self._column_order)[columns] * self.size + np.argsort(self._row_order)[rows],
+            np.argsort(self.order.columns)[columns] * self.size + np.argsort(self.order.rows)[rows],
             return_inverse=True,
         )
         self._indices = keys % self.size
         self._starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
         #: Row and column of each entry of J.
-        self.rows = self._row_order[self._indices]
-        self.columns = self._column_order[keys // self.size]
+        self.rows = self.order.rows[self._indices]
+        self.columns = self.order.columns[keys // self.size]
         left, right = scaling_factors(scheme, n, m)
         self._left, self._right = left, right
         self._entry_left, self._entry_right = left[self.rows], right[self.columns]
@@ -329,7 +337,7 @@ class SparseSystem:
         ]
         if self.constraining and tangents is not None:
             parts += [self._g.values(part) for row in tangents.rows for part in row]
-            parts += self._products.values(values, tangents)
+            parts += self.products(values, tangents)
         sources = np.concatenate(parts)
         weighted = self._weights * sources[self._sources]
         return _summed(self._slots, weighted, len(self.rows))
@@ -343,7 +351,7 @@ class SparseSystem:
         ordered = scipy.sparse.csc_array(
             (entries, self._indices, self._starts), (self.size, self.size)
         )
-        return Factors(ordered, self._row_order, self._column_order)
+        return Factors(ordered, *self.order)
 
     def times_mass(self, vector: Array) -> Array:
         """M times (n,)."""
