@@ -74,13 +74,17 @@ def march(engine, subject, scheme, state, first, steps, **options):
     return norms, iterations
 
 
-def interpreted_march(subject, scheme, state, first, norms, iterations, record=None):
+def interpreted_march(
+    subject, scheme, state, first, norms, iterations, record=None, positions=None
+):
     """The kernel's march as Python runs it, and all that it calls."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiled_march, "specialised", lambda problem, *_: unspecialised(problem))
         engine = compiled_march.Engine(subject, scheme)
     compiled = engine.arguments(
-        state, first, norms, iterations, *np.zeros((2, len(norms)), np.int64),
+        state, first, norms, iterations,
+        np.zeros(len(norms), np.int64) if positions is None else positions,
+        np.zeros(len(norms), np.int64),
         recording(state, np.empty(0)) if record is None else record,
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:

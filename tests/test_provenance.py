@@ -416,7 +416,7 @@ def test_info_of_an_older_record():
     """It says what it does not know."""
     record = {"study": "quick"}
     assert f"config SHA-256  {records.UNKNOWN}" in records.as_text(record)
-    assert records.cell_rows(record) == [("problem", "h", "steps", "status", "wall time (s)")]
+    assert records.cell_rows(record) == [("problem", "h", "steps", "status")]
     assert records.config_text(record) == "{}\n"
 
 

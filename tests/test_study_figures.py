@@ -63,15 +63,16 @@ def written(folder, rows, record=None):
     return Results(folder, collect(folder))
 
 
-def cells(rows, seconds):
-    """Record of the cells of rows: a wall time (s) for each, from the row."""
+def cells(rows, operations):
+    """Record of the cells of rows: their operations, and a tenth of that in seconds."""
     names = (
         "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
         "linear_solver", "stop", "h", "steps",
     )  # fmt: skip
     return {
         "cells": [
-            {name: one[name] for name in names} | {"status": "ok", "wall_seconds": seconds(one)}
+            {name: one[name] for name in names}
+            | {"operations": operations(one), "march_seconds": operations(one) / 10}
             for one in rows
         ]
     }
@@ -370,15 +371,19 @@ def test_names_with_dollar_signs_are_no_mathematics(tmp_path):
 
 
 def test_work_precision_matches_cells_to_rows(tmp_path):
-    """Wall times by the axes, the step size and the steps; joined from large h to small."""
+    """Operations by the axes, the step size and the steps; joined from large h to small.
+
+    Wall times of marches are drawn where they are asked for.
+    """
     rows = table(integrator=[DAMPED, "bdf2"], evaluation=["direct", "compensated"])
     other = [one | {"steps": 7} for one in rows]
 
-    def seconds(one):
+    def operations(one):
         factor = 2.0 if one["integrator"] == "bdf2" else 1.0
         return factor / one["h"] * (3 if one["evaluation"] == "compensated" else 1)
 
-    record = {"cells": cells(other, lambda one: 99.0)["cells"] + cells(rows, seconds)["cells"]}
+    record = {"cells": cells(other, lambda one: 99.0)["cells"]}
+    record["cells"] += cells(rows, operations)["cells"]
     given = written(tmp_path, rows, record)
     found = drawn(given)
     assert list(found) == ["mine-hoist-u-lambda-error-u", "mine-hoist-u-lambda-work-precision-u"]
@@ -392,14 +397,24 @@ def test_work_precision_matches_cells_to_rows(tmp_path):
         assert trace.x == pytest.approx(factor / np.array(H))
     assert panel.traces[1].y == pytest.approx(2 * np.array(H) ** 2)
     assert (panel.x_scale, panel.y_scale) == ("log", "log")
-    assert panel.traces[0].said.endswith("0.01 in 10 s at h = 0.1; 1e-08 in 1e+04 s at h = 0.0001")
+    assert panel.x_label == "multiplications and additions"
+    assert panel.traces[0].said.endswith(
+        "0.01 in 10 operations at h = 0.1; 1e-08 in 1e+04 operations at h = 0.0001"
+    )
     draw.drawn(figure.sheet(given))
+    (timed,) = figure.sheet(dataclasses.replace(given, cost="wall-time")).panels
+    assert timed.x_label == "wall time of the march (s)"
+    assert timed.traces[3].x == pytest.approx(0.6 / np.array(H))
+    assert timed.traces[0].said.endswith("0.01 in 1 s at h = 0.1; 1e-08 in 1e+03 s at h = 0.0001")
 
 
 def test_work_precision_needs_a_record(tmp_path):
-    """Without wall times there is none; a record of other cells is none."""
+    """Without operations there is none; a record of other cells is none."""
     rows = table(integrator=DAMPED)
-    assert list(drawn(written(tmp_path / "bare", rows))) == ["mine-hoist-u-lambda-error-u"]
+    bare = written(tmp_path / "bare", rows)
+    assert list(drawn(bare)) == ["mine-hoist-u-lambda-error-u"]
+    with pytest.raises(InputError, match="no operations were counted; run the study again"):
+        plot.chosen(["mine"], bare, plot.Choice(("work-precision",)))
     strange = cells([one | {"form": "v-lambda"} for one in rows], lambda one: 1.0)
     assert list(drawn(written(tmp_path / "strange", rows, strange))) == [
         "mine-hoist-u-lambda-error-u"

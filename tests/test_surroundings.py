@@ -115,6 +115,9 @@ def test_results_are_the_same_with_every_kernel(cli, other_kernel):
     one, two = cli.folder / "results", cli.folder / "two"
     for name in ("bits.csv", "history/bits.csv", "bits.json"):
         assert (one / name).read_bytes() == (two / name).read_bytes(), name
+    assert all(
+        cell["operations"] > 0 for cell in json.loads((two / "bits.json").read_text())["cells"]
+    )
     run = json.loads((two / "runs/bits.json").read_text())
     assert run["blas"]["kernel"] == other_kernel
     assert re.search(r"\d+\.\d+", run["blas"]["loaded"])

@@ -124,7 +124,7 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) ->
         if lacking and not choice and (not found or shipped & set(studies)):
             notes.append(how_to_get(lacking))
     if choice and not found:
-        why = f"; or {COSTS[results.cost].lacking}" if WORK_PRECISION in choice.kinds else ""
+        why = f" ({COSTS[results.cost].lacking})" if WORK_PRECISION in choice.kinds else ""
         raise InputError(f"nothing to draw: no figure has all that the options choose{why}")
     if names and not found:
         raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")

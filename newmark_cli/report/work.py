@@ -50,13 +50,13 @@ COSTS: Mapping[str, Cost] = MappingProxyType(
             "operations",
             "multiplications and additions",
             "operations",
-            "no counted operations; run the study again",
+            "no operations were counted; run the study again",
         ),
         "wall-time": Cost(
             "march_seconds",
             "wall time of the march (s)",
             "s",
-            "no wall times of marches; run the study again with --timed --force",
+            "no march was timed; run the study again with --timed --force",
         ),
     }
 )
