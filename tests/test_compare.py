@@ -155,6 +155,13 @@ def test_environments(folders):
         comparing.Difference("config of krylov", "2.1.0", "2.2.0"),
         comparing.Difference("processor", "not recorded", "x"),
     )
+    for study in ("multipliers", "krylov"):
+        (folders[0] / f"{study}.json").write_text(
+            json.dumps({"study": study, "config_sha256": "same"})
+        )
+    assert compared(folders).environment == (
+        comparing.Difference("config of krylov", "same", "2.2.0"),
+    )
 
 
 def test_long_lists_are_cut(folders):

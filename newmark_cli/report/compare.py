@@ -340,8 +340,12 @@ def _farthest(pairs: Iterable[tuple[Slope, Slope]]) -> Difference | None:
 def _environments(
     first: Mapping[str, Mapping[str, str]], second: Mapping[str, Mapping[str, str]]
 ) -> tuple[Difference, ...]:
-    """Facts of the studies in both folders that differ; one folder may mix several machines."""
+    """Facts of the studies in both folders that differ; one folder may mix several machines.
+
+    Where a run has no record, as with results that are shipped, nothing of it is compared.
+    """
     shared = [study for study in first if study in second]
+    ran = [study for study in shared if "python" in first[study] and "python" in second[study]]
     names = dict.fromkeys(name for study in shared for name in (*first[study], *second[study]))
     found = []
     for name in names:
@@ -350,7 +354,7 @@ def _environments(
                 dict.fromkeys(
                     folder[study].get(name, records.UNKNOWN)
                     for study in shared
-                    if name in first[study] or name in second[study]
+                    if (name in first[study]) + (name in second[study]) > (study not in ran)
                 )
             )
             for folder in (first, second)
