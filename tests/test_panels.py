@@ -398,3 +398,9 @@ def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     assert any(figure.name.startswith("own-") for figure in found)
     printed = ran("plot", "6", "--results", tmp_path, "--format", "svg").stdout
     assert printed.split() == [f"{tmp_path}/figures/figure-6.svg"]
+
+
+@each("value, text", [(0.0005, "0.0005"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")])
+def test_ticks_of_short_axes(value, text):
+    """Numbers of less than two powers of ten on an axis: large ones as powers."""
+    assert draw._number(value) == text

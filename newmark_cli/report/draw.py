@@ -291,7 +291,10 @@ def _signed_power_of_ten(value: float, position: int | None = None) -> str:
 
 
 def _number(value: float, position: int | None = None) -> str:
-    return f"{value:g}"
+    if value < 1e5:
+        return f"{value:g}"
+    digits, exponent = f"{value:.0e}".split("e+")
+    return ("" if digits == "1" else f"{digits}·") + power("10", str(int(exponent)))
 
 
 def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet, size: Any) -> None:
