@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import signal
 import subprocess
 import time
@@ -36,6 +37,37 @@ for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 
 #: Signals that end a command, with what it calls them.
 ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+
+
+ONE_ULP = Path(__file__).parent / "one_ulp"
+
+
+def pytest_addoption(parser):
+    """Starts that differ in the last place: whatever the suite asserts must hold for them."""
+    parser.addoption(
+        "--one-ulp", type=int, metavar="SEED",
+        help="march from starts one unit in the last place away, without tests of particular bits",
+    )  # fmt: skip
+
+
+def pytest_configure(config):
+    """In this process, and in all that it starts."""
+    config.addinivalue_line("markers", "bits(why): needs the last bits of marches as they are")
+    if (seed := config.getoption("one_ulp")) is not None and "ONE_ULP" not in os.environ:
+        path = os.environ.get("PYTHONPATH")
+        os.environ |= {
+            "ONE_ULP": str(seed),
+            "PYTHONPATH": os.pathsep.join(filter(None, (str(ONE_ULP), path))),
+        }
+        runpy.run_path(str(ONE_ULP / "sitecustomize.py"))
+
+
+def pytest_collection_modifyitems(config, items):
+    """Tests that need particular bits say why."""
+    if config.getoption("one_ulp") is not None:
+        for item in items:
+            if marked := item.get_closest_marker("bits"):
+                item.add_marker(pytest.mark.skip(reason=marked.args[0]))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -69,6 +69,7 @@ Beyond the last time a spline is not a number, unless it repeats itself.
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
+from newmark_cli.mechanisms.sines import sine_cosine
 
 #: A function that becomes a part of its caller: handing on arrays costs time in each call.
 _inline = cached_njit(nogil=True, error_model="numpy", inline="always")
@@ -109,10 +110,10 @@ def _term(t, ints, reals, row, derivative):
         amplitude, frequency = reals[row, 0], reals[row, 1]
         phase = frequency * t + reals[row, 2]
         if derivative == 0:
-            return amplitude * np.sin(phase)
+            return amplitude * sine_cosine(phase, real)[0]
         if derivative == 1:
-            return amplitude * frequency * np.cos(phase)
-        return -amplitude * frequency * frequency * np.sin(phase)
+            return amplitude * frequency * sine_cosine(phase, real)[1]
+        return -amplitude * frequency * frequency * sine_cosine(phase, real)[0]
     first, last = reals[row, 0], reals[row, 1]
     if ints[row, REPEATS] != 0:
         t = t - (last - first) * np.floor((t - first) / (last - first))
@@ -138,15 +139,18 @@ def _term(t, ints, reals, row, derivative):
 @cached_njit(nogil=True, error_model="numpy")
 def _law(t, reals, e, derivative):
     """A law of time (`LAW` columns of element e), or its first or second derivative."""
-    half = reals.dtype.type(0.5)
+    real = reals.dtype.type
+    half = real(0.5)
     rate, second = reals[e, LAW + 1], reals[e, LAW + 2]
     amplitude, frequency = reals[e, LAW + 3], reals[e, LAW + 4]
     phase = frequency * t + reals[e, LAW + 5]
     if derivative == 0:
-        return reals[e, LAW] + (rate + half * second * t) * t + amplitude * np.sin(phase)
+        return (
+            reals[e, LAW] + (rate + half * second * t) * t + amplitude * sine_cosine(phase, real)[0]
+        )
     if derivative == 1:
-        return rate + second * t + amplitude * frequency * np.cos(phase)
-    return second - amplitude * frequency * frequency * np.sin(phase)
+        return rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
+    return second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -193,7 +197,7 @@ def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y
             dx, dy = _vector(u, ints, reals, e, e)
             dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
             j, multiplier = ints[e, Y_START], multipliers[row]
-            cosine, sine = np.cos(u[j]), np.sin(u[j])
+            sine, cosine = sine_cosine(u[j], reals.dtype.type)
             along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
             phi[row] = across
             for k in range(count):
@@ -260,7 +264,8 @@ def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y
                     y += 1
         elif kind == TURN:
             law = _whole_law(t, ints, reals, e, 0)
-            nx, ny = -np.sin(law), np.cos(law)
+            sine, cosine = sine_cosine(law, reals.dtype.type)
+            nx, ny = -sine, cosine
             dx, dy = _vector(u, ints, reals, e, e)
             dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
             phi[row] = nx * dx + ny * dy
@@ -348,7 +353,8 @@ def _accumulate(
                 nx, ny = reals[e, PARAMETER], reals[e, PARAMETER + 1]
                 phi[row] = nx * dx + ny * dy - law
             else:
-                nx, ny = -np.sin(law), np.cos(law)
+                sine, cosine = sine_cosine(law, reals.dtype.type)
+                nx, ny = -sine, cosine
                 phi[row] = nx * dx + ny * dy
             for k in range(count):
                 i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
@@ -477,7 +483,8 @@ def _differentiate_further(
             wx, wy = _vector(v, ints, reals, e, e)
             ax, ay = _vector(w, ints, reals, e, e)
             j = ints[e, Y_START]
-            cosine, sine, turn, faster = np.cos(u[j]), np.sin(u[j]), v[j], w[j]
+            sine, cosine = sine_cosine(u[j], reals.dtype.type)
+            turn, faster = v[j], w[j]
             along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
             with_v, against_v = cosine * wx + sine * wy, cosine * wy - sine * wx
             with_w = cosine * ax + sine * ay
@@ -522,7 +529,7 @@ def _differentiate_further(
             wx, wy = _vector(v, ints, reals, e, e)
             angle, turn = _whole_law(t, ints, reals, e, 0), _whole_law(t, ints, reals, e, 1)
             faster = _whole_law(t, ints, reals, e, 2)
-            cosine, sine = np.cos(angle), np.sin(angle)
+            sine, cosine = sine_cosine(angle, reals.dtype.type)
             along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
             rate[row] = -turn * along
             curvature[row] = (
@@ -583,7 +590,7 @@ def constraint_derivatives(
             if kind == ANGLE:
                 angle, turn = _law(t, reals, e, 0), _law(t, reals, e, 1)
                 faster = _law(t, reals, e, 2)
-                cosine, sine = np.cos(angle), np.sin(angle)
+                sine, cosine = sine_cosine(angle, reals.dtype.type)
                 along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
                 rate[row] = -turn * along
                 curvature[row] = (

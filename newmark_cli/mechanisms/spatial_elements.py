@@ -50,6 +50,7 @@ functions ``…_timed`` put values of laws into a copy of the table, and call th
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
+from newmark_cli.mechanisms.sines import sine_cosine
 
 (
     BODY, POINT, DOT, SQUARE, ANGLE, SPRING, DAMPER, LOAD, TORQUE, FOLLOWER, HINGE, TERM, LAW,
@@ -79,15 +80,20 @@ _WOUND = 0.05
 @cached_njit(nogil=True, error_model="numpy")
 def _law(t, reals, e, derivative):
     """A law of time (`PARAMETER` columns of element e), or a derivative of it."""
-    half = reals.dtype.type(0.5)
+    real = reals.dtype.type
+    half = real(0.5)
     rate, second = reals[e, PARAMETER + 1], reals[e, PARAMETER + 2]
     amplitude, frequency = reals[e, PARAMETER + 3], reals[e, PARAMETER + 4]
     phase = frequency * t + reals[e, PARAMETER + 5]
     if derivative == 0:
-        return reals[e, PARAMETER] + (rate + half * second * t) * t + amplitude * np.sin(phase)
+        return (
+            reals[e, PARAMETER]
+            + (rate + half * second * t) * t
+            + amplitude * sine_cosine(phase, real)[0]
+        )
     if derivative == 1:
-        return rate + second * t + amplitude * frequency * np.cos(phase)
-    return second - amplitude * frequency * frequency * np.sin(phase)
+        return rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
+    return second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -338,7 +344,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                     x += 3
         elif kind == ANGLE:
             multiplier, angle = multipliers[row], _law(t, reals, e, 0)
-            cosine, sine = np.cos(angle), np.sin(angle)
+            sine, cosine = sine_cosine(angle, reals.dtype.type)
             px, py, pz = _combined(u, ints, reals, e + 1, first, 1)
             px, py, pz = px + reals[e, OTHER], py + reals[e, OTHER + 1], pz + reals[e, OTHER + 2]
             dx, dy, dz = (
@@ -510,7 +516,7 @@ def constraint_derivatives(
             # N = cos θ q − sin θ p, its derivatives by time only, and along v and w.
             angle = _law(t, reals, e, 0)
             turn, faster = _law(t, reals, e, 1), _law(t, reals, e, 2)
-            cosine, sine = np.cos(angle), np.sin(angle)
+            sine, cosine = sine_cosine(angle, reals.dtype.type)
             q, p, b = (
                 np.empty((3, 3), u.dtype),
                 np.empty((3, 3), u.dtype),
@@ -631,10 +637,10 @@ def _term(t, ints, reals, row, derivative):
         amplitude, frequency = reals[row, 0], reals[row, 1]
         phase = frequency * t + reals[row, 2]
         if derivative == 0:
-            return amplitude * np.sin(phase)
+            return amplitude * sine_cosine(phase, real)[0]
         if derivative == 1:
-            return amplitude * frequency * np.cos(phase)
-        return -amplitude * frequency * frequency * np.sin(phase)
+            return amplitude * frequency * sine_cosine(phase, real)[1]
+        return -amplitude * frequency * frequency * sine_cosine(phase, real)[0]
     first, last = reals[row, 0], reals[row, 1]
     if ints[row, REPEATS] != 0:
         t = t - (last - first) * np.floor((t - first) / (last - first))
@@ -665,11 +671,15 @@ def _whole_law(t, ints, reals, row, derivative):
     amplitude, frequency = reals[row, 3], reals[row, 4]
     phase = frequency * t + reals[row, 5]
     if derivative == 0:
-        value = reals[row, 0] + (rate + real(0.5) * second * t) * t + amplitude * np.sin(phase)
+        value = (
+            reals[row, 0]
+            + (rate + real(0.5) * second * t) * t
+            + amplitude * sine_cosine(phase, real)[0]
+        )
     elif derivative == 1:
-        value = rate + second * t + amplitude * frequency * np.cos(phase)
+        value = rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
     else:
-        value = second - amplitude * frequency * frequency * np.sin(phase)
+        value = second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
     term = row + 1 if ints[row, MORE] != 0 else 0
     while term > 0:
         value += _term(t, ints, reals, term, derivative)

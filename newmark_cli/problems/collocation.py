@@ -157,7 +157,10 @@ def motion(
         # of the middle one, which is well above rounding.
         found = np.abs(step.coefficients[middle : middle + 2, : problem.n]).max()
         found *= h / (np.sqrt(tolerance) * speed)
-        best = float(np.clip(0.9 * found ** (-1 / middle), 0.3, 1.5)) if found > 0 else 1.5
+        # Three digits, as the last bits of powers are not the same everywhere.
+        best = (
+            round(float(np.clip(0.9 * found ** (-1 / middle), 0.3, 1.5)), 3) if found > 0 else 1.5
+        )
         if found > 3:
             size = best * h
             continue

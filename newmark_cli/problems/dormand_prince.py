@@ -76,7 +76,7 @@ class DormandPrince:
         ahead = self._rates(self.t + size, self.y + size * self._rate)
         bent = self._rms(ahead - self._rate, scale) / size
         largest = max(rate, bent)
-        by_order = (0.01 / largest) ** (1 / 8) if largest > 1e-15 else max(1e-6, 1e-3 * size)
+        by_order = _eighth_root(0.01 / largest) if largest > 1e-15 else max(1e-6, 1e-3 * size)
         return float(min(100 * size, by_order))
 
     def step(self) -> None:
@@ -103,7 +103,7 @@ class DormandPrince:
             scale = self._absolute + self._relative * np.maximum(np.abs(self.y), np.abs(y))
             fifth, third = product(self._ends[1:], slopes)
             error = self._error(size, fifth / scale, third / scale)
-            best = _SAFETY * error ** (-1 / 8) if error > 0 else _MOST
+            best = _SAFETY / _eighth_root(error) if error > 0 else _MOST
             if error < 1:
                 self.t, self.y, self._rate, self.taken = then, y, slopes[-1], size
                 self.size = size * min(1.0 if rejected else _MOST, max(_LEAST, best))
@@ -119,3 +119,8 @@ class DormandPrince:
         if first == second == 0:
             return 0.0
         return float(size * first / np.sqrt((first + 0.01 * second) * len(fifth)))
+
+
+def _eighth_root(value: float) -> float:
+    """By square roots, whose last bits are the same everywhere; those of powers are not."""
+    return math.sqrt(math.sqrt(math.sqrt(value)))

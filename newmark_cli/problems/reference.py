@@ -22,7 +22,7 @@ from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 
 #: Changes whenever `solution` may give other numbers: stored ones are then stale.
-VERSION = 3
+VERSION = 4
 
 #: Local tolerances of the solution and of the one it is compared with, relative to
 #: the largest coordinate and velocity.  The first is close to the least that
