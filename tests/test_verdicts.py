@@ -90,6 +90,9 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
      evidence([1e-2, 1e-3, 1e-4, 1e-5], rounding=[0, 0, 0, 9e-6]), MISS,
      "slope 1 ± 0.033 over h = 0.01 … 0.0001; rounding rules below h = 0.0001"),
     ("also with order 2 before it", evidence([1e-1, 1e-3, 1e-5, 1e-6, 1e-7]), MISS, ".*"),
+    ("half a decade of it is not enough", evidence([1e-2, 5e-3, 2e-3], h=[0.1, 0.05, 0.02]),
+     UNDECIDED,
+     "slope 1 ± .* over h = 0.1 … 0.02, less than a decade: smaller h would decide"),
     ("a stall behind many points of order 2 is none of it",
      evidence([1e-1, 1e-3, 1e-5, 1e-7, 1e-9, 1e-9], rounding=1e-14), UNDECIDED, ".*"),
     ("errors that are not small have no order yet",
@@ -175,7 +178,8 @@ def test_a_clean_power_passes(order, size, h, data):
     noise = data.draw(st.lists(st.floats(-0.03, 0.03), min_size=len(h), max_size=len(h)))
     values = 10**size * (h / h[0]) ** order * np.exp(noise)
     assert judge(evidence(values, h, expected=order)).verdict == PASS
-    assert judge(evidence(values, h, expected=order + 1)).verdict == MISS
+    wrong = MISS if h[0] / h[-1] > 9 else UNDECIDED
+    assert judge(evidence(values, h, expected=order + 1)).verdict == wrong
     assert judge(evidence(values, h, expected=order - 1)).verdict == UNDECIDED
 
 
@@ -220,7 +224,8 @@ def scattered(values, expected, h=None, **rest):
     ("three points as predicted do not hide a fourth a thousand times too large",
      scattered([1e-12, 1e-10, 1e-8, 1e-3], -2.0), UNDECIDED, ".*the order still changes.*"),
     ("places between powers of two are no miss over half a decade",
-     scattered([1.0, 4.4, 32.7], -2.0, h=[0.1, 0.05, 0.02]), UNDECIDED,
+     scattered([1.0, 4.4, 32.7], -2.0, h=[0.1, 0.05, 0.02]),
+     UNDECIDED,
      r"slope −2\.17 ± 0\.35: h over 2 decades or more would decide"),
     # They have no logarithm, and are not silently dropped.
     ("zeros are counted", scattered([0, 0, 1e-16], 0.0), UNDECIDED,

@@ -33,6 +33,8 @@ LEAST = 3
 #: Rounding over value from which on rounding rules a point, and below which it cannot.  Twins
 #: tell rounding to a factor of 10, and a point that is not clear cannot speak against a series.
 _RULED, _CLEAR = 0.5, 0.1
+#: Least range of h that can speak against a series, but for rounding of its ends.
+_DECADE = 9.99
 #: Largest relative error that is small enough for its order to be that of the first term.
 _SMALL = 0.1
 #: Relative uncertainty of an error as a power of h, for the terms of the next order.
@@ -196,8 +198,10 @@ def _missed(given: Evidence, points: Mask, left: str) -> Judgement:
         off = abs(fit.slope - given.expected) - given.tolerance
         if fit.straight and off > fit.margin:
             spared = _spared(given, window, fit)
-            ends = given.h[window][[0, -1]]
-            reason = spared or f"slope {_sloped(fit)} over h = {ends[0]:g} … {ends[1]:g}"
+            first, last = given.h[window][[0, -1]].tolist()
+            reason = spared or f"slope {_sloped(fit)} over h = {first:g} … {last:g}"
+            if not spared and first < _DECADE * last:
+                spared = reason = f"{reason}, less than a decade: smaller h would decide"
             return Judgement(UNDECIDED if spared else MISS, fit, window, _joined(reason, left))
     return _judged(given, UNDECIDED, points, _joined(_wanted(given, points), left))
 
