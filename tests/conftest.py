@@ -26,6 +26,9 @@ from newmark_cli import processors
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("project")
 
+# In GitHub's workflows `check` prints more.
+os.environ.pop("GITHUB_ACTIONS", None)
+
 # Processes that the suite starts share what Python has compiled of the package.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

@@ -80,14 +80,36 @@ BEYOND = [
         ],
     ),
     (
+        "must not exceed at_most",
+        "so are two levels",
+        [
+            (
+                QUICK, "t_end: 1.0",
+                "t_end: 1\nexpect: [{measure: condition, at_least: 9, at_most: 3}]",
+            ),
+        ],
+    ),
+    (
         "finite number",
         ".nan and .inf are no numbers of JSON",
         [(QUICK, "1.0", ".inf"), (EXAMPLE, "mass: 2", "mass: .nan")],
     ),
     (
-        "is not among the study's|already tells the series|the name of another figure",
-        "what figures show is compared with the cases, and with other figures",
+        "is not among the study's|no series of the study has|already tells the series|"
+        "the name of another figure",
+        "what figures and expectations name is compared with the cases, and with other figures",
         [
+            (QUICK, "t_end: 1.0", "t_end: 1\nexpect: [{measure: error, slope: 2}]"),
+            (QUICK, "t_end: 1.0", "t_end: 1\nexpect: [{measure: condition, h: 0.2, at_most: 9}]"),
+            (
+                QUICK, "t_end: 1.0",
+                "t_end: 1\nexpect: [{measure: condition, integrator: bdf1, slope: 0}]",
+            ),
+            (
+                QUICK, "h: [1e-1, 1e-2]",
+                "cases: [{h: 0.1}, {h: 0.01, form: v-lambda}]\n"
+                "expect: [{measure: condition, form: v-lambda, h: 0.1, at_most: 9}]",
+            ),
             (QUICK, "t_end: 1.0", "t_end: 1\nfigures: [{measure: error}]"),
             (QUICK, "t_end: 1.0", "t_end: 1\nfigures: [{measure: condition, form: v-lambda}]"),
             (
@@ -363,6 +385,33 @@ def test_what_no_schema_can_say(folder, words, text, old, new):
         ),
         (QUICK, "t_end: 1.0", "t_end: 1\ntrajectory: {every: 3}"),
         (QUICK, "t_end: 1.0", "t_end: 1\naccept: ok"),
+        *(
+            (QUICK, "t_end: 1.0", f"t_end: 1\nexpect: {given}")
+            for given in (
+                "~", "[]", "3", "[3]", "[{}]", "[{measure: condition}]", "[{slope: 1}]",
+                "[{measure: condition, slope: ~}]", "[{measure: condition, slope: two}]",
+                "[{measure: condition, slope: 1, within: 0}]", "[{measure: bogus, slope: 1}]",
+                "[{measure: condition, at_most: 0}]", "[{measure: condition, at_most: -1}]",
+                "[{measure: condition, at_least: 0}]",
+                "[{measure: condition, at_least: 1, h: 0.1}]",
+                "[{measure: condition, within: 1, at_most: 3}]",
+                "[{measure: condition, slope: 1, h: 0.1}]",
+                "[{measure: condition, slope: 1, quantity: u}]",
+                "[{measure: condition, slope: 1, quantity: [jacobian]}]",
+                "[{measure: condition, slope: 1, form: [u-lambda, v-lamda]}]",
+                "[{measure: condition, slope: 1, integrator: {method: hht}}]",
+                "[{measure: condition, slope: 1, integrator: {}, stop: saturation}]",
+                "[{measure: condition, slope: 1, integrator: newmark beta=0.25 gamma=0.5}]",
+                "[{measure: condition, slope: 1, preconditioning: [none, optimal]}]",
+                "[{measure: condition, slope: 1, preconditioning: {name: none}}]",
+                "[{measure: condition, slope: 1, stop: {}}]",
+                "[{measure: condition, slope: 1, linear_solver: auto}]",
+                "[{measure: condition, slope: 1, row_block: D}]",
+                "[{measure: condition, slope: 1, bogus: D}]",
+                "[{measure: drift, slope: 1}]",
+                "[{measure: condition, slope: 1, problem: ~, h: ~, within: ~}]",
+            )
+        ),
         (QUICK, "t_end: 1.0", "t_end: 1\nintegrator: {method: hht}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nintegrator: {method: hht, alpha: 0.5}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nintegrator: {method: hht, alpha: 0.1, rho: 1}"),

@@ -8,7 +8,7 @@ import pytest
 from each import each
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.report import check
+from newmark_cli.report import check, outcomes
 from newmark_cli.report.fits import power_law
 from newmark_cli.report.slopes import COLUMNS, study_slopes, write
 from newmark_cli.report.verdicts import (
@@ -167,7 +167,7 @@ def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
     slopes = found(tmp_path, table, accept)
     assert [s.verdict for s in slopes] == [NOT_CONVERGING, PASS]
     assert [s.fails for s in slopes] == [accept is None, False]
-    assert check.all_hold(slopes, []) == (accept is not None)
+    assert outcomes.hold(outcomes.of(slopes)) == (accept is not None)
     table = series((2.1, 2.1, 2.1), measure="error", quantity="u")
     assert [s.fails for s in found(tmp_path, table, accept)] == [True]
 
@@ -192,7 +192,7 @@ def test_nothing_to_judge_is_no_success(tmp_path):
                   series(power(0), measure="history")):  # fmt: skip
         slopes = found(tmp_path, table)
         assert not any(slope.fails for slope in slopes)
-        assert not check.all_hold(slopes, [])
+        assert not outcomes.hold(outcomes.of(slopes))
         assert check.summary(slopes, []).endswith("nothing could be judged")
 
 
@@ -262,7 +262,7 @@ def test_shown(tmp_path, measure, quantity, status):
     assert np.isnan([shown.expected, shown.tolerance]).all()
     predicted, _ = slopes = found(tmp_path, series(power(-2)) + table)
     assert check.summary(slopes, []) == "1 of 1 slopes as predicted"
-    assert check.all_hold(slopes, [])
+    assert outcomes.hold(outcomes.of(slopes))
     assert check.chosen(slopes, everything=False) == []
     assert check.chosen(slopes, everything=True) == slopes
     assert predicted.verdict == PASS

@@ -1,6 +1,7 @@
 """Commands that read results: figures, verdicts, tables, provenance."""
 
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,6 +15,8 @@ from newmark_cli.cli.options import as_json_text, results_folder, studies_argume
 from newmark_cli.errors import InputError
 
 if TYPE_CHECKING:
+    from newmark_cli.report.expectations import Expected
+    from newmark_cli.report.outcomes import Outcome
     from newmark_cli.report.paper_tables import Entry
     from newmark_cli.report.slopes import Slope
 
@@ -136,44 +139,74 @@ def plot(
     is_flag=True,
     help="Show every slope, not only those of figures and misses.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print every slope and claim as JSON.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print every slope, claim and expectation as JSON."
+)
 @click.option("--markdown", is_flag=True, help="Print the tables as Markdown.")
+@click.option("--strict", is_flag=True, help="Fail if a series or an expectation is undecided.")
+@click.option(
+    "--junit",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write what is asserted as JUnit XML, for continuous integration.",
+)
 def check(
-    studies: tuple[str, ...], folder: Path, show_all: bool, as_json: bool, markdown: bool
+    studies: tuple[str, ...],
+    folder: Path,
+    show_all: bool,
+    as_json: bool,
+    markdown: bool,
+    strict: bool,
+    junit: Path | None,
 ) -> int:
-    """Check fitted slopes against predicted orders, and the claims.
+    """Check fitted slopes against predicted orders, claims and expectations.
 
     Prints and judges the studies that are named, by default all in DIR.  Writes
     DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
     prediction by more than its tolerance, if a series does not converge or lacks
-    results, if a claim of a figure fails, if a CSV differs from its record, or if
-    nothing could be judged.  Series whose step sizes are too few or too coarse
-    to tell are warned of.
+    results, if a claim of a figure or an expectation of the config fails, if a CSV
+    differs from its record, or if nothing could be judged.  Series whose step sizes
+    are too few or too coarse to tell are warned of; with --strict they fail.  In
+    GitHub's workflows (GITHUB_ACTIONS=true), annotates the run with what fails.
 
     \b
-    Example:
+    Examples:
       newmark-study check pendulum-u
+      newmark-study check my-study --strict --junit slopes.xml
     """
+    from newmark_cli import files
     from newmark_cli.report import check as checking
-    from newmark_cli.report import records, slopes
+    from newmark_cli.report import expectations, outcomes, records, slopes
     from newmark_cli.study import reading
 
     wanted = reading.named_studies(folder, studies)
     everything = slopes.collect(folder)
     slopes.write(folder, everything)
     found = [slope for slope in everything if slope.study in wanted]
+    expected = expectations.judge(folder, found)
     changed = records.changed(folder, wanted)
     if as_json:
         rows = [slope.row() for slope in found]
         rows += [entry.row() for entry in checking.judge(found)]
+        rows += [each.row() for each in expected]
         screen.lines(
             as_json_text(
                 rows + [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
             )
         )
     else:
-        show_claims(found, show_all, markdown, [f"{one.path}: {one.finding}" for one in changed])
-    return max(verdict(found), int(bool(changed)))
+        told = [f"{one.path}: {one.finding}" for one in changed]
+        show_claims(found, expected, show_all, markdown, told)
+    asserted = outcomes.of(found, expected, changed, tables=True)
+    if junit is not None:
+        files.write_output(junit, outcomes.junit(asserted, strict))
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        top = os.environ.get("GITHUB_WORKSPACE")
+        # Not into what programs read, or what is published.
+        tell = screen.note if as_json or markdown else screen.line
+        for line in outcomes.annotations(asserted, strict, Path(top) if top else None):
+            tell(line)
+    return verdict(asserted, strict)
 
 
 @click.command()
@@ -325,19 +358,22 @@ def report(folder: Path, output: Path | None) -> int:
 
 def show_claims(
     slopes: "Sequence[Slope]",
+    expected: "Sequence[Expected]" = (),
     show_all: bool = False,
     markdown: bool = False,
     changed: Sequence[str] = (),
 ) -> None:
-    """Print slopes next to predictions, the claims, why series fail, and how many hold.
+    """Print slopes, claims and expectations, why some fail, and how many hold.
 
     Args:
         slopes: The series.
+        expected: Expectations of them.
         show_all: Whether all of them are shown.
         markdown: Whether the tables are printed as Markdown, and nothing else.
         changed: A line for each CSV that is not what was written.
     """
     from newmark_cli.report import check as checking
+    from newmark_cli.report import expectations
     from newmark_cli.report.text import text_table, wrapped
 
     judged = checking.judge(slopes)
@@ -345,14 +381,21 @@ def show_claims(
     if markdown:
         # A table to publish: what nothing can be said of is for those who run the check.
         chosen = [s for s in chosen if show_all or s.figures or s.fails]
-        for table in (checking.slope_rows(chosen), checking.claim_rows(judged)):
+        tables = (
+            checking.slope_rows(chosen),
+            checking.claim_rows(judged),
+            expectations.table(expected),
+        )
+        for table in tables:
             if len(table) > 1:
                 screen.lines(checking.markdown_table(table) + "\n")
         return
-    for table in (checking.slope_lines(chosen), checking.claim_lines(judged)):
+    for table in (
+        checking.slope_lines(chosen), checking.claim_lines(judged), expectations.lines(expected)
+    ):  # fmt: skip
         if len(table) > 1:
             screen.lines(text_table(table) + "\n")
-    for remarks in (checking.remarks(slopes), changed):
+    for remarks in (checking.remarks(slopes), expectations.remarks(expected), changed):
         most = len(remarks) if show_all else REMARKS
         for line in remarks[:most]:
             screen.lines(wrapped(line))
@@ -360,29 +403,24 @@ def show_claims(
             screen.line(f"… and {len(remarks) - most} more (--all)")
         if remarks:
             screen.line()
-    summary = checking.summary(slopes, judged)
+    summary = checking.summary(slopes, judged, expectations.summary(expected))
     if changed:
         summary += f", {len(changed)} not what was written"
     screen.lines(wrapped(summary))
 
 
-def verdict(found: "Sequence[Slope]") -> int:
-    """1 when a slope, a claim or an entry of the tables is not as predicted."""
-    from newmark_cli.report import check as checking
-    from newmark_cli.report import paper_tables
+def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
+    """1 when something that is asserted is not so; says what the tables of a check do not.
 
-    if warning := checking.warning(found):
-        screen.complain(warning)
-    if not checking.all_hold(found, checking.judge(found)):
-        return 1
-    if not any(slope.study == paper_tables.STUDY for slope in found):
-        return 0
-    missed = paper_tables.missed(paper_tables.build(found))
-    for entry in missed:
-        screen.line(
-            f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}: not as predicted"
-        )
-    return 1 if missed else 0
+    Args:
+        asserted: All that is asserted.
+        strict: Whether what is undecided fails.
+    """
+    from newmark_cli.report import outcomes
+
+    for line in outcomes.notes(asserted, strict):
+        screen.complain(line)
+    return 0 if outcomes.hold(asserted, strict) else 1
 
 
 def show_formulations(folder: Path) -> None:

@@ -151,9 +151,9 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
     code = _run([config.load_shipped(name) for name in studies], folder, how, None)
 
+    from newmark_cli.report import expectations, outcomes, records, slopes
     from newmark_cli.report import paper_tables as tabling
     from newmark_cli.report import plot as plotting
-    from newmark_cli.report import records, slopes
     from newmark_cli.report.kinds import Results
     from newmark_cli.report.text import wrapped
     from newmark_cli.study import reading
@@ -165,12 +165,13 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     show_tables(folder, tabling.build(found))
     if everything:
         code = max(code, show_cures(folder))
-    show_claims(found)
+    expected = expectations.judge(folder, found)
+    show_claims(found, expected)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,
     # only about what was run.
     others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
     slopes.write(folder, found + slopes.collect(folder, others))
-    code = code or verdict(found)
+    code = code or verdict(outcomes.of(found, expected, tables=True))
     screen.lines(wrapped(records.agreement(folder, studies, config.shipped_sums())))
     return code
 

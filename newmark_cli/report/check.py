@@ -94,16 +94,6 @@ def _curve(key: SeriesKey) -> Curve:
     return Curve(key.quantity, **key.named())
 
 
-def all_hold(slopes: Sequence[Slope], judged: Sequence[Judged]) -> bool:
-    """Whether something was judged, no series fails, and every claim holds."""
-    decided = any(slope.verdict == PASS for slope in slopes) or bool(judged)
-    return (
-        decided
-        and not any(slope.fails for slope in slopes)
-        and all(entry.finding.verdict == PASS for entry in judged)
-    )
-
-
 def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
     """Slopes that the paper's figures show, in their order."""
     return [
@@ -149,7 +139,7 @@ def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
     The tolerance stands behind the predicted order.  A row of one entry names the figure
     and study, or the study, problem, form and integrator, of the rows below it.
     """
-    return _gathered(
+    return gathered(
         ("quantity", "variant", "predicted", "fitted", "verdict"),
         (
             (
@@ -167,7 +157,7 @@ def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
 
 def claim_lines(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
     """Rows of the table of claims for a terminal, gathered by figure, headings first."""
-    return _gathered(
+    return gathered(
         ("claim", "measured", "verdict"),
         (
             (f"figure {figure}, {study}: {measured}", *row)
@@ -181,7 +171,7 @@ def _of_figure(slope: Slope) -> str:
     return f"{word} {', '.join(slope.figures)}, {slope.study}"
 
 
-def _gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """Headings, and rows without their first entry, which stands once above those it is of."""
     below: dict[str, list[tuple[str, ...]]] = {}
     for above, *row in rows:
@@ -232,28 +222,34 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
-def _counted(slopes: Sequence[Slope]) -> Counter[str]:
-    """How often each verdict is met; corrections in physical units follow from scaled ones."""
+def counting(slopes: Sequence[Slope]) -> list[Slope]:
+    """Series that count: corrections in physical units follow from scaled ones."""
     scaled = {slope.study for slope in slopes if slope.measure == "correction"}
-    return Counter(
-        slope.verdict
+    return [
+        slope
         for slope in slopes
         if not slope.accepted
         and (slope.fails or slope.measure != "physical_correction" or slope.study not in scaled)
-    )
+    ]
 
 
-def summary(slopes: Sequence[Slope], judged: Sequence[Judged]) -> str:
-    """How many slopes are as predicted, what became of the others, and how many claims hold."""
-    counted = _counted(slopes)
+def summary(slopes: Sequence[Slope], judged: Sequence[Judged], expected: str = "") -> str:
+    """How many slopes are as predicted, what became of the others, and how many claims hold.
+
+    Args:
+        slopes: The series.
+        judged: The claims.
+        expected: How many expectations hold; empty without any.
+    """
+    counted = Counter(slope.verdict for slope in counting(slopes))
     decided = sum(counted[word] for word in (PASS, *FAILING))
     parts = [f"{counted[PASS]} of {decided} slopes as predicted"]
     parts += [f"{counted[word]} {word}" for word in (NOT_CONVERGING, UNDECIDED) if counted[word]]
     if judged:
         held = [entry.finding.verdict for entry in judged].count(PASS)
         parts.append(f"{held} of {len(judged)} claims hold")
-    text = ", ".join(parts)
-    if not counted[PASS] and not judged and not any(slope.fails for slope in slopes):
+    text = ", ".join([*parts, expected] if expected else parts)
+    if not (counted[PASS] or judged or expected) and not any(slope.fails for slope in slopes):
         text += ": nothing could be judged"
     return text
 
@@ -296,12 +292,6 @@ def format_prediction(slope: Slope) -> str:
 def format_verdict(slope: Slope) -> str:
     """The verdict, and whether the study is about it."""
     return f"{slope.verdict} (accepted)" if slope.accepted else slope.verdict
-
-
-def warning(slopes: Sequence[Slope]) -> str:
-    """Warning of a check that passes: how many series it could not judge."""
-    count = _counted(slopes)[UNDECIDED]
-    return f"warning: not judged: {count} {UNDECIDED}" if count else ""
 
 
 def format_orders(slope: Slope) -> str:

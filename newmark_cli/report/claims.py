@@ -97,7 +97,12 @@ class SlopeClaim:
     @property
     def text(self) -> str:
         """The sentence."""
-        return f"{self.curve.label}: slope {format_order(self.order)} ± {self.tolerance:g}"
+        return f"{self.curve.label}: {self.said}"
+
+    @property
+    def said(self) -> str:
+        """What it says of the series."""
+        return f"slope {format_order(self.order)} ± {self.tolerance:g}"
 
     def measure(self, find: Find) -> Finding:
         """Fit it."""
@@ -127,8 +132,13 @@ class BoundClaim:
     @property
     def text(self) -> str:
         """The sentence."""
+        return f"{self.curve.label}, {self.said}"
+
+    @property
+    def said(self) -> str:
+        """What it says of the series."""
         where = "every h" if self.h is None else f"h = {self.h:g}"
-        return f"{self.curve.label}, {where}: {_bounds(self.low, self.high)}"
+        return f"{where}: {_bounds(self.low, self.high)}"
 
     def measure(self, find: Find) -> Finding:
         """Take the value, or the worst."""

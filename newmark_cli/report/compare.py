@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from newmark_cli.errors import visible
-from newmark_cli.report import check, records
+from newmark_cli.report import check, expectations, records
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
 from newmark_cli.report.text import text_table
@@ -62,8 +62,8 @@ class Comparison:
         values: Those that do not agree.
         slopes: How many slopes were compared.
         farthest: The slope that differs most; None without any.
-        claims: How many claims were compared.
-        verdicts: Slopes and claims whose verdict is another one.
+        claims: How many claims and expectations were compared.
+        verdicts: Slopes, claims and expectations whose verdict is another one.
         environment: What the folders were computed with, where it differs.
     """
 
@@ -127,11 +127,22 @@ class _Folder:
         """Key of a series → its slope."""
         return {slope.key: slope for slope in self.slopes}
 
-    def verdicts(self) -> dict[Key, tuple[str, str]]:
-        """Figure and sentence of a claim → what was measured, and the verdict."""
-        return {
-            (entry.figure.name, entry.claim.text): (entry.finding.measured, entry.finding.verdict)
+    def verdicts(self) -> dict[str, tuple[str, str]]:
+        """A claim or an expectation, as a sentence → what was measured, and the verdict."""
+        claims = {
+            f"figure {entry.figure.name}: {entry.claim.text}": (
+                entry.finding.measured,
+                entry.finding.verdict,
+            )
             for entry in check.judge(self.slopes)
+        }
+        return claims | {
+            f"expectation of {each.study}: {each.series}: {each.said}": (
+                each.measured,
+                each.verdict,
+            )
+            for each in expectations.judge(self.path, self.slopes)
+            if each.slope
         }
 
     def environment(self) -> dict[str, dict[str, str]]:
@@ -164,7 +175,7 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
     slopes_a, slopes_b = a.named_slopes(), b.named_slopes()
     series = [key for key in slopes_a if key in slopes_b]
     claims_a, claims_b = a.verdicts(), b.verdicts()
-    claims = [key for key in claims_a if key in claims_b]
+    claims = [text for text in claims_a if text in claims_b]
     return Comparison(
         folders=(first, second),
         rtol=rtol,
@@ -199,11 +210,9 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
                 if slopes_a[key].verdict != slopes_b[key].verdict
             ),
             *(
-                Difference(
-                    f"figure {key[0]}: {key[1]}", " ".join(claims_a[key]), " ".join(claims_b[key])
-                )
-                for key in claims
-                if claims_a[key][1] != claims_b[key][1]
+                Difference(text, " ".join(claims_a[text]), " ".join(claims_b[text]))
+                for text in claims
+                if claims_a[text][1] != claims_b[text][1]
             ),
         ),
         environment=_environments(a.environment(), b.environment()),

@@ -14,6 +14,8 @@ from newmark_cli.report import (
     check,
     cure_table,
     draw,
+    expectations,
+    outcomes,
     paper_tables,
     plot,
     records,
@@ -105,6 +107,7 @@ def html(folder: Path) -> str:
         ) from None
     found = slopes.collect(folder)
     judged = check.judge(found)
+    expected = expectations.judge(folder, found)
     # Of studies of one's own, which no figure shows, nothing is folded away.
     shown = check.chosen(found, everything=not check.in_paper(found))
     studies = dict.fromkeys(slope.study for slope in found)
@@ -121,12 +124,13 @@ def html(folder: Path) -> str:
     return environment.get_template("page.html").render(
         version=newmark_cli.__version__,
         finished=max((run.facts.get("finished", "") for run in runs), default=""),
-        holds=check.all_hold(found, judged) and not changed,
+        holds=outcomes.hold(outcomes.of(found, expected, changed)),
         changed=[f"{entry.path}: {entry.finding}" for entry in changed],
-        summary=check.summary(found, judged),
+        summary=check.summary(found, judged, expectations.summary(expected)),
         slopes=check.slope_rows(shown),
         rest=check.slope_rows([slope for slope in found if slope not in shown]),
         claims=check.claim_rows(judged),
+        expectations=expectations.table(expected),
         pictures=pictures(Results(folder, found)),
         tables=_tables(found),
         note=paper_tables.NOTE,

@@ -7,9 +7,9 @@ table of expected numbers.  Where theory predicts none, the series is shown.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,6 +108,8 @@ class Slope:
         accepted: Whether the study is about series that end like this; see `accept`.
         unique: Whether it is a property of the mechanism, not of which redundant constraints
             were dropped.
+        rejudged: (order, tolerance) → the same series as the same rule judges it by an order
+            of the user's; the tolerance of the measure where it is None.
     """
 
     figures: tuple[str, ...]
@@ -126,6 +128,7 @@ class Slope:
     reason: str = ""
     accepted: bool = False
     unique: bool = True
+    rejudged: "Callable[[float, float | None], Slope] | None" = field(default=None, repr=False)
 
     @property
     def fails(self) -> bool:
@@ -218,9 +221,8 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         if key.measure:
             of_motion = moved.get(key.problem, Motion())
             points = len(sizes[cases[at[0]]])
-            slope = _slope(key, role, rows, points, accepted, path)
-            slope = _moved(_resolved(slope), of_motion.singular, of_motion.still)
-            found.append(_shared(slope, dropped.get(key.problem)))
+            series = partial(_series, key, role, rows, points, accepted, path, of_motion)
+            found.append(replace(_shared(series(), dropped.get(key.problem)), rejudged=series))
         elif not set(rows["status"]) <= set(accepted):
             found.append(_failed(key, role))
     return found
@@ -241,6 +243,21 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     return sorted(drawn, key=lambda slope: names.index(slope.figures[0]))
 
 
+def _series(
+    key: SeriesKey,
+    role: str,
+    rows: Mapping[str, Sequence[Any]],
+    points: int,
+    accepted: Sequence[str],
+    path: Path,
+    of_motion: Motion,
+    *own: float | None,
+) -> Slope:
+    """A series, judged by theory's order or by one of the user's, with a tolerance."""
+    slope = _slope(key, role, rows, points, accepted, path, *own)
+    return _moved(_resolved(slope), of_motion.singular, of_motion.still)
+
+
 @cache
 def _drawing(figures: tuple[str, ...]) -> Mapping[SeriesKey, list[str]]:
     """Key of a series → names of the figures that draw it."""
@@ -258,6 +275,8 @@ def _slope(
     points: int,
     accepted: Sequence[str],
     path: Path,
+    own: float | None = None,
+    within: float | None = None,
 ) -> Slope:
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
@@ -274,6 +293,9 @@ def _slope(
         # A cell that was expected to end like this measured something else.
         expected, exact = np.nan, False
     tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
+    if own is not None:
+        expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
+        exact, record = False, _held_to(record)
     found = _judged(key, record, rows, values, expected, tolerance, points, exact)
     return Slope(
         figures=figures,
@@ -405,6 +427,11 @@ def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Arra
     if record.kind == "determined":
         return np.nan_to_num(relative, nan=0.0)
     return np.asarray(relative)
+
+
+def _held_to(record: Record) -> Record:
+    """A record for an order that the user has given, which is neither a bound nor met by zeros."""
+    return replace(record, may_vanish=False, bounded=lambda key: "")
 
 
 def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import (
     BeforeValidator,
     Field,
+    PrivateAttr,
     create_model,
     model_validator,
 )
@@ -59,8 +60,9 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.spelling import closest, nearest
-from newmark_cli.study import axes, drawing
+from newmark_cli.study import axes, drawing, expecting
 from newmark_cli.study.axes import Axis, Cell
+from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.keys import (
     MOST_STEPS,
     Figures,
@@ -414,7 +416,17 @@ class Study(StrictModel):
     figures: Figures | None = Field(
         None, description="what `plot` draws of it; default: what its results compare"
     )
+    expect: Expectations | None = Field(
+        None, description="slopes and levels that `check` asserts besides the predicted orders"
+    )
     cases: tuple[Case, ...]
+    #: The file, and the line of each expectation in it; empty for a study without a file.
+    _expected_at: tuple[str, tuple[int, ...]] = PrivateAttr(("", ()))
+
+    @property
+    def expected_at(self) -> tuple[str, tuple[int, ...]]:
+        """The file, and the line of each expectation in it; no lines without a file."""
+        return self._expected_at
 
     @property
     def count(self) -> int:
@@ -426,7 +438,7 @@ class Study(StrictModel):
         return [cell for case in self.cases for cell in case.cells()]
 
 
-_STUDY_KEYS = ("study", "description", "figures", "cases")
+_STUDY_KEYS = ("study", "description", "figures", "expect", "cases")
 
 
 def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study:
@@ -458,7 +470,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     mistakes = documents.Mistakes()
     allowed = (*_STUDY_KEYS, *Case.model_fields)
     shared = {key: value for key, value in data.items() if key in Case.model_fields}
-    head = {key: data[key] for key in ("study", "description", "figures") if key in data}
+    head = {key: data[key] for key in _STUDY_KEYS[:-1] if key in data}
     unknown = [key for key in data if key not in allowed]
     for key in unknown[: documents.MOST_REPORTED]:
         mistakes.note(document.error((key,), f"unknown key{nearest(key, allowed)}"))
@@ -493,13 +505,17 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
             break
     with mistakes.gathered():
-        study = documents.validate(document, Study, {**head, "cases": [*cases.values()]})
+        named = {**head, "cases": [*cases.values()]}
+        study = documents.validate(document, Study, named, context=around)
     for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_series):
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
     assert len(study.cases) == len(given)
     _require_shown(document, study)
+    study = expecting.resolved(document, study)
+    lines = tuple(document.line(("expect", i)) for i in range(len(study.expect or ())))
+    study._expected_at = (document.name, tuple(filter(None, lines)))
     for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
         _warn_of(spec)
     return study

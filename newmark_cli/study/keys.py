@@ -81,7 +81,7 @@ from newmark_cli.spelling import closest, nearest
 from newmark_cli.study import drawing
 from newmark_cli.study.axes import STUDY_NAME
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
-from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.measures import MEASURES, RECORDS
 
 _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000
@@ -728,7 +728,9 @@ Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS))]]
 
 
 _Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]
-_Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
+Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
+Recorded = Annotated[str, _Known("measure", tuple(RECORDS))]
+RowBlocks = OneOrMore[Annotated[str, _Known("row block", ROWS)]]
 
 
 def _one_line(text: str) -> str:
@@ -743,7 +745,7 @@ class FigureConfig(StrictModel):
     measure: Annotated[str, _Known("measure", drawing.SHOWABLE)] = Field(
         description="what it shows"
     )
-    quantity: _Quantities | None = Field(
+    quantity: Quantities | None = Field(
         None, description="quantities to show; default: all, a figure each"
     )
     series: _Compared | None = Field(
@@ -779,21 +781,19 @@ class FigureConfig(StrictModel):
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchema:
         reference = handler(schema)
-        rules = []
-        for measure in drawing.SHOWABLE:
-            one = {"enum": [*drawing.quantities((measure,)), None]}
-            rules.append(
-                {
-                    "if": {"properties": {"measure": {"const": measure}}},
-                    "then": {"properties": {"quantity": {"anyOf": [one, _of_array(one)]}}},
-                }
-            )
-        handler.resolve_ref_schema(reference)["allOf"] = rules
+        handler.resolve_ref_schema(reference)["allOf"] = rules_of_quantities(drawing.SHOWABLE)
         return reference
 
 
-def _of_array(items: JsonSchema) -> JsonSchema:
-    return {"type": "array", "items": items}
+def rules_of_quantities(measures: Iterable[str]) -> list[JsonSchema]:
+    """Which quantities each measure has, of a model with both keys."""
+    rules: list[JsonSchema] = []
+    for measure in measures:
+        one = {"enum": [*drawing.quantities((measure,)), None]}
+        several = {"anyOf": [one, {"type": "array", "items": one}]}
+        is_it = {"properties": {"measure": {"const": measure}}}
+        rules.append({"if": is_it, "then": {"properties": {"quantity": several}}})
+    return rules
 
 
 def _some(figures: tuple[FigureConfig, ...]) -> tuple[FigureConfig, ...]:

@@ -88,6 +88,7 @@ def run(
         jobs: Cells that ran side by side.
         checksums: As of `record`, by which the two belong together.
     """
+    file, lines = study.expected_at
     return {
         "study": study.study,
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -105,6 +106,7 @@ def run(
             "processors": usable(),
         },
         "jobs": jobs,
+        **({"expect": {"file": file, "lines": list(lines)}} if lines else {}),
         "sha256": dict(checksums),
         "cells": [
             {

@@ -150,6 +150,18 @@ def _named(
     return named
 
 
+def _referring(part: Any, definitions: JsonSchema) -> Any:
+    """A schema with references in place of what is among the definitions."""
+    for name, definition in definitions.items():
+        if part == definition:
+            return {"$ref": f"#/$defs/{name}"}
+    if isinstance(part, list):
+        return [_referring(item, definitions) for item in part]
+    if isinstance(part, dict):
+        return {key: _referring(value, definitions) for key, value in part.items()}
+    return part
+
+
 def config_schema() -> JsonSchema:
     """Of study configs."""
     written = Study.model_json_schema(schema_generator=Generator)
@@ -160,6 +172,8 @@ def config_schema() -> JsonSchema:
         if several.get("items") == one and "$ref" not in one:
             definitions[key] = one
             value["anyOf"][0] = several["items"] = {"$ref": f"#/$defs/{key}"}
+    values = {key: definitions[key] for key in case["properties"] if key in definitions}
+    definitions["ExpectConfig"] = _referring(definitions["ExpectConfig"], values)
     needed = case.pop("required")
     case |= {"if": _ANY_LENGTH, "then": _ONE_LENGTH}
     for key in case["properties"]:

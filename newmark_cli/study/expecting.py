@@ -1,0 +1,277 @@
+"""The key `expect` of a study config: its models, and whether the study has such series."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain, product
+from types import NoneType
+from typing import TYPE_CHECKING, Annotated, Any, get_args
+
+from pydantic import (
+    Field,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    ValidationError,
+    WrapValidator,
+    create_model,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticCustomError
+
+from newmark_cli import documents
+from newmark_cli.documents import Document, KeyPath, Mistakes, Number, StrictModel, misfit
+from newmark_cli.json_schema import JsonSchema, Shown, given
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import reported
+from newmark_cli.spelling import nearest
+from newmark_cli.study import axes
+from newmark_cli.study.axes import Axis
+from newmark_cli.study.keys import (
+    OneOrMore,
+    Positive,
+    Quantities,
+    Recorded,
+    RowBlocks,
+    rules_of_quantities,
+)
+from newmark_cli.study.measures import MEASURES, RECORDS
+
+if TYPE_CHECKING:
+    from newmark_cli.study.config import Case, Study
+
+_MOST = 1_000
+_Choice = Mapping[str, Sequence[str]]
+_LEVELS = ("at_most", "at_least")
+#: Axes of a case that tell its series apart.
+_AXES = tuple(axis for axis in axes.cell_axes() if axis.cell and axis.series)
+_NO_TOLERANCE = [name for name, record in RECORDS.items() if record.tolerance != record.tolerance]
+
+
+class _Rules(StrictModel):
+    """Rules that tie the keys of an expectation together."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "_Rules":
+        documents.together(self._misfits())
+        return self
+
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        known = RECORDS[self.measure].quantities
+        for quantity in self.quantity or ():
+            if quantity not in known:
+                yield misfit(
+                    "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
+                )
+        low, high = self.at_least, self.at_most
+        if self.slope is None and low is None and high is None:
+            yield misfit("slope", "missing: give slope, at_most or at_least")
+        if self.slope is None and self.within is not None:
+            yield misfit("within", "is the tolerance of a slope, and no slope is given")
+        if self.slope is not None and self.within is None and self.measure in _NO_TOLERANCE:
+            yield misfit("within", f"missing: {self.measure} has no tolerance of its own")
+        if self.h is not None and low is None and high is None:
+            yield misfit("h", "is where at_most or at_least hold; a slope is over all step sizes")
+        if low is not None and high is not None and low > high:
+            yield misfit("at_least", f"must not exceed at_most = {high:g}, given {low:g}")
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        reference = handler(schema)
+        level: JsonSchema = {"anyOf": [given(key) for key in _LEVELS]}
+        without: JsonSchema = {"properties": {"measure": {"enum": _NO_TOLERANCE}}}
+        rules: list[JsonSchema] = [
+            {"anyOf": [given("slope"), level]},
+            {"if": given("within"), "then": given("slope")},
+            {"if": given("h"), "then": level},
+            {"if": {"allOf": [without, given("slope")]}, "then": given("within")},
+            *rules_of_quantities(RECORDS),
+        ]
+        handler.resolve_ref_schema(reference)["allOf"] = rules
+        return reference
+
+
+def _chosen(axis: Axis) -> tuple[Any, Any]:
+    """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
+    assert axis.config is not None
+    annotation = axis.config()
+    # Of `OneOrMore[Item]`, or of `Item | None`.
+    inner = get_args(annotation)
+    item = get_args(inner[0])[0] if axis.many else next(one for one in inner if one is not NoneType)
+
+    def read(value: Any, parse: Callable[[Any], Any]) -> str:
+        try:
+            return _label(axis, axis.value(parse(value)))
+        except ValidationError:
+            if isinstance(value, str):  # as in the CSV; compared with the study's later
+                return axis.same(value)
+            raise
+
+    def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+        spelled = handler(schema)
+        return spelled if "enum" in spelled else {"anyOf": [spelled, {"type": "string"}]}
+
+    values = OneOrMore[
+        Annotated[item, WrapValidator(read), PlainSerializer(str), Shown(written)]  # type: ignore[valid-type]
+    ]
+    about = f"{axis.title} of the series, as in a case or as in the CSV; any when omitted"
+    return values | None, Field(None, description=about)
+
+
+def _label(axis: Axis, value: Any) -> str:
+    """A value of a cell as the CSV has it, where it does not depend on other axes."""
+    return axis.same(str(axis.usual if value is None else getattr(value, "label", value)))
+
+
+if TYPE_CHECKING:
+    ExpectConfig = _Rules
+else:
+    ExpectConfig = create_model(
+        "ExpectConfig",
+        __base__=_Rules,
+        __doc__="A slope or a level that series of the study must have.",
+        measure=(Recorded, Field(description="kind of rows, as the CSV's column `measure`")),
+        quantity=(Quantities | None, Field(None, description="quantities; any when omitted")),
+        **{axis.name: _chosen(axis) for axis in _AXES},
+        row_block=(
+            RowBlocks | None,
+            Field(None, description="perturbed rows of sensitivities; any when omitted"),
+        ),
+        slope=(Number | None, Field(None, description="order of the values in h")),
+        within=(
+            Positive | None,
+            Field(
+                None,
+                description="largest |fitted − slope|; the tolerance of the measure when omitted",
+            ),
+        ),
+        at_most=(
+            Annotated[Number, Field(ge=0)] | None,
+            Field(None, description="largest value"),
+        ),
+        at_least=(Positive | None, Field(None, description="smallest value")),
+        h=(
+            Positive | None,
+            Field(None, description="step size of at_most and at_least (s); every one if omitted"),
+        ),
+    )
+
+Expectations = Annotated[tuple[ExpectConfig, ...], Field(min_length=1, max_length=_MOST)]
+
+
+# -- the study's cases ------------------------------------------------------------------------
+
+
+def resolved(document: Document, study: "Study") -> "Study":
+    """The study with the values of its expectations as its CSV will have them.
+
+    Raises:
+        DocumentError: For every expectation of which no cell can give a series.
+    """
+    if study.expect is None:
+        return study
+    offered = [_Offered(case) for case in study.cases]
+    mistakes = Mistakes()
+    found = []
+    for i, each in enumerate(study.expect):
+        with mistakes.gathered():
+            found.append(_resolved(document, ("expect", i), each, offered))
+    mistakes.refuse()
+    return study.model_copy(update={"expect": tuple(found)})
+
+
+class _Offered:
+    """The series that a case can give."""
+
+    def __init__(self, case: "Case") -> None:
+        self.h = case.h
+        self.measures = [MEASURES[name] for name in case.measure]
+        self.records = [record.name for measure in self.measures for record in measure.records]
+        values = case.axes()
+        values["multipliers"] = tuple(
+            reported(*pair) for pair in product(values["multipliers"], values["projection"])
+        )
+        #: Axis → as in the CSV → value.
+        self.values = {
+            axis.name: {_label(axis, value): value for value in values[axis.name]} for axis in _AXES
+        }
+
+    def spellings(self, axis: str) -> dict[str, list[str]]:
+        """How a text may name values of an axis → as in the CSV; scalings have a name, too."""
+        found: dict[str, list[str]] = {}
+        for label, value in self.values[axis].items():
+            name = value.name if axis == "preconditioning" else label
+            for text in dict.fromkeys((label, name)):
+                found.setdefault(text, []).append(label)
+        return found
+
+    def rows(self, measure: str, choice: _Choice) -> set[tuple[str, str]] | None:
+        """Quantity and row block of its rows of a measure; None where that is not known."""
+        forms, formulations = (
+            [value for each, value in self.values[axis].items() if each in choice.get(axis, [each])]
+            for axis in ("form", "formulation")
+        )
+        found = set()
+        for one in self.measures:
+            if measure in (record.name for record in one.records):
+                if one.rows is None:
+                    return None
+                for form, formulation in product(forms, formulations):
+                    names = one.rows(formulation.applied(FORMS[form]))
+                    found |= {(name[1], name[3]) for name in names if name[0] == measure}
+        return found
+
+    def gives(self, wanted: Any, choice: _Choice) -> bool:
+        """Whether one of its series is what is expected something of."""
+        rows = self.rows(wanted.measure, choice)
+        return (
+            _has(self.h, wanted.h)
+            and all({*labels} & {*self.values[axis]} for axis, labels in choice.items())
+            and (rows is None or any(_is_about(wanted, *row) for row in rows))
+        )
+
+
+def _has(sizes: Sequence[float], h: float | None) -> bool:
+    return h is None or any(math.isclose(size, h, rel_tol=1e-9) for size in sizes)
+
+
+def _is_about(wanted: Any, quantity: str, row_block: str) -> bool:
+    return quantity in (wanted.quantity or [quantity]) and row_block in (
+        wanted.row_block or [row_block]
+    )
+
+
+def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[_Offered]) -> Any:
+    mistakes = Mistakes()
+
+    def require(key: str, given: Iterable[Any], known: Iterable[str]) -> None:
+        names = dict.fromkeys(known)
+        for value in given:
+            if value not in names:
+                text = f"{value!r} is not among the study's{nearest(value, names)}"
+                mistakes.note(document.error((*path, key), text))
+
+    require("measure", [wanted.measure], (name for case in offered for name in case.records))
+    choice: dict[str, tuple[str, ...]] = {}
+    for axis in _AXES:
+        if (given := getattr(wanted, axis.name)) is not None:
+            spellings = [case.spellings(axis.name) for case in offered]
+            require(axis.name, given, (text for known in spellings for text in known))
+            labels = (known.get(text, []) for known in spellings for text in given)
+            choice[axis.name] = tuple(dict.fromkeys(chain.from_iterable(labels)))
+    rows = [case.rows(wanted.measure, {}) for case in offered]
+    if any(rows) and None not in rows:
+        for place, key in enumerate(("quantity", "row_block")):
+            known = {row[place] for found in rows for row in found or ()} - {""}
+            require(key, getattr(wanted, key) or (), sorted(known))
+    if not any(_has(case.h, wanted.h) for case in offered):
+        sizes = (f"{h:g}" for case in offered for h in case.h)
+        require("h", [f"{wanted.h:g}"], sizes)
+    mistakes.refuse()
+    if not any(case.gives(wanted, choice) for case in offered):
+        raise document.error(path, "no series of the study has all of this")
+    return wanted.model_copy(update=choice)
