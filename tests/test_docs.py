@@ -4,6 +4,8 @@ import importlib.util
 import re
 import shutil
 import subprocess
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import click
 import pytest
@@ -23,6 +25,7 @@ from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL
+from newmark_cli.study.expecting import ExpectConfig
 from newmark_cli.study.keys import FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDS
 from newmark_cli.study.reading import study_files
@@ -128,7 +131,12 @@ class Reader:
             self.cli.write(block.title, block.text)
         if block.not_run or block.language == "text":
             return
-        if block.title.endswith(".sh"):
+        if block.title.startswith(".github/workflows/"):
+            (job,) = yaml.safe_load(block.text)["jobs"].values()
+            steps = [step["run"] for step in job["steps"] if "run" in step]
+            assert any("check" in step for step in steps)
+            self.run(commands(replace(block, language="bash", text="\n".join(steps))))
+        elif block.title.endswith(".sh"):
             subprocess.run(["bash", "-n", block.title], cwd=self.cli.folder, check=True)
             for variables in JOBS if "SLURM" in block.text else [{}]:
                 self.run(commands(block, variables))
@@ -177,7 +185,7 @@ class Reader:
         keys = {} if "…" in text else yaml.safe_load(text) or {}
         if "…" in text:
             self.excerpt(text)
-        elif set(keys) <= {"figures", *config.Case.model_fields}:
+        elif set(keys) <= {"figures", "expect", *config.Case.model_fields}:
             self.cli.write("fragment.yaml", yaml.safe_dump(STUDY | keys))
             self.cli("validate", "fragment.yaml")
         else:
@@ -217,6 +225,11 @@ def test_a_page_can_be_followed(name, cli, cache, monkeypatch):
         assert reader.names["factors"].right["lambda"] == pytest.approx(1 / (0.3025 * 1e-6))
         assert reader.names["swing"].m == 1
         assert reader.names["kept"]["t"].round(9).tolist() == [0.01, 0.02, 0.03] * 4
+    if name == "slopes-in-ci.md":
+        report = ElementTree.parse(cli.folder / "slopes.xml").getroot()
+        assert {key: report.get(key) for key in ("tests", "failures", "errors", "skipped")} == {
+            "tests": "14", "failures": "0", "errors": "0", "skipped": "0",
+        }  # fmt: skip
     if name == "advice.md":
         assert reader.names["q"][1] == pytest.approx(-5e-11, rel=1e-9)
 
@@ -292,7 +305,12 @@ def test_every_column_and_key_is_explained(reference):
         assert len(columns[name]) > 5, name
     assert set(results.ABOUT) >= set(results.COLUMNS)
     keys = rows_of(reference["reference/config.md"])
-    for name in (*config.Case.model_fields, *config.Study.model_fields, *FigureConfig.model_fields):
+    for name in (
+        *config.Case.model_fields,
+        *config.Study.model_fields,
+        *FigureConfig.model_fields,
+        *ExpectConfig.model_fields,
+    ):
         assert len(keys[name]) > 5, name
     for page, model in (("mechanism", Mechanism), ("spatial", SpatialMechanism)):
         keys = rows_of(reference[f"reference/{page}.md"])

@@ -21,7 +21,8 @@ from newmark_cli import documents
 from newmark_cli.documents import Document, KeyPath, Mistakes, Number, StrictModel, misfit
 from newmark_cli.json_schema import JsonSchema, Shown, given
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import reported
+from newmark_cli.newmark.formulation import Projection, reported
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Axis
@@ -191,30 +192,25 @@ class _Offered:
         self.h = case.h
         self.measures = [MEASURES[name] for name in case.measure]
         self.records = [record.name for measure in self.measures for record in measure.records]
-        values = case.axes()
-        values["multipliers"] = tuple(
-            reported(*pair) for pair in product(values["multipliers"], values["projection"])
-        )
-        #: Axis → as in the CSV → value.
-        self.values = {
-            axis.name: {_label(axis, value): value for value in values[axis.name]} for axis in _AXES
-        }
-
-    def spellings(self, axis: str) -> dict[str, list[str]]:
-        """How a text may name values of an axis → as in the CSV; scalings have a name, too."""
-        found: dict[str, list[str]] = {}
-        for label, value in self.values[axis].items():
-            name = value.name if axis == "preconditioning" else label
-            for text in dict.fromkeys((label, name)):
-                found.setdefault(text, []).append(label)
-        return found
+        values = axes.values(case)
+        self._forms, self._formulations = values["form"], values["formulation"]
+        #: Axis → how an expectation may spell a value → as the CSV may have it.
+        self.spellings: dict[str, dict[str, list[str]]] = {}
+        for axis in _AXES:
+            spelled = self.spellings[axis.name] = {}
+            for value in values[axis.name]:
+                labels = _labels(axis, value, values["projection"])
+                # One's own scalings go by their names, too.
+                name = value.name if axis.name == "preconditioning" else _label(axis, value)
+                for text in dict.fromkeys((*labels, name)):
+                    spelled.setdefault(text, []).extend(labels if text == name else [text])
 
     def rows(self, measure: str, choice: _Choice) -> set[tuple[str, str]] | None:
         """Quantity and row block of its rows of a measure; None where that is not known."""
-        forms, formulations = (
-            [value for each, value in self.values[axis].items() if each in choice.get(axis, [each])]
-            for axis in ("form", "formulation")
-        )
+        forms = [form for form in self._forms if form in choice.get("form", [form])]
+        formulations = [
+            one for one in self._formulations if one.label in choice.get("formulation", [one.label])
+        ]
         found = set()
         for one in self.measures:
             if measure in (record.name for record in one.records):
@@ -230,9 +226,18 @@ class _Offered:
         rows = self.rows(wanted.measure, choice)
         return (
             _has(self.h, wanted.h)
-            and all({*labels} & {*self.values[axis]} for axis, labels in choice.items())
+            and all({*labels} & {*self.spellings[axis]} for axis, labels in choice.items())
             and (rows is None or any(_is_about(wanted, *row) for row in rows))
         )
+
+
+def _labels(axis: Axis, value: Any, projections: Iterable[Projection]) -> list[str]:
+    """A value of a case as the CSV may have it: `auto` depends on other axes."""
+    if axis.name == "linear_solver" and value == AUTO:
+        return [DENSE, SPARSE, STATIC]
+    if axis.name == "multipliers":
+        return [*dict.fromkeys(reported(value, projection) for projection in projections)]
+    return [_label(axis, value)]
 
 
 def _has(sizes: Sequence[float], h: float | None) -> bool:
@@ -259,7 +264,7 @@ def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[
     choice: dict[str, tuple[str, ...]] = {}
     for axis in _AXES:
         if (given := getattr(wanted, axis.name)) is not None:
-            spellings = [case.spellings(axis.name) for case in offered]
+            spellings = [case.spellings[axis.name] for case in offered]
             require(axis.name, given, (text for known in spellings for text in known))
             labels = (known.get(text, []) for known in spellings for text in given)
             choice[axis.name] = tuple(dict.fromkeys(chain.from_iterable(labels)))

@@ -1,0 +1,386 @@
+"""Slopes and levels that a config expects: judged by `check`, reported to servers, refused."""
+
+import csv
+import json
+import shutil
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+from each import each
+
+import newmark_cli as newmark
+from newmark_cli.report import outcomes
+
+#: Errors of an integrator of order 2, conditions, and |λ|, of which theory predicts no order.
+STUDY = """\
+study: swing
+problem: pendulum
+form: u-lambda
+preconditioning: [none, {name: mine, left: {D: beta*h^2}, right: {lambda: 1/(beta*h^2)}}]
+integrator: {method: generalized-alpha, rho: 0.9}
+measure: [condition, error, history]
+samples: 4
+h: [1e-2, 5e-3, 2e-3, 1e-3]
+t_end: 1.0
+"""
+EXPECT = STUDY.count("\n") + 1
+
+
+def written(cli, *entries, text=STUDY):
+    """The study with these expectations, one to a line from `EXPECT` + 1 on."""
+    lines = "".join(f"  - {entry}\n" for entry in entries)
+    return cli.write("swing.yaml", text + (f"expect:\n{lines}" if entries else ""))
+
+
+@pytest.fixture(scope="module")
+def marched(tmp_path_factory, warm):
+    """A results folder of the study without expectations, and what it printed."""
+    folder = tmp_path_factory.mktemp("marched")
+    (folder / "swing.yaml").write_text(STUDY)
+    done = warm.run(["run", "swing.yaml"], folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "results"
+
+
+@pytest.fixture
+def expecting(cli, marched):
+    """Runs the study with expectations, whose cells are all kept, and returns the command line."""
+
+    def run(*entries):
+        shutil.copytree(marched, cli.folder / "results", dirs_exist_ok=True)
+        written(cli, *entries)
+        assert "8 ok (8 cached)" in cli("run", "swing.yaml").stdout
+        return cli
+
+    return run
+
+
+def rows(done):
+    """Rows of `check --json` that are of expectations."""
+    return [row for row in json.loads(done.stdout) if "expect" in row]
+
+
+def value(folder, measure, quantity, h, column, scaling="none"):
+    """A number of the CSV."""
+    with (folder / "swing.csv").open() as file:
+        (row,) = [
+            row
+            for row in csv.DictReader(file)
+            if (row["measure"], row["quantity"], float(row["h"])) == (measure, quantity, h)
+            and row["preconditioning"].partition("[")[0] == scaling
+        ]
+    return float(row[column])
+
+
+# -- verdicts ---------------------------------------------------------------------------------
+
+
+def test_orders_and_levels_that_hold(expecting, marched):
+    """Each for every series that it matches; theory need not predict anything."""
+    cli = expecting(
+        "{measure: error, quantity: u, slope: 2, within: 0.1}",
+        "{measure: error, quantity: [u, v], preconditioning: mine, h: 1e-3, at_most: 1e-5}",
+        "{measure: condition, preconditioning: none, slope: -4}",
+        "{measure: history, quantity: lambda, slope: 0, within: 0.01, at_least: 1, at_most: 3}",
+    )
+    found = rows(cli("check", "--json", "--strict"))
+    assert {row["verdict"] for row in found} == {"pass"}
+    assert [(row["expect"], row["quantity"], row["expected"]) for row in found] == [
+        (1, "u", "slope 2 ± 0.1"),
+        (1, "u", "slope 2 ± 0.1"),
+        (2, "u", "h = 0.001: at most 1e-05"),
+        (2, "v", "h = 0.001: at most 1e-05"),
+        (3, "jacobian", "slope −4 ± 0.05"),
+        (4, "lambda", "slope 0 ± 0.01"),
+        (4, "lambda", "every h: 1 to 3"),
+        (4, "lambda", "slope 0 ± 0.01"),
+        (4, "lambda", "every h: 1 to 3"),
+    ]  # fmt: skip
+    assert found[0]["value"] == pytest.approx(2, abs=0.02)
+    assert {row["preconditioning"] for row in found[:2]} == {
+        "none", "mine[left D=beta*h^2; right lambda=1/(beta*h^2)]",
+    }  # fmt: skip
+    assert found[2]["value"] == value(marched, "error", "u", 1e-3, "last", "mine")
+    printed = cli("check").stdout
+    assert "swing, expect[1]: slope 2 ± 0.1\n" in printed
+    assert printed.endswith("9 of 9 expectations hold\n")
+    assert (cli.folder / "results/swing.csv").read_bytes() == (marched / "swing.csv").read_bytes()
+
+
+def test_orders_and_levels_that_do_not_hold(expecting, marched):
+    """`check` ends with 1, and says what was measured, in text, Markdown and JSON."""
+    cli = expecting(
+        "{measure: error, quantity: u, preconditioning: none, slope: 3}",
+        "{measure: condition, preconditioning: none, at_most: 10}",
+        "{measure: error, quantity: u, preconditioning: none, slope: 2}",
+    )
+    first, level, right = rows(cli("check", "--json", code=1))
+    assert (first["verdict"], level["verdict"], right["verdict"]) == ("miss", "miss", "pass")
+    assert first["value"] == pytest.approx(2, abs=0.02)
+    assert first["expected"] == "slope 3 ± 0.2"
+    assert level["value"] == value(marched, "condition", "jacobian", 1e-3, "median")
+    done = cli("check", code=1)
+    assert done.stdout.endswith("1 of 3 expectations hold\n")
+    assert "miss: swing, expect[1], error of u, pendulum generalized-alpha" in done.stdout
+    assert "expectation" in cli("check", "--markdown", code=1).stdout
+    # Predicted orders are judged as before.
+    assert json.loads((cli("check", "--json", code=1)).stdout)[0]["verdict"] == "pass"
+
+
+def test_what_is_undecided_fails_if_strict(cli):
+    """Two step sizes are no order; a level holds anyway."""
+    text = STUDY.replace("[1e-2, 5e-3, 2e-3, 1e-3]", "[1e-2, 5e-3]")
+    written(
+        cli,
+        "{measure: error, quantity: u, slope: 2}",
+        "{measure: error, quantity: u, at_most: 1}",
+        text=text.replace("condition, error, history", "error"),
+    )
+    cli("run", "swing.yaml")
+    done = cli("check")
+    assert "warning: not judged: " in done.stderr
+    assert "2 of 4 expectations hold (2 undecided)" in " ".join(done.stdout.split())
+    done = cli("check", "--strict", "--junit", "strict.xml", code=1)
+    assert done.stderr.startswith("newmark-study: not judged: ")
+    cli("check", "--junit", "lenient.xml")
+    strict, lenient = (
+        ElementTree.parse(cli.folder / name).getroot() for name in ("strict.xml", "lenient.xml")
+    )
+    # Three series and two expectations, each for two scalings; and two levels.
+    assert (strict.get("tests"), strict.get("failures"), strict.get("skipped")) == ("10", "8", "0")
+    assert (lenient.get("failures"), lenient.get("skipped")) == ("0", "8")
+
+
+def test_an_expectation_that_matches_no_series(expecting):
+    """A planar mechanism has no reaction forces by name: told in a line, and in the table."""
+    cli = expecting(
+        "{measure: error, quantity: force, slope: 2}", "{measure: error, quantity: u, slope: 2}"
+    )
+    cli("validate", "swing.yaml")
+    done = cli("check", "--junit", "out.xml", code=1)
+    assert done.stderr == (
+        "newmark-study: swing: expect[1], no such series: results/swing.csv has no series with "
+        "measure error, quantity force\n"
+    )
+    assert "2 of 3 expectations hold" in done.stdout
+    root = ElementTree.parse(cli.folder / "out.xml").getroot()
+    assert (root.get("errors"), root.get("failures")) == ("1", "0")
+    (error,) = root.iter("error")
+    assert error.get("message").startswith("incomplete: results/swing.csv has no series with")
+
+
+def test_cells_that_fail_decide_no_expectation(cli):
+    """Of a march that does not converge there is no order."""
+    text = STUDY.replace("t_end: 1.0", "t_end: 1.0\niteration_cap: 1\naccept: not_converged")
+    entries = "{measure: error, quantity: u, slope: 2}", "{measure: error, at_most: 1e9}"
+    written(cli, *entries, text=text)
+    cli("run", "swing.yaml")
+    found = rows(cli("check", "--json", code=1))
+    assert {row["verdict"] for row in found} == {"incomplete"}
+    assert all("not_converged" in row["reason"] for row in found)
+
+
+# -- where they are kept ----------------------------------------------------------------------
+
+
+def test_the_record_has_them(expecting, marched):
+    """A folder is checked without the config; after an edit of it `run` rewrites the record."""
+    cli = expecting("{measure: error, quantity: u, slope: 2}")
+    (cli.folder / "swing.yaml").unlink()
+    shutil.copytree(cli.folder / "results", cli.folder / "other")
+    assert "2 of 2 expectations hold" in cli("check", "--results", "other").stdout
+    # An edit is not looked at before the next run, which computes nothing.
+    written(cli, "{measure: error, quantity: u, slope: 3}")
+    assert "2 of 2 expectations hold" in cli("check").stdout
+    assert "8 ok (8 cached)" in cli("run", "swing.yaml").stdout
+    assert "0 of 2 expectations hold" in cli("check", code=1).stdout
+    for name in ("swing.csv", "history/swing.csv"):
+        same = {(cli.folder / at / name).read_bytes() for at in ("results", "other")}
+        assert same == {(marched / name).read_bytes()}, name
+    cli("verify")
+
+
+def test_folders_are_compared_by_the_expectations_that_both_have(expecting):
+    """Where an order is lost, the verdict on the expectation differs, as that on the slope."""
+    cli = expecting("{measure: error, quantity: u, slope: 2, within: 0.1}")
+    shutil.copytree(cli.folder / "results", cli.folder / "other")
+    assert "10 slopes and 2 claims" in cli("compare", "results", "other").stdout
+    with (cli.folder / "other/swing.csv").open() as file:
+        changed = [dict(row) for row in csv.DictReader(file)]
+    for row in changed:
+        if row["measure"] == "error":
+            row["last"] = repr(float(row["last"]) / (float(row["h"]) ** 1.5))
+    with (cli.folder / "other/swing.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, changed[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(changed)
+    printed = cli("compare", "results", "other", "--all", code=1).stdout
+    assert printed.count("expectation of") == 2
+    assert "2 ± 0.1" in printed
+
+
+@each("broken", [
+    "3", '"u"', "[3]", '[{"slope": 2}]', '[{"measure": "bogus"}]',
+    '[{"measure": "error", "slope": "2"}]', '[{"measure": "error", "form": 3}]',
+])  # fmt: skip
+def test_records_that_no_run_has_written(cli, marched, broken):
+    """One line names the record."""
+    shutil.copytree(marched, cli.folder / "results")
+    path = cli.folder / "results/swing.json"
+    path.write_text(
+        path.read_text().replace('"study": "swing",\n    "', f'"expect": {broken}, "', 1)
+    )
+    assert '"expect"' in path.read_text()
+    assert "swing.json: expect: not as written by a run" in cli.refused("check")
+
+
+# -- what a config may say --------------------------------------------------------------------
+
+
+@each("entry, said", [
+    ("{measure: error, slope: 2, integrator: {method: generalized-alpha, rho: 0.9}}", 6),
+    ('{measure: error, slope: 2, integrator: generalized-alpha rho=0.9, problem: pendulum}', 6),
+    ("{measure: error, slope: 2, quantity: u, stop: saturation, formulation: index-3}", 2),
+    ("{measure: error, slope: 2, quantity: u, projection: {method: none}, start: consistent}", 2),
+    ("{measure: error, slope: 2, quantity: u, multipliers: newton, evaluation: direct}", 2),
+    ("{measure: error, slope: 2, quantity: u, linear_solver: dense-lu, precision: float64}", 2),
+    ("{measure: error, slope: 2, quantity: u, linear_solver: auto, multipliers: auto}", 2),
+    ("{measure: error, slope: 2, quantity: u, preconditioning: [none, mine]}", 2),
+    ('{measure: error, slope: 2, quantity: u, preconditioning: '
+     '"mine[left D=h^2*beta; right lambda=1/(beta*h^2)]"}', 1),
+    ('{measure: error, slope: 2, quantity: u, preconditioning: '
+     '{name: mine, left: {D: h*beta*h}, right: {lambda: 1/(beta*h^2)}}}', 1),
+])  # fmt: skip
+def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting, entry, said):
+    """All spellings of a value choose the same series."""
+    found = rows(expecting(entry)("check", "--json"))
+    assert [row["verdict"] for row in found] == ["pass"] * said
+
+
+@each("entry, words", [
+    ("{measure: eror, slope: 2}", "measure: unknown measure 'eror'; did you mean 'error'?"),
+    ("{measure: error, slop: 2}", "slop: unknown key; did you mean 'slope'?"),
+    ("{measure: error}", "slope: missing: give slope, at_most or at_least"),
+    ("{measure: error, quantity: a, slope: 2}", "quantity: error has no 'a'; allowed: u, v, lam"),
+    ("{measure: correction, slope: -2}", "measure: 'correction' is not among the study's; did"),
+    ("{measure: error, slope: two}", "slope: must be a valid number, given 'two'"),
+    ("{measure: error, slope: 2, within: 0}", "within: must be greater than 0, given 0"),
+    ("{measure: error, slope: 2, h: 1e-3}", "h: is where at_most or at_least hold"),
+    ("{measure: error, at_most: 1, h: 3e-3}", "h: '0.003' is not among the study's"),
+    ("{measure: error, at_most: 1, at_least: 2}", "at_least: must not exceed at_most = 1, given 2"),
+    ("{measure: error, at_most: 1, within: 2}", "within: is the tolerance of a slope"),
+    ("{measure: history, slope: 0}", "within: missing: history has no tolerance of its own"),
+    ("{measure: error, slope: 2, form: v-lamda}", "form: 'v-lamda' is not among the study's; did"),
+    ("{measure: error, slope: 2, form: v-lambda}", "allowed: u-lambda"),
+    ("{measure: error, slope: 2, integrator: bdf2}", "allowed: generalized-alpha rho=0.9"),
+    ("{measure: error, slope: 2, integrator: {method: hht}}", "integrator.method: hht needs alpha"),
+    ("{measure: error, slope: 2, problem: other.yaml}", "problem: 'other.yaml' is not among"),
+    ("{measure: error, slope: 2, preconditioning: min}", "did you mean 'mine'?"),
+    ("{measure: error, slope: 2, linear_solver: gmres}", "allowed: dense-lu, sparse-lu, st"),
+    ("{measure: error, slope: 2, row_block: D}", "row_block: 'D' is not among the study's"),
+    ("3", "must be a mapping of keys to values, given 3"),
+])  # fmt: skip
+def test_mistakes(cli, entry, words):
+    """`validate` and `run` name file, line, key, what was given and what is allowed."""
+    written(cli, "{measure: error, quantity: u, slope: 2}", entry)
+    for command in ("validate", "run"):
+        line = cli.refused(command, "swing.yaml")
+        assert f"swing.yaml, line {EXPECT + 2}: expect[2]" in line
+        assert words in line
+    assert not (cli.folder / "results").exists()
+
+
+def test_no_case_has_all_of_it(cli):
+    """Each value is one of the study's, and no cell has both."""
+    cases = "cases:\n  - {h: [1e-2, 5e-3]}\n  - {h: 1e-3, form: v-lambda}\n"
+    text = STUDY.replace("h: [1e-2, 5e-3, 2e-3, 1e-3]\n", cases)
+    written(cli, "{measure: error, form: v-lambda, h: 1e-2, at_most: 1}", text=text)
+    assert cli.refused("validate", "swing.yaml").endswith(
+        f"line {text.count(chr(10)) + 2}: expect[1]: no series of the study has all of this"
+    )
+
+
+def test_in_python():
+    """A dict has them, too; mistakes name the key."""
+    study = {
+        "study": "swing", "problem": "pendulum", "form": "u-lambda", "preconditioning": "none",
+        "measure": "condition", "h": [1e-2, 1e-3, 1e-4], "steps": 10,
+        "expect": [{"measure": "condition", "slope": -4}],
+    }  # fmt: skip
+    assert newmark.slopes(newmark.run(study))["verdict"].tolist() == ["pass"]
+    with pytest.raises(newmark.InputError, match=r"^study: expect\[1\].form: 'a-lambda' is not"):
+        newmark.run(study | {"expect": [{"measure": "condition", "slope": -4, "form": "a-lambda"}]})
+
+
+# -- continuous integration -------------------------------------------------------------------
+
+
+def test_junit(expecting):
+    """A suite for each study, a case for each series that is predicted and each expectation."""
+    cli = expecting(
+        "{measure: error, quantity: u, preconditioning: none, slope: 3}",
+        "{measure: error, quantity: v, at_most: 1}",
+    )
+    printed = cli("check", "--junit", "reports/slopes.xml", code=1).stdout
+    assert "xml" not in printed
+    root = ElementTree.parse(cli.folder / "reports/slopes.xml").getroot()
+    (suite,) = root
+    assert (root.tag, suite.tag, suite.get("name")) == ("testsuites", "testsuite", "swing")
+    cases = suite.findall("testcase")
+    # Two conditions, six errors; and three of expectations.  |λ| is shown, not judged.
+    for one in (root, suite):
+        counts = [one.get(key) for key in ("tests", "failures", "errors", "skipped")]
+        assert counts == ["11", "1", "0", "0"]
+    assert {case.get("classname") for case in cases} == {"swing"}
+    assert len({case.get("name") for case in cases}) == 11
+    first, *others = cases
+    assert first.get("name").startswith("expect[1], error of u, pendulum generalized-alpha rho=0.9")
+    assert (first.get("file"), first.get("line")) == ("swing.yaml", str(EXPECT + 1))
+    assert first.find("failure").get("type") == "miss"
+    assert first.find("failure").get("message").startswith("miss: measured 1.99")
+    assert all(len(case) == 0 for case in others)
+
+
+def test_annotations(expecting, monkeypatch):
+    """In GitHub's workflows an error points at the line of the expectation."""
+    cli = expecting("{measure: error, quantity: u, preconditioning: none, slope: 3, within: 0.1}")
+    assert "::" not in cli("check", code=1).stdout
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    monkeypatch.setenv("GITHUB_WORKSPACE", str(cli.folder.parent))
+    (line,) = [s for s in cli("check", code=1).stdout.splitlines() if s.startswith("::")]
+    assert line.startswith(
+        f"::error file={cli.folder.name}/swing.yaml,line={EXPECT + 1},title=swing%3A miss::"
+        "expect[1], error of u, pendulum generalized-alpha rho=0.9 u-lambda none, slope 3 ± 0.1; "
+        "measured 1.99"
+    )
+    # What a program reads stays what it was.
+    done = cli("check", "--json", code=1)
+    assert len(rows(done)) == 1
+    assert done.stderr == line + "\n"
+    # A file that is not there, or not in the repository, is not named.
+    monkeypatch.setenv("GITHUB_WORKSPACE", str(cli.folder / "elsewhere"))
+    assert "::error title=swing%3A miss::expect[1]" in cli("check", code=1).stdout
+    # What holds is not worth a word.
+    expecting("{measure: error, quantity: u, slope: 2}")
+    assert "::" not in cli("check").stdout
+
+
+def test_annotations_are_one_line_each_and_no_more_than_github_shows():
+    """Names may have what ends a command; undecided ones are warnings, or errors."""
+    found = [outcomes.Outcome("a,b", f"50%\nno: {i}", "miss", "x, y") for i in range(12)]
+    lines = outcomes.annotations(found, False)
+    assert lines == [f"::error title=a%2Cb%3A miss::50%25%0Ano: {i}; x, y" for i in range(10)]
+    (word,) = {*outcomes.UNDECIDED[:1]}
+    undecided = [outcomes.Outcome("s", "n", word, "")]
+    assert outcomes.annotations(undecided, False) == [f"::warning title=s%3A {word}::n"]
+    assert outcomes.annotations(undecided, True) == [f"::error title=s%3A {word}::n"]
+
+
+def test_the_page_has_them(expecting):
+    """Next to the slopes, and in the sentence above them."""
+    cli = expecting("{measure: error, quantity: u, preconditioning: none, slope: 3}")
+    cli("report", "--output", "page.html")
+    page = (cli.folder / "page.html").read_text()
+    assert "Expectations of the studies" in page
+    assert "0 of 1 expectations hold" in page
+    assert '<p class="miss">' in page
