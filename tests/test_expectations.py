@@ -159,8 +159,8 @@ def test_an_expectation_that_matches_no_series(expecting):
     cli("validate", "swing.yaml")
     done = cli("check", "--junit", "out.xml", code=1)
     assert done.stderr == (
-        "newmark-study: swing: expect[1], no such series: results/swing.csv has no series with "
-        "measure error, quantity force\n"
+        "newmark-study: swing: expect[1]: results/swing.csv has no series with measure error, "
+        "quantity force\n"
     )
     assert "2 of 3 expectations hold" in done.stdout
     root = ElementTree.parse(cli.folder / "out.xml").getroot()

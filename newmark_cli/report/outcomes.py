@@ -84,7 +84,8 @@ def of(
 
 
 def _of_expected(each: Expected) -> Outcome:
-    name = f"{each.expectation.name}, {each.series}" + (f", {each.said}" if each.said else "")
+    parts = (each.series, each.said) if each.slope else ()
+    name = ", ".join((each.expectation.name, *parts))
     found = f"measured {each.measured}" if each.measured else ""
     return Outcome(
         each.study, name, each.verdict, _joined(found, each.reason), each.file, each.line,

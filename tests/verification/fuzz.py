@@ -57,6 +57,12 @@ cases:
   - {problem: four-bar, form: u-lambda, preconditioning: optimal, linear_solver: [gmres, minres],
      evaluation: direct, krylov: {tolerance: 1e-6, limit: 99}, measure: krylov}
   - {problem: andrews, steps: 3, stop: {absolute: 1e-8, relative: 1e-6}, measure: tolerance}
+expect:
+  - {measure: condition, problem: [pendulum, hoist.yaml], slope: -4, within: 0.1}
+  - {measure: krylov_iterations, integrator: {method: hht, alpha: 0.1}, linear_solver: gmres,
+     preconditioning: optimal, h: 1e-2, at_most: 99, at_least: 1}
+  - {measure: correction, quantity: [u, lambda], preconditioning: mine, form: u-lambda,
+     integrator: newmark beta=0.25 gamma=0.5, problem: {chain: {links: 7}}, slope: 0}
 """
 CODE = """\
 study: code

@@ -52,6 +52,10 @@ cases:
     h: [1e-2, 5e-3]
     t_end: 0.05
     measure: [error, invariant]
+expect:
+  - {measure: correction, quantity: lambda, preconditioning: none, slope: -2, within: 0.3}
+  - {measure: condition, problem: pendulum, form: u-lambda, h: 5e-3, at_least: 1, at_most: 1e6}
+  - {measure: error, integrator: {method: newmark}, slope: 2}
 """
 ARM = """\
 gravity: [0, -9.81]
@@ -70,6 +74,7 @@ CODES = (0, 1, 2)
 COMMANDS: tuple[tuple[tuple[str, ...], int], ...] = (
     (("check",), 12),
     (("check", "quick", "--all", "--json"), 4),
+    (("check", "--strict", "--junit", "results/slopes.xml"), 4),
     (("verify",), 12),
     (("info", "--cells", "--config"), 8),
     (("show",), 8),
