@@ -363,6 +363,8 @@ def test_records_of_another_run_are_left_out(cli, copied):
     assert records.read(copied / "quick.csv")["finished"] == run["finished"]
     path.write_text(json.dumps(run | {"sha256": {"quick.csv": "0"}}))
     assert "finished" not in records.read(copied / "quick.csv")
+    path.write_text(json.dumps(run | {"cells": [3, *run["cells"][1:]]}))
+    assert "finished" not in records.read(copied / "quick.csv")
     path.unlink()
     assert records.read(copied / "quick.csv") == json.loads((copied / "quick.json").read_text())
     assert "not recorded" in cli("info").stdout

@@ -132,6 +132,8 @@ def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
         return dict(record)
     if run.get("sha256") != record.get("sha256") or len(of_run) != len(of_results):
         return dict(record)
+    if not all(isinstance(cell, dict) for cell in (*of_run, *of_results)):
+        return dict(record)
     cells = [{**told, **of_cell} for told, of_cell in zip(of_results, of_run, strict=True)]
     return {**run, **record, "cells": cells}
 
