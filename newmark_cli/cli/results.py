@@ -159,7 +159,7 @@ def check(
     strict: bool,
     junit: Path | None,
 ) -> int:
-    """Check fitted slopes against predicted orders, claims and expectations.
+    """Check slopes against predicted orders, claims and expectations.
 
     Prints and judges the studies that are named, by default all in DIR.  Writes
     DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
@@ -170,8 +170,7 @@ def check(
     GitHub's workflows (GITHUB_ACTIONS=true), annotates the run with what fails.
 
     \b
-    Examples:
-      newmark-study check pendulum-u
+    Example:
       newmark-study check my-study --strict --junit slopes.xml
     """
     from newmark_cli import files

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from newmark_cli.errors import visible
 from newmark_cli.report import paper_tables
-from newmark_cli.report.check import Judged, format_prediction, judge
+from newmark_cli.report.check import Judged, counting, format_prediction, judge
 from newmark_cli.report.expectations import Expected, series_name
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.paper_tables import Entry
@@ -98,9 +98,9 @@ def _of_claim(judged: Judged) -> Outcome:
     return Outcome(judged.figure.study, name, judged.finding.verdict, judged.finding.measured)
 
 
-def _of_slopes(slopes: Iterable[Slope]) -> Iterator[Outcome]:
-    for slope in slopes:
-        if slope.verdict != SHOWN and not slope.accepted:
+def _of_slopes(slopes: Sequence[Slope]) -> Iterator[Outcome]:
+    for slope in counting(slopes):
+        if slope.verdict != SHOWN:
             predicted = format_prediction(slope)
             found = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
             text = _joined(found, f"predicted {predicted}" if predicted else "", slope.reason)
