@@ -1,6 +1,7 @@
 """Verdicts of `newmark-study check` beside the truth: a confusion table and what is wrong.
 
     python judge.py RESULTS [--run] [--command newmark-study] [--truth truth.csv] [--all]
+                    [--kernel Haswell]
 
 With --run the studies are run into RESULTS first, and the given series are written there.
 
@@ -15,7 +16,6 @@ Prints how often each truth met each verdict, then
 Exits with 1 when there is anything under (a) or (b).
 """
 
-import argparse
 import json
 import shlex
 import subprocess
@@ -25,6 +25,8 @@ from typing import Any
 
 import named
 import pandas as pd
+import running
+from running import GREEN, RED, UNDECIDED
 
 HERE = Path(__file__).resolve().parent
 KEY = [
@@ -33,17 +35,19 @@ KEY = [
 ]  # fmt: skip
 RIGHT, WRONG = ("order", "floor"), ("wrong",)
 UNSURE = ("preasymptotic", "too few")
-RED, GREEN = ("miss", "not converging"), ("pass",)
-QUIET = ("shown",)
+QUIET = ("shown", *UNDECIDED)
 
 
-def run(command: str, results: Path) -> None:
-    """Run every study; some cells do not end well on purpose."""
+def run(command: str, results: Path, studies: Path = HERE / "studies") -> None:
+    """Run every study of a folder; some cells do not end well on purpose."""
     results.mkdir(parents=True, exist_ok=True)
-    for study in sorted((HERE / "studies").glob("*.yaml")):
+    for study in sorted(studies.glob("*.yaml")):
         arguments = ["run", str(study), "--results", str(results), "--allow-code", "--quiet"]
-        subprocess.run([*shlex.split(command), *arguments], capture_output=True, check=False)
-    named.write(results)
+        done = subprocess.run(
+            [*shlex.split(command), *arguments], capture_output=True, text=True, check=False
+        )
+        if done.returncode not in (0, 1):
+            sys.exit(f"{study.name}: exit code {done.returncode}: {done.stderr.strip()}")
 
 
 def verdicts(command: str, results: Path) -> pd.DataFrame:
@@ -63,6 +67,11 @@ def verdicts(command: str, results: Path) -> pd.DataFrame:
     for column in KEY:
         frame[column] = frame[column].fillna("").astype(str)
     return frame
+
+
+def truths(path: Path = HERE / "truth.csv") -> pd.DataFrame:
+    """What is true of every series."""
+    return pd.read_csv(path, dtype=str, keep_default_na=False)
 
 
 def joined(frame: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
@@ -91,17 +100,17 @@ def listed(title: str, rows: pd.DataFrame, most: int) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("results", type=Path)
-    parser.add_argument("--command", default="newmark-study", help="what to judge")
+    parser = running.options(__doc__.splitlines()[0])
+    parser.add_argument("--command", default=running.command(), help="what to judge")
     parser.add_argument("--run", action="store_true", help="run the studies first")
     parser.add_argument("--truth", type=Path, default=HERE / "truth.csv")
     parser.add_argument("--most", type=int, default=40, help="rows to print of each list")
     parser.add_argument("--all", action="store_true", help="print list (e) too")
-    given = parser.parse_args()
+    given = running.parsed(parser)
     if given.run:
         run(given.command, given.results)
-    truth = pd.read_csv(given.truth, dtype=str, keep_default_na=False)
+        named.write(given.results)
+    truth = truths(given.truth)
     both = joined(verdicts(given.command, given.results), truth)
     label, verdict = both["label"], both["verdict"]
     print(pd.crosstab(label, verdict, margins=True).to_string())
@@ -122,7 +131,14 @@ def main() -> int:
         seen = pd.concat([right_red, wrong_green, unsure_red, unsure_green, unnamed]).index
         rest = both[~accepted & ~both.index.isin(seen)]
         listed("(e) other verdicts that the truth does not accept", rest, given.most)
-    print(f"\n{len(both)} series: (a) {len(right_red)}, (b) {len(wrong_green)}")
+    neither = verdict.isin(UNDECIDED)
+    of_right = int((neither & label.isin(RIGHT)).sum())
+    shown = int((verdict == "shown").sum())
+    print(
+        f"\nundecided {neither.sum()}, of them {of_right} right; shown {shown}; "
+        f"together {neither.sum() + shown}"
+    )
+    print(f"{len(both)} series: (a) {len(right_red)}, (b) {len(wrong_green)}")
     return 1 if len(right_red) or len(wrong_green) else 0
 
 

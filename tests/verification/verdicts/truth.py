@@ -60,6 +60,7 @@ STATISTIC = {
     "tolerance": "met",
     "history": "max",
 }
+UNDECIDED = "undecided"
 #: Verdicts that a label allows.
 ACCEPT = {
     ORDER: "pass",
@@ -106,7 +107,10 @@ def local(h: Numbers, values: Numbers) -> np.ndarray:
 
 
 def judged(label: str, order: float, h: Numbers, reason: str, also: str = "") -> dict[str, Any]:
-    accept = "|".join(dict.fromkeys([*ACCEPT[label].split("|"), *filter(None, also.split("|"))]))
+    words = [*ACCEPT[label].split("|"), *filter(None, also.split("|"))]
+    # One word for both reasons why nothing can be said.
+    words += [UNDECIDED] if {"not asymptotic", "too few points"} & set(words) else []
+    accept = "|".join(dict.fromkeys(words))
     return {
         "label": label,
         "true_order": order,
