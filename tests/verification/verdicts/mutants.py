@@ -141,13 +141,17 @@ def _given(problem: Any = None, scheme: Any = None, state: Any = None) -> Iterat
 
 
 def _order_1(scheme: Any) -> Any:
-    """The same scheme with γ too large by 0.1."""
-    relations = scheme.relations
-    found = replace(scheme)
-    v_past, grown = relations.v_past.copy(), 0.1 * scheme.h
-    v_past[2] -= grown
+    """The same scheme with γ too large by 0.1, and β by 0.06, which keeps it stable."""
+    relations, found, h = scheme.relations, replace(scheme), scheme.h
+    v_past, u_past = relations.v_past.copy(), relations.u_past.copy()
+    v_past[2] -= 0.1 * h
+    u_past[2] -= 0.06 * h**2
     found.__dict__["relations"] = replace(
-        relations, v_from_a=relations.v_from_a + grown, v_past=v_past
+        relations,
+        v_from_a=relations.v_from_a + 0.1 * h,
+        u_from_a=relations.u_from_a + 0.06 * h**2,
+        v_past=v_past,
+        u_past=u_past,
     )
     return found
 

@@ -243,6 +243,16 @@ def drawn(folder: Path) -> dict[tuple[str, ...], pd.DataFrame]:
     return found
 
 
+def show(row: Any, points: pd.DataFrame) -> None:
+    """Print a series with its values, and their rounding where it is known."""
+    print(f"  {row['verdict']}: {' '.join(row[key] for key in judge.KEY)}")
+    print(f"      {row['slope']:.3f} for {row['expected']}; {row['reason']}")
+    values = points[STATISTIC[row["measure"]]]
+    print("      " + ", ".join(f"{h:g}: {x:.3g}" for h, x in zip(points["h"], values, strict=True)))
+    if "rounding" in points:
+        print("      rounding " + ", ".join(f"{x:.2g}" for x in points["rounding"]))
+
+
 def main() -> int:
     parser = running.options(__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=50, help="mechanisms of each kind")
@@ -271,14 +281,19 @@ def main() -> int:
     series = drawn(results)
     every[judge.KEY] = every[judge.KEY].astype(object).fillna("").astype(str)
     red = every[every["verdict"].isin(RED)]
-    for _, row in red.iterrows():
-        points = series[tuple(row[judge.KEY])]
-        values = points[STATISTIC[row["measure"]]]
-        listed = ", ".join(f"{h:g}: {x:.3g}" for h, x in zip(points["h"], values, strict=True))
-        print(f"{row['verdict']}: {' '.join(row[key] for key in judge.KEY)}")
-        print(f"    {row['slope']:.3f} for {row['expected']}; {row['reason']}\n    {listed}")
-        if "rounding" in points:
-            print("    rounding " + ", ".join(f"{x:.2g}" for x in points["rounding"]))
+    undamped = red["integrator"].str.startswith("newmark") & red["quantity"].isin(
+        ["lambda", "multiplier"]
+    )
+    missed = red["verdict"] == "miss"
+    for title, rows in (
+        ("misses", red[missed]),
+        ("not converging", red[~missed & ~undamped]),
+        ("not converging, multipliers that nothing damps", red[~missed & undamped]),
+    ):
+        print(f"{title}: {len(rows)}")
+        for _, row in rows.iterrows():
+            show(row, series[tuple(row[judge.KEY])])
+        print()
     misses = int((every["verdict"] == "miss").sum())
     print(f"\n{len(every)} series: {misses} miss, {len(red) - misses} do not converge")
     return 1 if misses else 0
