@@ -230,17 +230,11 @@ def _dump(path: Path, data: Data) -> None:
     path.write_text(yaml.safe_dump(data, sort_keys=False))
 
 
-def drawn(folder: Path) -> dict[tuple[str, ...], pd.DataFrame]:
-    """Rows of every series of a results folder, large steps first."""
-    found = {}
-    for path in sorted(folder.glob("*.csv")):
-        if path.stem == "slopes":
-            continue
-        frame = pd.read_csv(path, dtype={"row_block": str}, float_precision="round_trip")
-        frame[judge.KEY] = frame[judge.KEY].astype(object).fillna("").astype(str)
-        for key, rows in frame.groupby(judge.KEY, sort=False):
-            found[key] = rows.sort_values("h", ascending=False)
-    return found
+def points_of(folder: Path, row: Any) -> pd.DataFrame:
+    """Rows of a series of a results folder, large steps first."""
+    frame = pd.read_csv(folder / f"{row['study']}.csv", dtype={"row_block": str})
+    same = [(frame[key].fillna("").astype(str) == row[key]) for key in judge.KEY]
+    return frame[np.logical_and.reduce(same)].sort_values("h", ascending=False)
 
 
 def show(row: Any, points: pd.DataFrame) -> None:
@@ -278,7 +272,6 @@ def main() -> int:
     every["verdict"] = every["verdict"].map(decided)
     for rows in ("kind", "steps", "measure"):
         print(pd.crosstab(every[rows], every["verdict"], margins=True).to_string(), "\n")
-    series = drawn(results)
     every[judge.KEY] = every[judge.KEY].astype(object).fillna("").astype(str)
     red = every[every["verdict"].isin(RED)]
     undamped = red["integrator"].str.startswith("newmark") & red["quantity"].isin(
@@ -292,7 +285,7 @@ def main() -> int:
     ):
         print(f"{title}: {len(rows)}")
         for _, row in rows.iterrows():
-            show(row, series[tuple(row[judge.KEY])])
+            show(row, points_of(results, row))
         print()
     misses = int((every["verdict"] == "miss").sum())
     print(f"\n{len(every)} series: {misses} miss, {len(red) - misses} do not converge")
