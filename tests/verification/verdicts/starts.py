@@ -20,8 +20,9 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -43,9 +44,9 @@ def started(seed: int) -> Iterator[None]:
 
     Every start of a problem has the same signs.  Seed 0 leaves all as it is.
     """
-    from newmark_cli.newmark import march
+    from newmark_cli.newmark.march import initial_state as begin
 
-    begin = march.initial_state
+    import_module("newmark_cli.study.compute")  # and with it all that starts a march
 
     def changed(problem: Any, scheme: Any) -> Any:
         of_problem = sum(ord(letter) for letter in problem.name)
@@ -54,7 +55,11 @@ def started(seed: int) -> Iterator[None]:
         u0, v0 = problem.u0 * (1 + ulp * signs[0]), problem.v0 * (1 + ulp * signs[1])
         return begin(replace(problem, u0=u0, v0=v0), scheme)
 
-    with patch.object(march, "initial_state", changed):
+    with ExitStack() as stack:
+        for name, module in list(sys.modules.items()):
+            own = name.startswith("newmark_cli.")
+            if own and vars(module).get("initial_state") is begin:
+                stack.enter_context(patch.object(module, "initial_state", changed))
         yield
 
 
