@@ -140,6 +140,7 @@ def test_without_twins_nothing_is_condemned():
     require(evidence([1e-2, 1e-4, 1e-6], rounding=NAN), PASS)
     for values in ([1e-2, 1e-3, 1e-4], [1e-3, 2e-3, 4e-3]):
         require(evidence(values, rounding=NAN), UNDECIDED, ".*its rounding was not measured.*")
+    require(evidence([1e-3, 2e-3, 4e-3], rounding=NAN, expected=NAN), SHOWN)
 
 
 def test_multipliers_that_alternate_have_their_reason():

@@ -108,17 +108,19 @@ def judge(given: Evidence) -> Judgement:
     if given.exact:
         return _rounding_alone(given)
     clear, told = _above(given, _CLEAR)
+    unknown = bool(np.isnan(given.uncertainty).any())
     found = None
     if given.kind == "truncation" and _stalls(given, clear):
         found = _not_converging(given, clear)
     if math.isnan(given.expected):
-        return found or _judged(given, SHOWN, clear, told if given.kind == "truncation" else "")
+        shown = _judged(given, SHOWN, clear, told if given.kind == "truncation" else "")
+        return found if found and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for points, left in (_above(given, _RULED), (clear, told)):
         if passed := _passed(given, points, left):
             return passed
     found = found or _missed(given, clear, told)
-    if found.verdict != UNDECIDED and np.isnan(given.uncertainty).any():
+    if found.verdict != UNDECIDED and unknown:
         reason = _joined(found.reason, "its rounding was not measured, which twins do")
         return Judgement(UNDECIDED, found.fit, found.fitted, reason)
     return found
