@@ -73,7 +73,8 @@ def trace(
         slope.values[order],
         look,
         apart=stagnated[order],
-        bars=slope.rounding[order],
+        # Of corrections it is the scatter of steps, which is no rounding of the rms.
+        bars=None if slope.record.kind == "rounding" else slope.rounding[order],
         size=size,
         fit=fit,
         said=in_words(name or label, slope),
