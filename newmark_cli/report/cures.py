@@ -334,6 +334,7 @@ class CureWorkFigure:
                             spent[order],
                             slope.values[order],
                             look_of(curve.label),
+                            bars=slope.rounding[order],
                             size=0.75,
                             said=f"{traces.quantity(slope)}, {curve.label}: "
                             f"{slope.values[best]:.3g} at h = {slope.h[best]:g}",

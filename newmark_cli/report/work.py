@@ -187,5 +187,6 @@ def _trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, pan
         slope.values[order],
         look(place),
         apart=~ok[order],
+        bars=slope.rounding[order],
         said=f"{traces.quantity(slope)}, {name}: {said}",
     )
