@@ -206,7 +206,8 @@ def _with(kind: str) -> Callable[[], Any]:
                 row = int(np.argmax(np.abs(problem.evaluate(
                     problem.t0, problem.u0, problem.v0, np.zeros(problem.m)).force)))  # fmt: skip
             function = _function(problem.function, kind, row, column)
-            found = replace(problem, function=function, elements=None)
+            # Like a user's code: nobody takes it apart.
+            found = replace(problem, function=function, elements=None, code=kind)
             _changed[id(problem), kind] = problem, found
         return _changed[id(problem), kind][1]
 
@@ -324,9 +325,11 @@ def judged(rows: pd.DataFrame, alike: str) -> dict[tuple[str, ...], tuple[Any, A
 
 def shift(h: Any, values: Any, before: Any) -> float:
     """How much the order changes from one series to another."""
+    if len(h) < 2 or len(values) != len(before):
+        return np.nan
     with np.errstate(all="ignore"):
         ratio = np.log(values / before)
-    if len(h) < 2 or len(values) != len(before) or not np.isfinite(ratio).all():
+    if not np.isfinite(ratio).all():
         return np.nan
     return float(np.polyfit(np.log(h), ratio, 1)[0])
 
