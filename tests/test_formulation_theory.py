@@ -219,7 +219,7 @@ H = np.array([1e-2, 1e-3, 1e-4, 1e-5])
 def bounded(order, **rest):
     """Verdict on a series of rounding whose order is at least 0."""
     given = {"kind": "rounding", "expected": 0.0, "tolerance": 0.15, "bound": "because"} | rest
-    return judge(Evidence(H, 1e-16 * H**order, np.zeros(4), **given))
+    return judge(Evidence(H, 1e-16 * H**order, np.zeros(4), 1 / H, **given))
 
 
 @each("kind", ["rounding", "determined"])

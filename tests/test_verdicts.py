@@ -1,6 +1,7 @@
 """Verdicts on series: the rule, and series that must not slip through it."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,7 +35,8 @@ def evidence(values, h=None, rounding=TINY, kind="truncation", expected=2.0, **r
         unsure = np.broadcast_to(rounding, values.shape) / values
     unsure[(values == 0) & (np.broadcast_to(rounding, values.shape) == 0)] = 0.0
     rest = {"tolerance": 0.2} | rest
-    return Evidence(h, values, unsure, kind, expected=expected, **rest)
+    rest = {"steps": 1 / h} | rest
+    return Evidence(h, values, unsure, kind=kind, expected=expected, **rest)
 
 
 def require(given, verdict, reason=".*"):
@@ -130,9 +132,20 @@ def test_verdicts_on_errors(said, given, verdict, reason):
 def test_what_speaks_against_a_series_is_far_above_its_rounding():
     """Twins tell rounding to a factor of 10: a tail within it condemns nobody."""
     h, values = [1e-4, 3e-5, 1e-5, 3e-6, 1e-6], [3.4e-2, 3.59e-3, 3.83e-4, 1e-3, 4.2e-3]
-    near, far = ([0, 5e-6, 2e-5, part * 1e-3, part * 4e-3] for part in (0.2, 1e-3))
+    near, far = (part * np.array([0, 2e-5, 1e-4, 1e-3, 4e-3]) for part in (0.2, 1e-5))
     require(evidence(values, h, near), PASS, "rounding rules below h = 1e-05")
     require(evidence(values, h, far), NOT_CONVERGING)
+
+
+def test_rounding_that_is_alike_in_all_steps():
+    """Twins do not see it, and in 1e4 steps it is up to a hundred times what they see."""
+    values, rounding = [2e-4, 2e-6, 2e-8, 4e-8], [1e-14, 1e-13, 1e-12, 1e-9]
+    require(evidence(values, rounding=rounding), PASS, "rounding rules below h = 0.0001")
+    short = {"steps": np.full(4, 100.0)}
+    require(evidence(values, rounding=rounding, **short), UNDECIDED)
+    rising = [2e-4, 2e-6, 2e-6, 4e-6]
+    require(evidence(rising, rounding=rounding, **short), NOT_CONVERGING)
+    require(evidence(rising, rounding=1e-15, **short), NOT_CONVERGING)
 
 
 def test_without_twins_nothing_is_condemned():
@@ -202,7 +215,7 @@ def test_units_do_not_matter(logs, of_values, of_h):
     values = 10 ** np.array(logs)
     given = evidence(values, rounding=1e-3 * values)
     one, other = (2.0 ** round(factor) for factor in (of_values, of_h))
-    scaled = Evidence(other * given.h, one * values, given.uncertainty, given.kind, 2.0, 0.2)
+    scaled = replace(given, h=other * given.h, values=one * values)
     assert judge(given).verdict == judge(scaled).verdict
 
 

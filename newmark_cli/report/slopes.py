@@ -395,6 +395,7 @@ def _judged(
         h=h[order],
         values=values[order],
         uncertainty=_uncertainty(record, rows, values)[order],
+        steps=np.array(rows["steps"], float)[order],
         kind=record.kind,
         expected=expected,
         tolerance=tolerance,

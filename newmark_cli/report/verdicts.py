@@ -30,9 +30,12 @@ FAILING = (MISS, NOT_CONVERGING, INCOMPLETE)
 
 #: Least number of step sizes that an order is read from.
 LEAST = 3
-#: Rounding over value from which on rounding rules a point, and below which it cannot.  Twins
-#: tell rounding to a factor of 10, and a point that is not clear cannot speak against a series.
+#: Rounding over value from which on rounding rules a point, and below which it is clear: twins
+#: tell rounding to a factor of 10.  They do not see what is alike in all of them, and rounding
+#: that is alike in N steps adds up to √N times as much.
 _RULED, _CLEAR = 0.5, 0.1
+#: Relative uncertainty of corrections from which on a few steps rule their rms.
+_FEW = 0.25
 #: Least range of h that can speak against a series, but for rounding of its ends.
 _DECADE = 9.99
 #: Largest relative error that is small enough for its order to be that of the first term.
@@ -50,6 +53,7 @@ class Evidence:
         values: (points,) the statistic that is drawn.
         uncertainty: (points,) of each, relative: rounding over value, or the scatter of
             corrections; NaN where it was not measured.
+        steps: (points,) steps of the run.
         kind: What rules the values; see `newmark_cli.study.measures.Record`.
         expected: Predicted order; NaN where theory says nothing.
         tolerance: Largest |fitted − expected|; NaN likewise.
@@ -63,6 +67,7 @@ class Evidence:
     h: Array
     values: Array
     uncertainty: Array
+    steps: Array
     kind: str
     expected: float = math.nan
     tolerance: float = math.nan
@@ -107,7 +112,9 @@ def judge(given: Evidence) -> Judgement:
         return _judged(given, INCOMPLETE, np.isfinite(given.h), "no value at every step size")
     if given.exact:
         return _rounding_alone(given)
-    clear, told = _above(given, _CLEAR)
+    # What could be rounding that is alike in all steps speaks against nothing.
+    alike = np.minimum(_CLEAR, 1 / np.sqrt(np.maximum(given.steps, 1.0)))
+    clear, told = _above(given, alike)
     unknown = bool(np.isnan(given.uncertainty).any())
     found = None
     if given.kind == "truncation" and _stalls(given, clear):
@@ -116,8 +123,8 @@ def judge(given: Evidence) -> Judgement:
         shown = _judged(given, SHOWN, clear, told if given.kind == "truncation" else "")
         return found if found and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
-    for points, left in (_above(given, _RULED), (clear, told)):
-        if passed := _passed(given, points, left):
+    for share in (_RULED, _CLEAR, alike):
+        if passed := _passed(given, *_above(given, share)):
             return passed
     found = found or _missed(given, clear, told)
     if found.verdict != UNDECIDED and unknown:
@@ -141,7 +148,7 @@ def _joined(*parts: str) -> str:
     return "; ".join(filter(None, parts))
 
 
-def _above(given: Evidence, share: float) -> tuple[Mask, str]:
+def _above(given: Evidence, share: float | Array) -> tuple[Mask, str]:
     """Points from the coarsest on of which rounding is less than a share, and what is left out."""
     usable = np.isfinite(given.values) & (given.values > 0)
     zeros = int(np.count_nonzero(given.values == 0))
@@ -205,7 +212,8 @@ def _missed(given: Evidence, points: Mask, left: str) -> Judgement:
             if not spared and first < _DECADE * last:
                 spared = reason = f"{reason}, less than a decade: smaller h would decide"
             return Judgement(UNDECIDED if spared else MISS, fit, window, _joined(reason, left))
-    return _judged(given, UNDECIDED, points, _joined(_wanted(given, points), left))
+    seen, left = _above(given, _CLEAR)
+    return _judged(given, UNDECIDED, seen, _joined(_wanted(given, seen), left))
 
 
 def _without_dip(given: Evidence, points: Mask) -> Iterator[Mask]:
@@ -278,11 +286,14 @@ def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:
                 f"order {format_order(other)} until smaller h lets the terms of order "
                 f"{format_order(given.expected)} overtake"
             )
-    if given.bound and len(given.typical):
+    few = given.kind == "rounding" and bool((given.uncertainty[fitted] > _FEW).any())
+    if (given.bound or few) and len(given.typical):
         typical = power_law(given.h, given.typical)
         if typical.points >= LEAST and typical.slope >= given.expected - given.tolerance:
-            # A bound of each step; how many steps come close to it changes with h.
+            # Of a bound it changes with h how many steps come close to it.
             return f"a few steps rule; the median has order {format_fit(typical)}"
+    if few:
+        return "a few steps rule: more steps would decide"
     return ""
 
 

@@ -178,7 +178,7 @@ class Facts:
 #: Steps of the march that looks for singular positions, and samples of it.
 _LOOK_STEPS, _LOOKS = 20_000, 400
 #: Speed below which nothing moves, relative to coordinates that turn once in the run.
-_STILL = 1e-12
+_STILL = 1e-9
 
 
 def facts(problem: Problem, t_end: float, h: float) -> Facts:
