@@ -33,6 +33,14 @@ def test_single_precision_stays_single():
     assert np.isnan(sine_cosine(np.inf, np.float64)[0])
 
 
+def test_complex_steps():
+    """The derivative of the sine is the cosine."""
+    for x in np.linspace(-9, 9, 37):
+        sine, cosine = sine_cosine(x + 1e-30j, np.complex128)
+        assert sine.imag == pytest.approx(1e-30 * np.cos(x), rel=1e-12, abs=1e-45)
+        assert cosine.imag == pytest.approx(-1e-30 * np.sin(x), rel=1e-12, abs=1e-45)
+
+
 HASHED = """
 import hashlib, numpy as np
 from newmark_cli.mechanisms.sines import sine_cosine

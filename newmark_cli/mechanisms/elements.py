@@ -197,7 +197,7 @@ def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y
             dx, dy = _vector(u, ints, reals, e, e)
             dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
             j, multiplier = ints[e, Y_START], multipliers[row]
-            sine, cosine = sine_cosine(u[j], reals.dtype.type)
+            sine, cosine = sine_cosine(u[j], u.dtype.type)
             along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
             phi[row] = across
             for k in range(count):
@@ -483,7 +483,7 @@ def _differentiate_further(
             wx, wy = _vector(v, ints, reals, e, e)
             ax, ay = _vector(w, ints, reals, e, e)
             j = ints[e, Y_START]
-            sine, cosine = sine_cosine(u[j], reals.dtype.type)
+            sine, cosine = sine_cosine(u[j], u.dtype.type)
             turn, faster = v[j], w[j]
             along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
             with_v, against_v = cosine * wx + sine * wy, cosine * wy - sine * wx

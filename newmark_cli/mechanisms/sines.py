@@ -20,10 +20,10 @@ def sine_cosine(x, real):
     """Sine and cosine of an angle.
 
     Args:
-        x: The angle (rad).
+        x: The angle (rad); complex where tangents are found by complex steps.
         real: Type of the results; they are computed in double precision.
     """
-    turns = np.rint(x * _QUARTERS)
+    turns = np.rint(x.real * _QUARTERS)
     long = x - turns * _FIRST
     shift = turns * _SECOND
     near = long - shift

@@ -81,6 +81,11 @@ class _Number(NDArrayOperatorsMixin):
     def __init__(self, tally: Tally, value: Any) -> None:
         self.tally, self.value = tally, value
 
+    @property
+    def real(self) -> "_Number":
+        """It is no complex one."""
+        return self
+
     __add__ = __radd__ = __iadd__ = _counting(add)
     __mul__ = __rmul__ = __imul__ = _counting(mul)
     __sub__ = __isub__ = _counting(sub)
