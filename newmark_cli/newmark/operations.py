@@ -1,7 +1,7 @@
 """Multiplications and additions of a march, counted: the same number on every machine.
 
 A correction evaluates the mechanism, adds up the terms of its matrix, eliminates and
-substitutes.  Divisions, roots and sines count as one operation each.  What takes as many
+substitutes.  A division or a root counts as one operation.  What takes as many
 operations as there are unknowns is left out: residuals, updates, norms.
 
 An elimination is counted by the pattern of the matrix, without row exchanges, in the order
