@@ -198,6 +198,7 @@ def long_motion():
         return list(textbook.march(GeneralizedAlpha(RHO), system, start, mpf(H), STEPS))
 
 
+@pytest.mark.bits("a compensated march meets the constraints where it starts by definition")
 @each("form, engine", itertools.product(FORMS.values(), ENGINES))
 def test_multipliers_against_long_numbers(form, engine):
     """Over 20 steps of 1e-6: compensated λ is off by some eps/h, direct λ by some eps/h².

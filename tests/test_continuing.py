@@ -176,6 +176,7 @@ def test_rows_of_a_frame_are_a_start_of_ones_own():
     newmark.march("pendulum", h=0.005, steps=1, u0=u, v0=v, project=True)
 
 
+@pytest.mark.bits("a start on the constraints is no longer on them")
 def test_nothing_is_said_where_nothing_is_lost():
     """The same h, but for rounding; no step taken; rest; straight lines; λ recovered."""
     state = halfway(0.01)

@@ -210,7 +210,7 @@ def test_functions(tmp_path, call):
     """Of what a file says as of a dict that says the same."""
     text = HANGS.replace("[0, -1]", "[0.6, -0.8]")
     found = []
-    for now in (text, text.replace("mass: 1", "mass: 7")):
+    for now in (text, text.replace("mass: 1", "mass: 7").replace("9.81", "4.5")):
         written(tmp_path, {"q.yaml": now})
         found.append(CALLS[call](str(tmp_path / "q.yaml")))
         assert found[-1] == CALLS[call](yaml.safe_load(now))

@@ -78,14 +78,14 @@ def test_floors_are_predicted():
 def test_floors_of_formulations_are_predicted(formulation):
     """Their rows of constraints round too; with η eliminated fields are predicted as well.
 
-    Of so few steps and draws a quotient scatters by a factor of 1.4: means over starts one
-    unit in the last place apart.
+    Of so few steps and draws a quotient scatters by a factor of 1.4, and at times one step
+    rules them all: medians over starts one unit in the last place apart.
     """
     for form, evaluation in (("a-lambda", "direct"), ("u-lambda", "compensated")):
         scheme = scheme_of(form, 1e-4, formulation=formulation, evaluation=evaluation)
         starts = one_ulp_apart(subject_of("andrews"), 4)
         found = np.log([quotients(start, scheme, 300, samples=6) for start in starts])
-        assert np.all(np.abs(found.mean(axis=0)) < np.log(2))
+        assert np.all(np.abs(np.median(found, axis=0)) < np.log(2))
 
 
 def test_scaling_does_not_change_physical_floors():

@@ -46,6 +46,7 @@ def relative(subject, samples):
     return {name: abs(off).max() for name, off in measures.invariants(subject, samples).items()}
 
 
+@pytest.mark.bits("the start itself is what is tested")
 @each("name", PROBLEMS)
 def test_start_has_no_misfit(name):
     """Every shipped problem starts on its constraints, and with all of its energy.
@@ -156,6 +157,7 @@ def test_states_that_are_not_finite(value):
     assert np.isnan(relative(subject, [found])["multiplier"])
 
 
+@pytest.mark.bits("the start itself is what is tested")
 def test_equilibrium_has_no_division_by_zero(tmp_path):
     """Hanging at rest: no speed, no energy, all misfits zero."""
     path = tmp_path / "rest.yaml"

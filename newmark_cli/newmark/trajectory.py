@@ -346,8 +346,9 @@ class Trajectory:
 
         Examples:
             >>> import newmark_cli as newmark
-            >>> float(newmark.march("pendulum", h=1e-2, t_end=1.0).coordinate("P.x")[0])
-            1.0
+            >>> swing = newmark.march("pendulum", h=1e-2, t_end=1.0)
+            >>> f"{swing.coordinate('P.x')[0]:.6f}"
+            '1.000000'
         """
         return self._field(field)[:, _place(name, "coordinate", self.coordinate_names)]
 
