@@ -141,8 +141,10 @@ def _random(links: int) -> _Hanging:
         [math.tau * part for part in drawn[::2]],
         [0.5 + part for part in drawn[1::2]],
     )
-    x, y = accumulate(map(math.cos, headings)), accumulate(map(math.sin, headings))
-    return list(x), list(y), masses
+    from newmark_cli.mechanisms.sines import sine_cosine  # brings numba
+
+    y, x = zip(*(sine_cosine(heading, np.float64) for heading in headings), strict=True)
+    return list(accumulate(x)), list(accumulate(y)), masses
 
 
 def _hung(
@@ -167,7 +169,7 @@ def _hung_linked(hanging: _Hanging) -> Linked:
     spans = np.diff(u0, axis=0, prepend=0.0)
     # Python's functions: NumPy's differ in the last bit.
     lengths = map(math.hypot, *spans.T.tolist())
-    squares = np.fromiter((length**2 for length in lengths), float, links)
+    squares = np.fromiter((length * length for length in lengths), float, links)
     return Linked(
         u0=u0.reshape(-1),
         v0=np.zeros(2 * links),
@@ -272,8 +274,10 @@ _HEADINGS = (0.5, -0.5)
 
 def _descending(heading: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Direction of a bar that descends by 3 in 5, and one across."""
-    along = (0.8 * math.cos(heading), 0.8 * math.sin(heading), -0.6)
-    return along, (-math.sin(heading), math.cos(heading), 0.0)
+    from newmark_cli.mechanisms.sines import sine_cosine  # brings numba
+
+    sine, cosine = sine_cosine(heading, np.float64)
+    return (0.8 * cosine, 0.8 * sine, -0.6), (-sine, cosine, 0.0)
 
 
 def spatial_chain(bodies: int) -> dict[str, Any]:

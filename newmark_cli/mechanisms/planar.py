@@ -337,7 +337,7 @@ class Builder:
                 f"{length:g}; correct the positions or set 'assemble: true'",
             )
         plain = all(complex(weight).imag == 0 for weight in difference.values())
-        self.element("LINK" if plain else "BAR", difference, (length**2,), constraint=path)
+        self.element("LINK" if plain else "BAR", difference, (length * length,), constraint=path)
 
     def on_line(
         self, point: str, line: Slider | Line, path: KeyPath, point_path: KeyPath | None = None
@@ -648,7 +648,8 @@ class Builder:
             # Half of it turns with the angle: as regular as before, and the same motion.
             inertia = inertia / 2
             self.mass[place, place] = inertia
-        about_first = (inertia + mass * math.hypot(along, across) ** 2) / length**2
+        away = math.hypot(along, across)
+        about_first = (inertia + mass * (away * away)) / (length * length)
         first = complex(mass - 2 * mass * along / length + about_first)
         mixed = complex(mass * along / length - about_first, mass * across / length)
         start, end = body.from_, body.to

@@ -561,7 +561,10 @@ class Builder:
             offset, terms = between
             self._elements.append(
                 _Element(
-                    elements.SQUARE, _reals(offset, (), (), (length**2,)), (row,), _once(terms)
+                    elements.SQUARE,
+                    _reals(offset, (), (), (length * length,)),
+                    (row,),
+                    _once(terms),
                 )
             )
 

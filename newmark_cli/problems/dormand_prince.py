@@ -115,7 +115,7 @@ class DormandPrince:
     @staticmethod
     def _error(size: float, fifth: Array, third: Array) -> float:
         """Rms of the local error over the tolerances."""
-        first, second = norm(fifth) ** 2, norm(third) ** 2
+        first, second = (length * length for length in (norm(fifth), norm(third)))
         if first == second == 0:
             return 0.0
         return float(size * first / np.sqrt((first + 0.01 * second) * len(fifth)))
