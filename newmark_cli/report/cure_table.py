@@ -256,7 +256,9 @@ def _drift(quantity: str) -> "Callable[[Evidence, Cure], Cell]":
         if value < 1e-11:
             return Cell(GOOD, _order(slope) or "eps", _number(value), slope.verdict != MISS)
         at_end = _smallest(slope)
-        measured = f"{_fitted(slope)}, {_number(at_end)}"
+        # Rounding may leave no two step sizes to fit.
+        fitted = _fitted(slope) if np.isfinite(slope.fit.slope) else ""
+        measured = ", ".join(filter(None, (fitted, _number(at_end))))
         mark = HALF if slope.fit.slope > 1.5 else BAD
         return Cell(mark, _order(slope), measured, slope.verdict != MISS)
 

@@ -120,7 +120,8 @@ def judge(given: Evidence) -> Judgement:
     if given.kind == "truncation" and _stalls(given, clear):
         found = _not_converging(given, clear)
     if math.isnan(given.expected):
-        shown = _judged(given, SHOWN, clear, told if given.kind == "truncation" else "")
+        seen, left = _above(given, _CLEAR)
+        shown = _judged(given, SHOWN, seen, left if given.kind == "truncation" else "")
         return found if found and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for share in (_RULED, _CLEAR, alike):
