@@ -69,9 +69,10 @@ Beyond the last time a spline is not a number, unless it repeats itself.
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
-from newmark_cli.mechanisms.sines import sine_cosine
+from newmark_cli.mechanisms import sines
 
 #: A function that becomes a part of its caller: handing on arrays costs time in each call.
+sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
 _inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 (

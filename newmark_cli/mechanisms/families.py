@@ -19,6 +19,7 @@ from pydantic import Field, Strict
 
 from newmark_cli.documents import WHOLE, StrictModel
 from newmark_cli.mechanisms.linked import Linked, Made, Masses
+from newmark_cli.mechanisms.sines import sine_cosine
 from newmark_cli.mechanisms.spatial_linked import Bars
 from newmark_cli.problems.problem import Problem
 
@@ -141,8 +142,6 @@ def _random(links: int) -> _Hanging:
         [math.tau * part for part in drawn[::2]],
         [0.5 + part for part in drawn[1::2]],
     )
-    from newmark_cli.mechanisms.sines import sine_cosine  # brings numba
-
     y, x = zip(*(sine_cosine(heading, np.float64) for heading in headings), strict=True)
     return list(accumulate(x)), list(accumulate(y)), masses
 
@@ -274,8 +273,6 @@ _HEADINGS = (0.5, -0.5)
 
 def _descending(heading: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Direction of a bar that descends by 3 in 5, and one across."""
-    from newmark_cli.mechanisms.sines import sine_cosine  # brings numba
-
     sine, cosine = sine_cosine(heading, np.float64)
     return (0.8 * cosine, 0.8 * sine, -0.6), (-sine, cosine, 0.0)
 

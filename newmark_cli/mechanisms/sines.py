@@ -6,17 +6,16 @@ three parts of π/2 (Cody and Waite, Software Manual for the Elementary Function
 |x| = 1e5 they are off by less than a unit in the last place.
 """
 
-import numpy as np
+from typing import Any
 
-from newmark_cli.cached_code import cached_njit
+import numpy as np
 
 _QUARTERS = 2 / np.pi
 #: π/2 in two parts of 33 bits, of which a multiple is exact, and the rest.
 _FIRST, _SECOND, _REST = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 
 
-@cached_njit(nogil=True, error_model="numpy")
-def sine_cosine(x, real):
+def sine_cosine(x: Any, real: Any) -> tuple[Any, Any]:
     """Sine and cosine of an angle.
 
     Args:

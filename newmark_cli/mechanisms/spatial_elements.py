@@ -50,7 +50,7 @@ functions ``…_timed`` put values of laws into a copy of the table, and call th
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
-from newmark_cli.mechanisms.sines import sine_cosine
+from newmark_cli.mechanisms import sines
 
 (
     BODY, POINT, DOT, SQUARE, ANGLE, SPRING, DAMPER, LOAD, TORQUE, FOLLOWER, HINGE, TERM, LAW,
@@ -71,6 +71,8 @@ OFFSET, OTHER, THIRD, PARAMETER, REAL_COLUMNS = 0, 3, 6, 9, 15
 
 #: Pairs of directors of the last three rows of `BODY`.
 PAIRS = ((0, 1), (0, 2), (1, 2))
+
+sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
