@@ -1,29 +1,16 @@
 """Series whose truth is known by construction, judged from a CSV as `check` judges them."""
 
 import csv
-import importlib.util
-import sys
-from pathlib import Path
 
 import pytest
+from bench import VERDICTS, bench
 from each import each
 
 from newmark_cli.report.slopes import study_slopes
 from newmark_cli.report.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
 from newmark_cli.study.reading import read_study
 
-VERDICTS = Path(__file__).parent / "verification/verdicts"
-
-
-def named():
-    spec = importlib.util.spec_from_file_location("named_series", VERDICTS / "named.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-NAMED = named()
+NAMED = bench("named")
 with (VERDICTS / "truth.csv").open() as file:
     TRUTH = {row["problem"]: row for row in csv.DictReader(file) if row["study"] == NAMED.STUDY}
 

@@ -1,27 +1,13 @@
 """Mechanisms in other coordinates, as the bench of verdicts rewrites them, move the same way."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
+from bench import VERDICTS, bench
 from each import each
 
 from newmark_cli.mechanisms import loading
 from newmark_cli.problems.index_1 import Index1
 
-VERDICTS = Path(__file__).parent / "verification/verdicts"
-
-
-def coordinates():
-    spec = importlib.util.spec_from_file_location("other_coordinates", VERDICTS / "coordinates.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module.Coordinates
-
-
 #: Turned, in millimetres, shifted and reordered.
-THERE = coordinates()(0.7, 1000.0, 3 - 2j, True)
+THERE = bench("coordinates").Coordinates(0.7, 1000.0, 3 - 2j, True)
 
 #: Parts that no mechanism of the bench has.
 FURTHER = {

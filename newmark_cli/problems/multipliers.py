@@ -137,8 +137,12 @@ def weights(problem: Problem, t: float, u: Array) -> Weights:
     return Weights(sizes, np.where(free, 0, 1 + labels[n:]))
 
 
+def relative(errors: Array, scales: float | Array) -> Array:
+    """Errors over what they are compared with; 0 where an error vanishes, whatever that is."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(errors == 0, 0.0, errors / scales))
+
+
 def relative_error(found: Array, reference: Array, scales: Array) -> float:
     """Largest |found_k − reference_k| / scale_k; 0 where an error vanishes."""
-    errors = np.abs(found - reference)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return float(np.where(errors == 0, 0.0, errors / scales).max())
+    return float(np.abs(relative(found - reference, scales)).max())

@@ -18,7 +18,7 @@ from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.traces import quantity
-from newmark_cli.report.verdicts import INCOMPLETE, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.verdicts import INCOMPLETE, PASS, SHOWN, UNDECIDED, joined
 from newmark_cli.study.expectations import Expectation, expectations
 
 
@@ -139,7 +139,7 @@ def _judged(expectation: Expectation, slope: Slope) -> Iterator[_Judged]:
         # An order that is given can be judged, or its data lack something.
         verdict = INCOMPLETE if again.verdict == SHOWN else again.verdict
         orders = "" if verdict == PASS else f"local orders {format_orders(slope)}"
-        reason = "; ".join(filter(None, (orders, again.reason)))
+        reason = joined(orders, again.reason)
         yield claim.said, format_fit(again.fit), again.fit.slope, verdict, reason
     if expectation.bounded:
         bound = BoundClaim(curve, expectation.at_least, expectation.at_most, expectation.h)

@@ -13,7 +13,7 @@ from newmark_cli.report.fits import format_fit
 from newmark_cli.report.paper_tables import Entry
 from newmark_cli.report.records import Verified
 from newmark_cli.report.slopes import Slope
-from newmark_cli.report.verdicts import FAILING, INCOMPLETE, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.verdicts import FAILING, INCOMPLETE, PASS, SHOWN, UNDECIDED, joined
 
 #: Annotations of each kind that GitHub shows of one step.
 _SHOWN_BY_GITHUB = 10
@@ -88,7 +88,7 @@ def _of_expected(each: Expected) -> Outcome:
     name = ", ".join((each.expectation.name, *parts))
     found = f"measured {each.measured}" if each.measured else ""
     return Outcome(
-        each.study, name, each.verdict, _joined(found, each.reason), each.file, each.line,
+        each.study, name, each.verdict, joined(found, each.reason), each.file, each.line,
         erroneous=each.slope is None, shown=each.slope is not None,
     )  # fmt: skip
 
@@ -103,17 +103,13 @@ def _of_slopes(slopes: Sequence[Slope]) -> Iterator[Outcome]:
         if slope.verdict != SHOWN:
             predicted = format_prediction(slope)
             found = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
-            text = _joined(found, f"predicted {predicted}" if predicted else "", slope.reason)
+            text = joined(found, f"predicted {predicted}" if predicted else "", slope.reason)
             yield Outcome(slope.study, series_name(slope), slope.verdict, text)
 
 
 def _of_entry(entry: Entry) -> Outcome:
     name = f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}"
     return Outcome(paper_tables.STUDY, name, entry.verdict, "not as predicted", shown=False)
-
-
-def _joined(*parts: str) -> str:
-    return "; ".join(filter(None, parts))
 
 
 def hold(found: Sequence[Outcome], strict: bool = False) -> bool:
@@ -198,7 +194,7 @@ def annotations(found: Iterable[Outcome], strict: bool, top: Path | None = None)
             kind = "error" if each.fails(strict) else "warning"
             place = {**_place(each, top), "title": f"{each.study}: {each.verdict}"}
             given = ",".join(f"{key}={_escaped(text, ':,')}" for key, text in place.items())
-            message = _escaped(_joined(each.name, each.text))
+            message = _escaped(joined(each.name, each.text))
             lines[kind].append(f"::{kind} {given}::{message}")
     return [line for some in lines.values() for line in some[:_SHOWN_BY_GITHUB]]
 

@@ -35,6 +35,7 @@ from newmark_cli.report.verdicts import (
     UNDECIDED,
     Evidence,
     Judgement,
+    joined,
     judge,
     local_orders,
 )
@@ -221,7 +222,7 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         if key.measure:
             of_motion = moved.get(key.problem, Motion())
             points = len(sizes[cases[at[0]]])
-            series = partial(_series, key, role, rows, points, accepted, path, of_motion)
+            series = partial(_slope, key, role, rows, points, accepted, path, of_motion)
             found.append(replace(_shared(series(), dropped.get(key.problem)), rejudged=series))
         elif not set(rows["status"]) <= set(accepted):
             found.append(_failed(key, role))
@@ -243,21 +244,6 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     return sorted(drawn, key=lambda slope: names.index(slope.figures[0]))
 
 
-def _series(
-    key: SeriesKey,
-    role: str,
-    rows: Mapping[str, Sequence[Any]],
-    points: int,
-    accepted: Sequence[str],
-    path: Path,
-    of_motion: Motion,
-    *own: float | None,
-) -> Slope:
-    """A series, judged by theory's order or by one of the user's, with a tolerance."""
-    slope = _slope(key, role, rows, points, accepted, path, *own)
-    return _moved(_resolved(slope), of_motion.singular, of_motion.still)
-
-
 @cache
 def _drawing(figures: tuple[str, ...]) -> Mapping[SeriesKey, list[str]]:
     """Key of a series → names of the figures that draw it."""
@@ -275,9 +261,11 @@ def _slope(
     points: int,
     accepted: Sequence[str],
     path: Path,
+    of_motion: Motion,
     own: float | None = None,
     within: float | None = None,
 ) -> Slope:
+    """A series, judged by theory's order or by one of the user's, with a tolerance."""
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
     record = RECORDS[key.measure]
@@ -297,7 +285,7 @@ def _slope(
         expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
         exact, record = False, _held_to(record)
     found = _judged(key, record, rows, values, expected, tolerance, points, exact)
-    return Slope(
+    slope = Slope(
         figures=figures,
         key=key,
         role=role,
@@ -317,6 +305,7 @@ def _slope(
         and np.isnan(expected)
         and "not_converging" in accepted,
     )
+    return _moved(_resolved(slope), of_motion.singular, of_motion.still)
 
 
 def _resolved(slope: Slope) -> Slope:
@@ -328,7 +317,7 @@ def _resolved(slope: Slope) -> Slope:
     if np.count_nonzero(products <= _SLOW) >= LEAST:
         return slope
     reason = f"α h is {products.min():.2g} to {products.max():.2g}: orders show below {_SLOW:g}"
-    return replace(slope, verdict=UNDECIDED, reason="; ".join(filter(None, (slope.reason, reason))))
+    return replace(slope, verdict=UNDECIDED, reason=joined(slope.reason, reason))
 
 
 #: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
@@ -346,7 +335,7 @@ def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
     where = ", ".join(f"{t:g}" for t in singular[:3]) + (", …" if len(singular) > 3 else "")
     reason = f"the motion passes a singular position near t = {where}, where no order holds"
     verdict = UNDECIDED if slope.verdict == MISS else slope.verdict
-    return replace(slope, verdict=verdict, reason="; ".join(filter(None, (slope.reason, reason))))
+    return replace(slope, verdict=verdict, reason=joined(slope.reason, reason))
 
 
 #: Quantities of these measures depend on which redundant rows were dropped, where any were.
@@ -358,7 +347,7 @@ def _shared(slope: Slope, dropped: Sequence[str] | None) -> Slope:
     if dropped is None or slope.measure not in _OF_VALUES or slope.quantity not in _SHARED:
         return slope
     reason = f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
-    reason = "; ".join(filter(None, (slope.reason, reason)))
+    reason = joined(slope.reason, reason)
     return replace(slope, reason=reason, unique=False)
 
 

@@ -129,7 +129,7 @@ def judge(given: Evidence) -> Judgement:
             return passed
     found = found or _missed(given, clear, told)
     if found.verdict != UNDECIDED and unknown:
-        reason = _joined(found.reason, "its rounding was not measured, which twins do")
+        reason = joined(found.reason, "its rounding was not measured, which twins do")
         return Judgement(UNDECIDED, found.fit, found.fitted, reason)
     return found
 
@@ -145,7 +145,8 @@ def _fit(given: Evidence, fitted: Mask) -> Fit:
     return power_law(given.h[fitted], given.values[fitted], unsure)
 
 
-def _joined(*parts: str) -> str:
+def joined(*parts: str) -> str:
+    """What there is to say, one after the other."""
     return "; ".join(filter(None, parts))
 
 
@@ -160,7 +161,7 @@ def _above(given: Evidence, share: float | Array) -> tuple[Mask, str]:
     first = int(np.argmax(ruled))
     where = f"below h = {given.h[first - 1]:g}" if first else "at every h"
     usable[first:] = False
-    return usable, _joined(told, f"rounding rules {where}")
+    return usable, joined(told, f"rounding rules {where}")
 
 
 def _rounding_alone(given: Evidence) -> Judgement:
@@ -194,10 +195,10 @@ def _passed(given: Evidence, points: Mask, left: str) -> Judgement | None:
         fit = _fit(given, window)
         off = fit.slope - given.expected
         if abs(off) <= given.tolerance and fit.margin <= 2 * given.tolerance:
-            return Judgement(PASS, fit, window, _joined(_left_out(given, points, window), left))
+            return Judgement(PASS, fit, window, joined(_left_out(given, points, window), left))
         if given.bound and off - fit.margin >= -given.tolerance:
             reason = f"at least order {format_order(given.expected)}, a bound: {given.bound}"
-            return Judgement(PASS, fit, window, _joined(reason, left))
+            return Judgement(PASS, fit, window, joined(reason, left))
     return None
 
 
@@ -212,9 +213,9 @@ def _missed(given: Evidence, points: Mask, left: str) -> Judgement:
             reason = spared or f"slope {_sloped(fit)} over h = {first:g} … {last:g}"
             if not spared and first < _DECADE * last:
                 spared = reason = f"{reason}, less than a decade: smaller h would decide"
-            return Judgement(UNDECIDED if spared else MISS, fit, window, _joined(reason, left))
+            return Judgement(UNDECIDED if spared else MISS, fit, window, joined(reason, left))
     seen, left = _above(given, _CLEAR)
-    return _judged(given, UNDECIDED, seen, _joined(_wanted(given, seen), left))
+    return _judged(given, UNDECIDED, seen, joined(_wanted(given, seen), left))
 
 
 def _without_dip(given: Evidence, points: Mask) -> Iterator[Mask]:
@@ -271,7 +272,7 @@ def _not_converging(given: Evidence, points: Mask) -> Judgement:
         if given.undamped
         else ""
     )
-    return _judged(given, NOT_CONVERGING, points, _joined(reason, cause))
+    return _judged(given, NOT_CONVERGING, points, joined(reason, cause))
 
 
 def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:

@@ -588,6 +588,8 @@ def errors(
         problem: The problem, for errors of its outputs, if it has any.
         t: Time of the state (s).
     """
+    from newmark_cli.problems.multipliers import relative
+
     off: dict[str, list[Array]] = {"u": [], "v": [], "lambda": []}
     if problem is not None and problem.outputs is not None:
         groups = _groups(problem.outputs)
@@ -605,20 +607,14 @@ def errors(
                     # Moments about axes that turn freely are rounding of those of forces.
                     lever = problem.outputs.length(reference.u)
                     size = max(lever * float(np.abs(there[groups["force"]]).max()), size)
-                off[kind].append(_relative(here[of] - there[of], size))
+                off[kind].append(relative(here[of] - there[of], size))
     if reference is not None:
         fields = zip(state.fields[:2], (reference.u, reference.v), strict=True)
         off["u"], off["v"] = (
-            [_relative(here - there, float(np.abs(there).max()))] for here, there in fields
+            [relative(here - there, float(np.abs(there).max()))] for here, there in fields
         )
-        off["lambda"].append(_relative(state.multipliers - reference.multipliers, reference.scales))
+        off["lambda"].append(relative(state.multipliers - reference.multipliers, reference.scales))
     return _at_samples(off)
-
-
-def _relative(errors: Array, sizes: float | Array) -> Array:
-    """Errors over sizes; 0 where an error vanishes, whatever its size is."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(errors == 0, 0.0, errors / sizes))
 
 
 def _order_of_error(key: SeriesKey) -> float:
@@ -690,7 +686,7 @@ def invariants(problem: "Problem", samples: "Sequence[Mapping[str, Misfit]]") ->
 
     Each error is divided by the largest size among the samples; 0 where all vanish.
     """
-    from newmark_cli.problems.multipliers import weights_at_start
+    from newmark_cli.problems.multipliers import relative, weights_at_start
 
     found = {}
     for name in samples[0] if samples else ():
@@ -698,7 +694,7 @@ def invariants(problem: "Problem", samples: "Sequence[Mapping[str, Misfit]]") ->
         largest = sizes.max(axis=0)
         if name == "multiplier":
             largest = weights_at_start(problem).scales(largest)
-        found[name] = _relative(errors, largest)
+        found[name] = relative(errors, largest)
     return found
 
 

@@ -29,7 +29,8 @@ import running
 import strangers
 import yaml
 from running import decided
-from strangers import LISTS, STATISTIC, Stranger
+from strangers import LISTS, Stranger
+from truth import STATISTIC
 
 ERRORS = {("error", "u"), ("error", "v"), ("error", "lambda")}
 OF_MULTIPLIERS = {("error", "lambda"), ("invariant", "multiplier")}

@@ -20,6 +20,7 @@ import pandas as pd
 import running
 import yaml
 from running import RED, decided
+from truth import STATISTIC
 
 Random = np.random.Generator
 Data = dict[str, Any]
@@ -291,16 +292,6 @@ def main() -> int:
     print(f"\n{len(every)} series: {misses} miss, {len(red) - misses} do not converge")
     return 1 if misses else 0
 
-
-#: What is drawn of each measure.
-STATISTIC = {
-    "correction": "rms",
-    "physical_correction": "rms",
-    "condition": "median",
-    "sensitivity": "median",
-    "error": "last",
-    "invariant": "max",
-}
 
 if __name__ == "__main__":
     sys.exit(main())

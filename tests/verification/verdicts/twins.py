@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from truth import exact_run
+from truth import STATISTIC, exact_run
 
 #: Quotients beyond which `check` would take rounding for something else.
 MOST, SHARE = 10.0, 1 / 200
@@ -32,7 +32,7 @@ def compared(folder: Path) -> pd.DataFrame:
         frame = pd.read_csv(file)
         frame = frame[frame["measure"].isin(["error", "invariant"]) & (frame["status"] == "ok")]
         for row in frame.to_dict("records"):
-            value = row["last"] if row["measure"] == "error" else row["max"]
+            value = row[STATISTIC[row["measure"]]]
             for exact in run["runs"]:
                 same = exact["integrator"] == row["integrator"]
                 if same and abs(exact["h"] / row["h"] - 1) < 1e-9:
