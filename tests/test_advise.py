@@ -925,6 +925,8 @@ def test_an_inverse_is_not_taken_for_a_jacobian(form, scaling):
             orders.append(np.roll(orders[0], problem.m))
             for rows in orders:
                 newmark.advise_jacobian(jacobian[rows], blocks=blocks, h=h)
+            if np.linalg.cond(jacobian) > 1e14:  # its computed inverse is another matrix's
+                continue
             with pytest.raises(newmark.NewmarkError, match="is the inverse of a Jacobian"):
                 newmark.advise_jacobian(np.linalg.inv(jacobian), blocks=blocks, h=h)
 

@@ -512,11 +512,12 @@ def test_each_block_is_recorded_until_it_grows(formulation, engine):
     """In the terminal phase a block is done at its first increase, the step when all are.
 
     With a tolerance that nothing meets, and a cap, a step shows its last correction as it is;
-    what the rule makes of these is written down again.  At h = 1e-6 η is below its own
-    rounding, and grows before the terminal phase has begun.
+    what the rule makes of these is written down again.  At h = 1e-6 and below η is under its
+    own rounding, and mostly grows before the terminal phase has begun.
     """
     subject, early = subject_of("quadrics"), False
-    for form, h in (("a-lambda", 1e-3), ("v-lambda", 1e-6)):
+    small_steps = [("v-lambda", 1e-6 * 0.8**k) for k in range(6)]
+    for form, h in (("a-lambda", 1e-3), *small_steps):
         start = march_of(subject, scheme_of(formulation, form, h), "dense")
         start.advance(2)
 

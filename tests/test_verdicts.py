@@ -233,6 +233,12 @@ def scattered(values, expected, h=None, **rest):
     # As the pendulum's corrections do.
     ("scatter about an order passes", scattered([5e-9, 4e-7, 6e-5, 5e-3], -2.0), PASS, ""),
     ("flat is no order −2", scattered([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0), MISS, ".*"),
+    ("but that is how rounding of stiff forces fades, which theory knows",
+     scattered([3.4e-14, 4.2e-14, 1.5e-14, 2.9e-15, 3.4e-16, 7.2e-17], 0.0,
+               h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4], coarse=(2.0,)), UNDECIDED,
+     "terms of order 2 rule until smaller h lets those of order 0 overtake"),
+    ("and not how anything grows",
+     scattered([1e-9, 1e-8, 1e-7, 1e-6], 0.0, coarse=(2.0,)), MISS, ".*"),
     ("nor is −2.6", scattered([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0), MISS, ".*"),
     ("three points as predicted do not hide a fourth a thousand times too large",
      scattered([1e-12, 1e-10, 1e-8, 1e-3], -2.0), UNDECIDED, ".*the order still changes.*"),

@@ -283,9 +283,12 @@ def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:
     if given.kind == "truncation" and fit.slope > given.expected:
         return f"falls faster than order {format_order(given.expected)}, which shows at smaller h"
     for other in given.coarse:
-        if other > given.expected and abs(fit.slope - other) <= 2 * given.tolerance:
+        # The rms of steps goes over from one order to the other slowly.
+        between = given.kind == "rounding" and given.expected < fit.slope < other
+        near = other > given.expected and abs(fit.slope - other) <= 2 * given.tolerance
+        if near or between:
             return (
-                f"order {format_order(other)} until smaller h lets the terms of order "
+                f"terms of order {format_order(other)} rule until smaller h lets those of order "
                 f"{format_order(given.expected)} overtake"
             )
     few = given.kind == "rounding" and bool((given.uncertainty[fitted] > _FEW).any())

@@ -381,6 +381,14 @@ def _order_of_physical_correction(key: SeriesKey) -> float:
     return _orders_of(key).physical_corrections()[key.quantity]
 
 
+def _coarse_orders_of_correction(key: SeriesKey) -> tuple[float, ...]:
+    return (_orders_of(key).of_forces(key.quantity) - _scaling_of(key).right[key.quantity].order(),)
+
+
+def _coarse_orders_of_physical_correction(key: SeriesKey) -> tuple[float, ...]:
+    return (_orders_of(key).of_forces(key.quantity),)
+
+
 CORRECTION = Measure(
     "correction",
     "the last decreasing Newton corrections, scaled and physical",
@@ -393,6 +401,7 @@ CORRECTION = Measure(
             _order_of_correction,
             0.15,
             kind="rounding",
+            coarse=_coarse_orders_of_correction,
             bounded=_bound_of_correction,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
@@ -404,6 +413,7 @@ CORRECTION = Measure(
             _order_of_physical_correction,
             0.15,
             kind="rounding",
+            coarse=_coarse_orders_of_physical_correction,
             bounded=_bound_of_correction,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
