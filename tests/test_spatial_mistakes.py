@@ -134,7 +134,8 @@ MISTAKES = {
     ),
     "velocities": (
         "box: [0.1, 1, 0.1]", "box: [0.1, 1, 0.1], velocity: [0, 0.3, 0]", 10, "joints.B",
-        "initial velocities miss it by 0.3 (row y); correct them, give 'rates' of joints, or set "
+        "initial velocities violate this constraint by 0.3 m/s (row y); correct them, give 'rates' "
+        "of joints, or set "
         "'project_velocities: true'",
     ),
     "rate of no joint": (

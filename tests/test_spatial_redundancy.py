@@ -7,7 +7,7 @@ from each import each
 
 import newmark_cli as newmark
 from newmark_cli.documents import DocumentError, parse
-from newmark_cli.mechanisms import loading, spatial_start
+from newmark_cli.mechanisms import loading, start
 from newmark_cli.newmark import needed
 from newmark_cli.problems import redundancy, singular
 
@@ -67,7 +67,7 @@ def test_null_space_of_a_sparse_matrix():
 def test_large_mechanisms_drop_the_same_rows(text, monkeypatch):
     """The rule does not depend on how null vectors are found."""
     dense = built(text)
-    monkeypatch.setattr(spatial_start, "DENSE_UP_TO", 10)
+    monkeypatch.setattr(start, "DENSE_UP_TO", 10)
     sparse = built(text)
     assert dense.released
     assert sparse.released == dense.released
@@ -98,8 +98,8 @@ def test_large_mechanism_that_is_singular_at_the_start(monkeypatch):
     flat = four_bars(1, redundant="drop").replace("at: [0, 0, -1]", "at: [0.5, 0, 0]")
     flat = flat.replace("at: [1, 0, -1.2]", "at: [2, 0, 0]")
     for size in (600, 10):
-        monkeypatch.setattr(spatial_start, "DENSE_UP_TO", size)
-        with pytest.raises(DocumentError, match="the start is a singular position: only here"):
+        monkeypatch.setattr(start, "DENSE_UP_TO", size)
+        with pytest.raises(DocumentError, match="the start is a singular position, such"):
             built(flat)
 
 

@@ -129,7 +129,7 @@ def build(
         file = builder.pushes[path].given.rpartition(":")[0]
         message = f"{file} is code, which runs only with --allow-code"
         raise document.error((*path, "python"), message)
-    problem = start.consistent(problem, mechanism, document, builder.constraint_paths)
+    problem = start.consistent(builder).problem
     if builder.pushes and code is not None:
         problem = code(problem, tuple(builder.pushes.values()))
     return problem
@@ -181,7 +181,8 @@ class Builder:
         self.fixed[UNIT] = 1 + 0j
         self.ints: list[list[int]] = []
         self.reals: list[list[float]] = []
-        self.constraint_paths: list[KeyPath] = []
+        self.rows: list[start.Row] = []
+        self.squares: dict[int, float] = {}
         self.x_entries: list[tuple[int, int]] = []
         self.y_entries: list[tuple[int, int]] = []
         self.g_entries: list[tuple[int, int]] = []
@@ -195,6 +196,7 @@ class Builder:
         self.until = math.inf
         #: Forces in Python.
         self.pushes: dict[KeyPath, Push] = {}
+        self._problem: Problem | None = None
 
     @contextmanager
     def checked(self, *broken: str) -> Iterator[None]:
@@ -207,8 +209,29 @@ class Builder:
             if broken:
                 self.broken.add(broken)
 
-    def problem(self) -> Problem:
+    def problem(self, released: Sequence[int] = ()) -> Problem:
         """The problem, whose start is as given; raises DocumentError for its mistakes."""
+        if self._problem is None:
+            self._problem = self._built()
+        return self._problem
+
+    def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
+        """None: velocities are given by point."""
+        return iter(())
+
+    def velocities(self, u: Array) -> Array:
+        """(n,) velocities that the file gives, wherever the points are."""
+        return self.problem().v0
+
+    def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
+        """Points that move without inertia, as words of errors."""
+        sizes = np.abs(motions).max(axis=1)
+        weak = np.flatnonzero(sizes > 1e-6 * sizes.max())
+        points = dict.fromkeys(self.problem().point_of(int(i)) for i in weak)
+        message = "carries no mass of its own; the mass matrix is singular"
+        return [(("points", point), f"{point} {message}") for point in points]
+
+    def _built(self) -> Problem:
         mechanism = self.mechanism
         if not self.moving and not self.broken:
             self.mistakes.note(self.document.error(("points",), "no point moves"))
@@ -247,7 +270,7 @@ class Builder:
             u0=np.array(at + [angle for angle, _ in self.start_angles]),
             v0=np.array(velocity + [rate for _, rate in self.start_angles]),
             t0=0.0,
-            constraints=len(self.constraint_paths),
+            constraints=len(self.rows),
             function=elements.evaluate_all if further else elements.evaluate,
             derivatives=(
                 elements.all_constraint_derivatives if further else elements.constraint_derivatives
@@ -269,7 +292,7 @@ class Builder:
             single=True,
             potential=elements.potential if conserves(mechanism) else None,
             # A motion is named with what it drives: `m.x` may be another's name.
-            constraints_given=tuple(self.constraint_paths),
+            constraints_given=tuple(row.parts for row in self.rows),
             until=self.until,
         )
 
@@ -337,6 +360,7 @@ class Builder:
                 f"{length:g}; correct the positions or set 'assemble: true'",
             )
         plain = all(complex(weight).imag == 0 for weight in difference.values())
+        self.squares[len(self.rows)] = length * length
         self.element("LINK" if plain else "BAR", difference, (length * length,), constraint=path)
 
     def on_line(
@@ -591,7 +615,7 @@ class Builder:
         self.pushes[path] = Push(given, coordinates, weights, offsets)
 
     def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
-        row = len(self.constraint_paths) if constraint else 0
+        row = len(self.rows) if constraint else 0
         # From FORCE on, the column of who has no Y is for something else.
         y = 0 if kind >= elements.FORCE and kind != elements.TWIST else len(self.y_entries)
         self.ints.append(
@@ -599,7 +623,7 @@ class Builder:
              len(self.x_entries), y, len(self.g_entries)]
         )  # fmt: skip
         if constraint:
-            self.constraint_paths.append(constraint)
+            self.rows.append(start.Row(constraint, ".".join(map(str, constraint))))
 
     def _append_law(self, law: Law | None) -> None:
         """Keep what the parameters of the last element do not say of its law."""

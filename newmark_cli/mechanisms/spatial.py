@@ -16,7 +16,7 @@ from newmark_cli import documents
 from newmark_cli.algebra import norm, product
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.documents import Document, DocumentError, KeyPath
-from newmark_cli.mechanisms import laws, spatial_start
+from newmark_cli.mechanisms import laws, start
 from newmark_cli.mechanisms import spatial_elements as elements
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Law
@@ -29,7 +29,6 @@ from newmark_cli.mechanisms.spatial_model import (
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
-from newmark_cli.mechanisms.start import law_parameters
 from newmark_cli.problems.problem import Pattern, Problem
 from newmark_cli.spelling import nearest
 
@@ -139,7 +138,38 @@ def build(name: str, mechanism: SpatialMechanism, document: Document | None = No
     Raises:
         DocumentError: For mistakes, each with file, line and key.
     """
-    return spatial_start.consistent(Builder(name, document or Document(name, {}, {}), mechanism))
+    builder = Builder(name, document or Document(name, {}, {}), mechanism)
+    problem, shared, freedom = start.consistent(builder)
+    held = {side.body for joint in builder.joints.values() for side in joint.sides}
+    model = replace(
+        problem.drawing,
+        shared=shared,
+        freedom=freedom,
+        mass_rank=_mass_rank(problem),
+        loose=tuple(body for i, body in enumerate(mechanism.bodies) if i not in held),
+    )
+    assert isinstance(problem.outputs, SpatialOutputs)
+    outputs = replace(problem.outputs, shared=shared)
+    return replace(problem, drawing_given=model, outputs=outputs)
+
+
+#: Largest moment of a body, relative to others, with which a motion has no inertia.
+_NO_INERTIA = 1e-13
+#: Least size of a direction's part, relative to the largest, that words mention.
+_SEEN = 1e-6
+
+
+def _mass_rank(problem: Problem) -> int:
+    """Rank of M, which is S ⊗ 1 for each body."""
+    blocks = np.zeros((problem.n // PER_BODY, 4, 4))
+    rows, columns = problem.pattern.mass_rows, problem.pattern.mass_columns
+    along = rows % 3 == 0
+    body = rows[along] // PER_BODY
+    i, j = rows[along] % PER_BODY // 3, columns[along] % PER_BODY // 3
+    blocks[body, i, j] = problem.mass_values[along]
+    values = np.linalg.eigvalsh(blocks)
+    largest = np.maximum(values[:, -1:], 1e-300)
+    return 3 * int(np.count_nonzero(values > _NO_INERTIA * largest))
 
 
 @dataclass(frozen=True)
@@ -161,17 +191,15 @@ class Builder:
     Attributes:
         document: Where errors are.
         mechanism: What the file says.
-        rows: Name of each constraint, in two or three parts.
-        paths: Key of each constraint.
-        owners: Joint of each constraint, and its row; empty strings for other constraints.
+        rows: All constraints.
+        squares: Squares of lengths, of constraints that keep one.
         joints: Joints that were built.
     """
 
     def __init__(self, name: str, document: Document, mechanism: SpatialMechanism) -> None:
         self.name, self.document, self.mechanism = name, document, mechanism
-        self.rows: list[tuple[str, ...]] = []
-        self.paths: list[KeyPath] = []
-        self.owners: list[tuple[str, str]] = []
+        self.rows: list[start.Row] = []
+        self.squares: dict[int, float] = {}
         self.joints: dict[str, Connection] = {}
         self._mistakes = documents.Mistakes()
         self._elements: list[_Element] = []
@@ -197,7 +225,7 @@ class Builder:
         return Problem(
             name=self.name,
             u0=self._start(),
-            v0=self._velocities(),
+            v0=self.velocities(self._start()),
             t0=0.0,
             constraints=len(kept),
             function=elements.evaluate_timed if timed else elements.evaluate,
@@ -229,10 +257,10 @@ class Builder:
                 (laws.until(timed.law) for one in self._elements for timed in one.laws),
                 default=math.inf,
             ),
-            constraints_given=tuple(self.rows[row] for row in kept),
-            released=tuple(".".join(self.rows[row]) for row in sorted(released)),
+            constraints_given=tuple(self.rows[row].parts for row in kept),
+            released=tuple(self.rows[row].full for row in sorted(released)),
             outputs=SpatialOutputs(
-                tuple(self._numbers), self.joints, tuple(self.owners[row] for row in kept)
+                tuple(self._numbers), self.joints, tuple(self.rows[row].owner for row in kept)
             ),
         )
 
@@ -298,7 +326,7 @@ class Builder:
         self._mass = self._masses()
         for name, body in self._numbers.items():
             first = len(self.rows)
-            self._name(("bodies", name), name, INTERNAL)
+            self.rows += [start.Row(("bodies", name), "", row) for row in INTERNAL]
             rows = tuple(range(first, first + 6))
             self._elements.append(_Element(elements.BODY, (), rows, place=PER_BODY * body + 3))
         for name, joint in mechanism.joints.items():
@@ -407,12 +435,6 @@ class Builder:
             raise self.document.error(("bodies",), message)
         together = np.concatenate(places, axis=1).astype(np.int64)
         return (together[0], together[1]), found
-
-    def _name(self, path: KeyPath, owner: str, rows: Sequence[str], joint: bool = False) -> None:
-        for row in rows:
-            self.rows.append((owner, row))
-            self.paths.append(path)
-            self.owners.append((owner, row) if joint else ("", ""))
 
     # -- references ----------------------------------------------------------------------------
 
@@ -545,8 +567,8 @@ class Builder:
         elif isinstance(joint.at, dict) and not self.mechanism.assemble:
             self._require_met(joint, a, b, apart, path)
         self.joints[name] = Connection(joint.type, (a, b))
-        self._name(path, name, kind.rows, joint=True)
-        row = len(self.rows) - len(kind.rows)
+        row = len(self.rows)
+        self.rows += [start.Row(path, name, row) for row in kind.rows]
         between = _minus(_site(b), _site(a))
         if kind.meets:
             offset, terms = between
@@ -559,6 +581,7 @@ class Builder:
             row += 1
         if kind.length:
             offset, terms = between
+            self.squares[row] = length * length
             self._elements.append(
                 _Element(
                     elements.SQUARE,
@@ -718,7 +741,7 @@ class Builder:
                     axis = np.eye(3)["xyz".index(key)]
                     now = float(product(axis, self._place(side)))
                     parameters = self._fitting(law, now, (*path, key))
-                    self._driven(path, key)
+                    self._driven((*path, key))
                     self._dot(len(self.rows) - 1, (axis, []), _site(side), parameters)
                     self._time(law, parameters)
 
@@ -739,7 +762,7 @@ class Builder:
             axis = self._turned(a.body, a.vectors["n"])
             now = float(product(axis, self._place(b) - self._place(a)))
         parameters = self._fitting(law, now, (*path, key), period)
-        self._driven(path, key)
+        self._driven((*path, key))
         row = len(self.rows) - 1
         if key == "distance":
             self._dot(row, _direction(a, "n"), _minus(_site(b), _site(a)), parameters)
@@ -755,16 +778,14 @@ class Builder:
         timed = _Timed(_DRIVES, law, parameters)
         self._elements[-1] = replace(self._elements[-1], laws=(timed,))
 
-    def _driven(self, path: KeyPath, key: str) -> None:
-        self.rows.append((*map(str, path), key))
-        self.paths.append((*path, key))
-        self.owners.append(("", ""))
+    def _driven(self, path: KeyPath) -> None:
+        self.rows.append(start.Row(path, ".".join(map(str, path))))
 
     def _fitting(
         self, law: Law, now: float, path: KeyPath, period: float = math.inf
     ) -> tuple[float, ...]:
         guessed = self.mechanism.assemble
-        return law_parameters(law, now, self.document, path, period, guessed)
+        return start.law_parameters(law, now, self.document, path, period, guessed)
 
     # -- start ---------------------------------------------------------------------------------
 
@@ -777,14 +798,35 @@ class Builder:
             ]
         )
 
-    def _velocities(self) -> Array:
-        """(n,) velocities: d_i' = ω × d_i."""
+    def velocities(self, u: Array) -> Array:
+        """(n,) velocities that the file gives, where directors are those of a position."""
+        frames = u.reshape(-1, 4, 3)[:, 1:]
+        of_bodies = zip(self.mechanism.bodies.values(), frames, strict=True)
         return np.concatenate(
             [
-                np.concatenate([body.velocity, product(frame.T, turning_rate(body).T).ravel()])
-                for body, frame in zip(self.mechanism.bodies.values(), self._frames, strict=True)
+                np.concatenate([body.velocity, product(frame, turning_rate(body).T).ravel()])
+                for body, frame in of_bodies
             ]
         )
+
+    def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
+        """Key and words of a motion (n, 1 of k) that has no inertia."""
+        bodies = tuple(self.mechanism.bodies)
+        moving = motions[:, 0].reshape(len(bodies), 4, 3)
+        worst = int(np.argmax(np.abs(moving).max(axis=(1, 2))))
+        directors, change = u.reshape(len(bodies), 4, 3)[worst, 1:], moving[worst, 1:]
+        spin = directors @ (np.cross(directors, change).sum(axis=0) / 2)  # in body axes
+        name, path = bodies[worst], ("bodies", bodies[worst])
+        if np.abs(spin).max() < _SEEN * np.abs(moving[worst]).max():
+            return [(path, f"nothing stops {name} from moving, and it has no mass")]
+        spin = spin / spin[int(np.argmax(np.abs(spin)))]
+        axis = next(
+            (letter for i, letter in enumerate("xyz") if np.abs(np.delete(spin, i)).max() < _SEEN),
+            f"[{', '.join(f'{part:.3g}' for part in spin)}]",
+        )
+        return [
+            (path, f"nothing stops {name} from spinning about {axis}, and it has no inertia there")
+        ]
 
 
 VECTORS = ("origin", "d1", "d2", "d3")
@@ -839,12 +881,12 @@ def _reals(
     offset: Any, other: Any = (), third: Any = (), parameters: Sequence[float] = ()
 ) -> list[float]:
     row = [0.0] * elements.REAL_COLUMNS
-    for start, part in (
+    for begin, part in (
         (elements.OFFSET, offset), (elements.OTHER, other), (elements.THIRD, third),
         (elements.PARAMETER, parameters),
     ):  # fmt: skip
         numbers = [float(number) for number in part]
-        row[start : start + len(numbers)] = numbers
+        row[begin : begin + len(numbers)] = numbers
     return row
 
 

@@ -139,8 +139,8 @@ class Bars:
                 for joint, both in zip(self.joints, sides, strict=True)
             },
             (
-                *([("", "")] * (_INTERNAL * bars)),
-                *((joint, row) for joint in self.joints for row in "xyz"),
+                *([""] * (_INTERNAL * bars)),
+                *(joint for joint in self.joints for _ in "xyz"),
             ),
         )
         return Problem(

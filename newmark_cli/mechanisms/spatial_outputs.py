@@ -85,13 +85,13 @@ class SpatialOutputs:
     Attributes:
         bodies: Names of the bodies.
         joints: Joints by name.
-        rows: (m,) joint of each constraint, and its row; empty strings for others.
+        rows: (m,) joint of each constraint; no joint's name for others.
         shared: Joints with a share in what is redundant: their reactions are not unique.
     """
 
     bodies: tuple[str, ...]
     joints: Mapping[str, Connection]
-    rows: tuple[tuple[str, str], ...]
+    rows: tuple[str, ...]
     shared: frozenset[str] = frozenset()
 
     @cached_property
@@ -126,7 +126,7 @@ class SpatialOutputs:
     def _owner(self) -> IndexArray:
         """(m,) number of the joint of each constraint; that after the last for others."""
         numbers = {name: i for i, name in enumerate(self.joints)}
-        return np.array([numbers.get(joint, len(numbers)) for joint, _ in self.rows], np.int64)
+        return np.array([numbers.get(joint, len(numbers)) for joint in self.rows], np.int64)
 
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state.

@@ -1,25 +1,25 @@
-"""Consistent starts: positions on the constraints, velocities that fit, no redundancy."""
+"""Consistent starts: positions on the constraints, no redundant row, velocities that fit."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
 from newmark_cli import documents
-from newmark_cli.algebra import solver
+from newmark_cli.algebra import Factors, solver
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, KeyPath
-from newmark_cli.mechanisms import elements, laws
+from newmark_cli.mechanisms import laws
 from newmark_cli.mechanisms.models import Law
-from newmark_cli.problems import index_1
+from newmark_cli.problems import index_1, redundancy
 from newmark_cli.problems.problem import Problem
+from newmark_cli.spelling import nearest
 
-#: Coordinates up to which ranks are found by dense factorisations, which also tell
-#: which constraints depend on each other; beyond, pivots of a sparse one must do.
+#: Coordinates up to which ranks are found by dense factorisations.
 DENSE_UP_TO = 600
 RANK_TOLERANCE = 1e-10
 #: The same after a search, which finds a singular position only to half the digits.
@@ -30,47 +30,113 @@ MOST_CORRECTIONS = 50
 MISSED = 1e-9
 #: Constraints that an error names.
 MOST_NAMED = 12
-#: How far from the start it is looked whether the start is singular, likewise.
-_ASIDE = 1e-7
+#: Part of a row in what depends on each other, from which on it has a share in it.
+_INVOLVED = 1e-6
+#: Part of the largest share in what is redundant that a row must have to be dropped.
+_SHARE = 0.5
+#: Least pivot, relative to the largest, with which accelerations are determined.
+_NO_INERTIA = 1e-13
+#: What a sparse solution may miss, relative to what was asked for.
+_SOLVED = 1e-6
+#: How far from the start it is looked whether the start is singular, of the largest
+#: coordinate, and the tolerance of the rank there.
+_ASIDE, _RANK_TOLERANCE_ASIDE = 1e-6, 1e-8
 
 
-class Options(Protocol):
-    """Requests of a mechanism about its start."""
+class Row(NamedTuple):
+    """A constraint, as errors name it.
+
+    Attributes:
+        path: Its key in the document.
+        owner: The part that it belongs to; empty for what keeps a body rigid in space.
+        name: Which of the rows of that part it is; empty where there is one.
+    """
+
+    path: KeyPath
+    owner: str
+    name: str = ""
 
     @property
-    def assemble(self) -> bool:
-        """Whether initial positions are a guess."""
+    def parts(self) -> KeyPath:
+        """Its name in parts: part and row, or the key of a part that has one."""
+        return (self.owner or self.path[-1], self.name) if self.name else self.path
 
     @property
-    def project_velocities(self) -> bool:
-        """Whether initial velocities are to be projected."""
+    def full(self) -> str:
+        """Its name."""
+        return ".".join(map(str, self.parts))
 
 
-def consistent(
-    problem: Problem, options: Options, document: Document, paths: Sequence[KeyPath]
-) -> Problem:
-    """The problem with a consistent start.
+class Builder(Protocol):
+    """A mechanism as its builder hands it on.
 
-    Args:
-        problem: As given; its start may be a guess.
-        options: Whether positions are assembled and velocities projected.
-        document: Where the problem came from, for errors.
-        paths: Key of each constraint in the document.
+    Attributes:
+        document: Where errors are.
+        mechanism: What the file says.
+        rows: All constraints.
+        squares: Squares of lengths, of constraints ½ (|Δ|² − L²).
+    """
+
+    document: Document
+    mechanism: Any
+    rows: list[Row]
+    squares: dict[int, float]
+
+    def problem(self, released: Sequence[int] = ()) -> Problem:
+        """The problem as the file has it, without some of its constraints."""
+
+    def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
+        """Key, gradient (n,) and value of each rate that the file gives besides velocities."""
+
+    def velocities(self, u: Array) -> Array:
+        """(n,) velocities that the file gives, at a position."""
+
+    def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
+        """Keys and words of motions (n, k) that have no inertia."""
+
+
+class Start(NamedTuple):
+    """A problem that starts consistently, and what was found of its constraints.
+
+    Attributes:
+        problem: Without the rows that were dropped.
+        shared: Parts whose rows have a share in what is redundant.
+        freedom: Degrees of freedom.
+    """
+
+    problem: Problem
+    shared: frozenset[str]
+    freedom: int
+
+
+def consistent(builder: Builder) -> Start:
+    """The problem of a mechanism, with a consistent start and without redundant rows.
 
     Raises:
-        DocumentError: When M is singular, constraints depend on each other or contradict
-            each other, the start is a singular position, or velocities do not fit.
+        DocumentError: When constraints depend on each other or contradict each other, the
+            start is a singular position, nothing can move, a motion has no inertia, or
+            velocities do not fit.
     """
-    mistakes = documents.Mistakes()
-    with mistakes.gathered():
-        _require_mass(problem, document)
+    problem, mechanism, document = builder.problem(), builder.mechanism, builder.document
     if problem.m == 0:
-        mistakes.note(document.error((), "has no constraints: the problem is not of index 3"))
-        mistakes.refuse()
+        raise document.error((), "has no constraints: the problem is not of index 3")
+    if mechanism.assemble:
+        problem = replace(problem, u0=_assembled(builder, problem))
+    mistakes = documents.Mistakes()
+    every = gradient_of(problem, problem.u0)
     with mistakes.gathered():
-        problem = _fitted(problem, options, document, paths)
+        tolerance = RANK_TOLERANCE_FOUND if mechanism.assemble else RANK_TOLERANCE
+        released, shared, freedom = _independent(builder, problem, every, tolerance)
+        if released:
+            problem = replace(builder.problem(released), u0=problem.u0)
+        problem = replace(problem, v0=_velocities(builder, problem, released, every))
+    with mistakes.gathered():
+        if problem.n <= DENSE_UP_TO:
+            _require_inertia(builder, problem)
     mistakes.refuse()
-    return problem
+    if problem.n > DENSE_UP_TO:
+        _require_regular(builder, problem)
+    return Start(problem, shared, freedom)
 
 
 def law_parameters(
@@ -96,68 +162,6 @@ def law_parameters(
     return parameters
 
 
-def _fitted(
-    problem: Problem, options: Options, document: Document, paths: Sequence[KeyPath]
-) -> Problem:
-    """The problem with positions on its constraints and velocities that fit them."""
-    if options.assemble:
-        problem = replace(problem, u0=_assembled(problem, document, paths))
-    gradient = gradient_of(problem, problem.u0)
-    tolerance = RANK_TOLERANCE_FOUND if options.assemble else RANK_TOLERANCE
-    _require_independent(problem, gradient, tolerance, document, paths)
-    rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
-    misfit = gradient.T @ problem.v0 + rate
-    if options.project_velocities:
-        return replace(problem, v0=_projected(problem, gradient, rate, document, paths))
-    sizes = column_norms(gradient)
-    speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate / sizes).max()))
-    mistakes = documents.Mistakes()
-    missed = np.abs(misfit) / sizes
-    for k in map(int, np.flatnonzero(np.abs(misfit) > VELOCITY_TOLERANCE * sizes * speed)):
-        mistakes.note(
-            document.error(
-                paths[k],
-                f"initial velocities violate this constraint by {missed[k]:.3g} "
-                "m/s; correct them or set 'project_velocities: true'",
-            )
-        )
-    mistakes.refuse()
-    return problem
-
-
-def _projected(
-    problem: Problem,
-    gradient: scipy.sparse.csc_array,
-    rate: Array,
-    document: Document,
-    paths: Sequence[KeyPath],
-) -> Array:
-    """Velocities next to the initial ones with Gᵀv + Φ_t = 0.
-
-    Next to a singular position the normal equations are singular long before G is, and
-    velocities that a motion asks for there are beyond all bounds.
-    """
-    v, sizes = problem.v0, column_norms(gradient)
-    left = np.abs(gradient.T @ v + rate) / sizes
-    with np.errstate(all="ignore"):
-        for _ in range(2):  # the first leaves what is rounding of a large change
-            try:
-                v = v - _least_change(gradient, gradient.T @ v + rate)
-            except np.linalg.LinAlgError:  # exactly singular
-                break
-            left = np.abs(gradient.T @ v + rate) / sizes
-            speed = max(float(np.abs(v).max()), float(np.abs(rate / sizes).max()))
-            if np.all(left <= VELOCITY_TOLERANCE * speed):
-                return v
-    _require_independent(problem, gradient, RANK_TOLERANCE_FOUND, document, paths)
-    worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
-    raise document.error(
-        paths[worst],
-        "no velocities found that fit this constraint: the start is too close to a singular "
-        "position, such as a dead centre; start from another position",
-    )
-
-
 def gradient_of(problem: Problem, u: Array) -> scipy.sparse.csc_array:
     """(n, m) sparse G at a position."""
     n, m, pattern = problem.n, problem.m, problem.pattern
@@ -170,77 +174,85 @@ def column_norms(gradient: scipy.sparse.csc_array) -> Array:
     return np.asarray(np.sqrt(gradient.multiply(gradient).sum(axis=0))).ravel()
 
 
-def _least_change(gradient: scipy.sparse.csc_array, misfit: Array) -> Array:
-    """Smallest d with Gᵀ d = misfit."""
-    return np.asarray(gradient @ solver(gradient.T @ gradient)(misfit))
+# -- positions --------------------------------------------------------------------------------
 
 
-def _damped_solver(gradient: scipy.sparse.csc_array, damping: float) -> Callable[[Array], Array]:
-    """Solver of (GᵀG + damping I) x = rhs."""
-    identity = scipy.sparse.eye_array(gradient.shape[1])
-    return solver(gradient.T @ gradient + damping * identity)
-
-
-def _damped_change(gradient: scipy.sparse.csc_array, misfit: Array, damping: float) -> Array:
-    """The d of least |Gᵀ d − misfit|² + damping |d|², from the smaller of GᵀG and GGᵀ."""
-    n, m = gradient.shape
-    if m <= n:
-        return np.asarray(gradient @ _damped_solver(gradient, damping)(misfit))
-    transposed = scipy.sparse.csc_array(gradient.T)
-    return np.asarray(_damped_solver(transposed, damping)(gradient @ misfit))
-
-
-def _assembled(problem: Problem, document: Document, paths: Sequence[KeyPath]) -> Array:
-    """Positions on the constraints near a guess, by Newton's method of least change."""
-    u = problem.u0.copy()
-    size = float(np.abs(u).max()) or 1.0
-    # With more constraints than coordinates GᵀG is singular everywhere.
-    for _ in range(MOST_CORRECTIONS if problem.m <= problem.n else 0):
-        phi = problem.constraint_values(problem.t0, u)
-        try:
-            change = _least_change(gradient_of(problem, u), phi)
-        except np.linalg.LinAlgError:  # exactly singular
-            break
-        if not np.all(np.isfinite(change)):
-            break
-        u -= change
-        if np.abs(change).max() < 1e-15 * size:
-            return u
-    misfit = float(np.abs(problem.constraint_values(problem.t0, u)).max())
-    if misfit < 1e-14 * size**2:
-        return u
-    u = _closest(problem, problem.u0)
-    distances = _distances(problem, u)
-    off = [k for k in range(problem.m) if distances[k] > MISSED * size]
+def _assembled(builder: Builder, problem: Problem) -> Array:
+    """Positions on the constraints near a guess."""
+    u = _on_constraints(problem, problem.u0)
+    size = _size(u)
+    missed = problem.constraint_values(problem.t0, u)
+    for k, square in builder.squares.items():  # by how much the length is missed
+        missed[k] = np.sqrt(max(0.0, square + 2 * missed[k])) - np.sqrt(square)
+    missed = np.abs(missed)
+    off = np.flatnonzero(~(missed <= MISSED * size)).tolist()
     if not off:
-        gradient = gradient_of(problem, u)
-        if _dependent(gradient, RANK_TOLERANCE_FOUND):
-            return u  # `_require_independent` says how they depend on each other there
-        away = np.abs(u - problem.u0)
-        point = problem.point_of(int(np.argmax(away)))
-        raise document.error(
-            ("assemble",),
-            f"no position found near this guess: the closest moves {point} by {away.max():.3g} m; "
-            "give a better guess",
-        )
-    worst = sorted(off, key=lambda k: -distances[k])[:MOST_NAMED]
-    named = ", ".join(f"{_spelled(paths[k])} by {distances[k]:.3g} m" for k in sorted(worst))
-    raise document.error(
+        return u
+    worst = sorted(off, key=lambda k: -missed[k])[:MOST_NAMED]
+    named = ", ".join(
+        f"{builder.rows[k].full} by {missed[k]:.3g}{'' if builder.rows[k].name else ' m'}"
+        for k in sorted(worst)
+    )
+    raise builder.document.error(
         ("assemble",),
-        "no position found from this guess: the closest one misses "
-        f"{named}{', …' if len(off) > len(worst) else ''}; these contradict each other, or the "
-        "guess is too far away",
+        f"no position found from this guess: the closest one misses {named}"
+        f"{', …' if len(off) > len(worst) else ''}; these contradict each other, or the guess is "
+        "too far away",
     )
 
 
-def _distances(problem: Problem, u: Array) -> Array:
-    """(m,) by how much each length or place that a constraint asks for is missed (m)."""
-    missed = problem.constraint_values(problem.t0, u)
-    for ints, reals in zip(problem.ints, problem.reals, strict=True):
-        if ints[elements.KIND] in (elements.LINK, elements.BAR):
-            square, row = reals[elements.PARAMETER], ints[elements.ROW]
-            missed[row] = np.sqrt(max(0.0, square + 2 * missed[row])) - np.sqrt(square)
-    return np.abs(missed)
+def _size(u: Array) -> float:
+    return float(np.abs(u).max()) or 1.0
+
+
+def _on_constraints(problem: Problem, u: Array) -> Array:
+    """A position next to another that meets all constraints, or the closest that was found.
+
+    Newton's method of least change; where that ends elsewhere, that of Levenberg and
+    Marquardt from the same start.
+    """
+    begin, size = u, _size(u)
+    for _ in range(MOST_CORRECTIONS):
+        phi = problem.constraint_values(problem.t0, u)
+        if not np.all(np.isfinite(phi)):
+            break
+        change = _change(gradient_of(problem, u), phi)
+        if not np.all(np.isfinite(change)):
+            break
+        # Far away Newton's steps are too long.
+        step = float(np.abs(change).max())
+        u = u - change * min(1.0, 0.5 * size / step if step else 1.0)
+        if step <= 1e-15 * size:
+            break
+    if np.abs(problem.constraint_values(problem.t0, u)).max() <= MISSED * max(size, size**2):
+        return u
+    return _closest(problem, begin)
+
+
+def _change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
+    """Smallest d with Gᵀ d as wanted; the nearest where constraints depend on each other."""
+    square = gradient.T @ gradient
+    if gradient.shape[0] <= DENSE_UP_TO:
+        if (solve := _if_regular(square.toarray())) is not None:
+            return np.asarray(gradient @ solve(wanted))
+        return np.asarray(np.linalg.lstsq(gradient.toarray().T, wanted, rcond=1e-9)[0])
+    try:
+        change = np.asarray(gradient @ solver(square)(wanted))
+    except np.linalg.LinAlgError:
+        change = np.full(gradient.shape[0], np.nan)
+    if np.linalg.norm(gradient.T @ change - wanted) <= _SOLVED * np.linalg.norm(wanted):
+        return change
+    return redundancy.least_change(gradient, wanted)
+
+
+def _if_regular(matrix: Array) -> Callable[[Array], Array] | None:
+    """Solver of A x = rhs; None where A is singular, or close to it."""
+    try:
+        factors = Factors(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    pivots = np.abs(np.diagonal(factors.lu))
+    return factors.solve if pivots.min() > RANK_TOLERANCE * pivots.max() else None
 
 
 def _closest(problem: Problem, u: Array) -> Array:
@@ -261,140 +273,359 @@ def _closest(problem: Problem, u: Array) -> Array:
         gradient = gradient_of(problem, u)
         largest = float(column_norms(gradient).max()) ** 2 or 1.0
         damping = scale * min(1.0, norm / largest) * largest + 1e-15 * largest
+        square = gradient.T @ gradient + damping * scipy.sparse.eye_array(problem.m)
         try:
-            step = _damped_change(gradient, phi, damping)
+            step = np.asarray(gradient @ solver(square)(phi))
         except np.linalg.LinAlgError:
             break
         if not np.all(np.isfinite(step)) or np.abs(step).max() <= 1e-16 * np.abs(u).max():
             break
         moved = u - step
-        found, phi_there = missed(moved)
-        if found < norm:
-            u, norm, phi, scale = moved, found, phi_there, scale / 8
+        there, phi_there = missed(moved)
+        if there < norm:
+            u, norm, phi, scale = moved, there, phi_there, scale / 8
         else:
             scale *= 10
     return u
 
 
-def _require_mass(problem: Problem, document: Document) -> None:
-    """Whatever can move carries mass: M is positive on the kernel of Gᵀ."""
-    n, pattern = problem.n, problem.pattern
-    diagonal = np.zeros(n)
-    on = pattern.mass_rows == pattern.mass_columns
-    np.add.at(diagonal, pattern.mass_rows[on], problem.mass_values[on])
-    weak = np.flatnonzero(diagonal <= 0)
-    if len(weak) == 0 and n <= DENSE_UP_TO:
-        values = np.linalg.eigvalsh(problem.M)
-        if values[0] <= 1e-13 * values[-1]:
-            _, vectors = np.linalg.eigh(problem.M)
-            weak = np.array([int(np.argmax(np.abs(vectors[:, 0])))])
-    if len(weak) == 0:
-        return
-    if n <= DENSE_UP_TO and problem.m:
-        gradient = np.asarray(gradient_of(problem, problem.u0).toarray())
-        motions = index_1.weightless(problem.M, gradient)
-        sizes = np.abs(motions).max(axis=1, initial=0.0)
-        weak = np.flatnonzero(sizes > 1e-6 * sizes.max(initial=0.0))
+# -- redundancy -------------------------------------------------------------------------------
+
+
+def _independent(
+    builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array, tolerance: float
+) -> tuple[list[int], frozenset[str], int]:
+    """Rows to drop so that the rest is independent, parts with a share in them, and freedoms."""
+    document, rows = builder.document, builder.rows
+    asked = getattr(builder.mechanism, "redundant", "refuse")
+    named = _released_by_name(builder, asked)
+    sizes = column_norms(gradient)
     mistakes = documents.Mistakes()
-    for point in dict.fromkeys(problem.point_of(int(i)) for i in weak):
-        message = f"{point} carries no mass of its own; the mass matrix is singular"
-        mistakes.note(document.error(("points", point), message))
+    for k in map(int, np.flatnonzero(sizes == 0)):
+        row = f"row {rows[k].name} " if rows[k].name else ""
+        message = f"{row}does not constrain the initial position"
+        mistakes.note(document.error(rows[k].path, message))
     mistakes.refuse()
-
-
-def _require_independent(
-    problem: Problem,
-    gradient: scipy.sparse.csc_array,
-    tolerance: float,
-    document: Document,
-    paths: Sequence[KeyPath],
-) -> None:
-    """G must have full rank; names the constraints that depend on each other."""
-    sizes = column_norms(gradient)
-    idle = np.flatnonzero(sizes == 0)
-    if len(idle):
-        mistakes = documents.Mistakes()
-        for k in map(int, idle):
-            mistakes.note(document.error(paths[k], "does not constrain the initial position"))
-        mistakes.refuse()
-    involved = _dependent(gradient, tolerance)
-    if not involved:
-        return
-    names = ", ".join(_spelled(paths[k]) for k in involved[:MOST_NAMED])
-    message = f"redundant: these constraints depend on each other: {names}"
-    if _singular_here(problem, gradient):
-        message = (
+    scaled = scipy.sparse.csc_array(gradient / sizes[None, :])
+    null = _null_space(scaled, tolerance)
+    rank = problem.m - null.shape[1]
+    if rank == problem.n:
+        _require_freedom(builder, scaled, tolerance)
+    if null.shape[1] == 0:
+        if named:
+            message = f"nothing is redundant, {_listed(rows, named)} cannot be released"
+            raise document.error(("redundant",), message)
+        return [], frozenset(), problem.n - rank
+    involved = _involved(null)
+    last, names = rows[involved[-1]].path, _by_part(rows, involved)
+    if _singular_here(problem, scaled, tolerance, rank):
+        raise document.error(
+            last,
             "the start is a singular position, such as a dead centre: only here do these "
-            f"constraints depend on each other: {names}; start from another position"
+            f"constraints depend on each other: {names}; start from another position",
         )
-    raise document.error(paths[involved[-1]], message)
+    chosen = _dropped(rows, null)
+    if asked == "refuse" or chosen is None:
+        message = f"redundant: these constraints depend on each other: {names}"
+        if chosen is not None:
+            message += f"; 'redundant: drop' releases {_listed(rows, chosen)}"
+        elif asked != "refuse":
+            message += "; no rows of joints can be dropped"
+        raise document.error(last, message)
+    dropped = chosen if asked == "drop" else named
+    kept = np.setdiff1d(np.arange(problem.m), dropped).tolist()
+    left = _null_space(scipy.sparse.csc_array(scaled[:, kept]), tolerance)
+    if left.shape[1]:
+        still = _by_part(rows, [kept[k] for k in _involved(left)])
+        message = f"these constraints still depend on each other: {still}"
+        raise document.error(("redundant",), message)
+    if len(kept) < rank:
+        raise document.error(
+            ("redundant",),
+            f"only {problem.m - rank} of {_listed(rows, named)} can be released: the rest is not "
+            "redundant",
+        )
+    missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
+    for k in dropped:
+        if missed[k] > MISSED * max(1.0, _size(problem.u0)):
+            message = f"cannot be closed: its row {rows[k].name} is missed by {missed[k]:.3g}"
+            raise document.error(rows[k].path, message)
+    shared = frozenset(rows[k].owner for k in involved if rows[k].name and rows[k].owner)
+    return list(dropped), shared, problem.n - rank
 
 
-def _spelled(path: KeyPath) -> str:
-    return ".".join(map(str, path))
+def _released_by_name(builder: Builder, asked: Any) -> list[int]:
+    """Rows that the file releases by name."""
+    if isinstance(asked, str):
+        return []
+    document, mistakes, released = builder.document, documents.Mistakes(), []
+    for joint, names in asked.items():
+        path: KeyPath = ("redundant", joint)
+        having = {row.name: k for k, row in enumerate(builder.rows) if row.owner == joint}
+        if not having:
+            hint = nearest(joint, builder.mechanism.joints)
+            mistakes.note(document.error(path, f"unknown joint {joint!r}{hint}"))
+        for i, name in enumerate(names):
+            if having and name not in having:
+                message = f"{joint} has no row {name!r}{nearest(name, having)}"
+                mistakes.note(document.error((*path, i), message))
+            elif having:
+                released.append(having[name])
+    mistakes.refuse()
+    return sorted(set(released))
 
 
-def _dependent(gradient: scipy.sparse.csc_array, tolerance: float = RANK_TOLERANCE) -> list[int]:
-    """Constraints with a share in a dependence, by their columns of G; none at full rank."""
-    n, m = gradient.shape
-    sizes = column_norms(gradient)
-    scaled = scipy.sparse.csc_array(gradient / np.where(sizes > 0, sizes, 1.0)[None, :])
-    if n <= DENSE_UP_TO:
-        dense = np.asarray(scaled.toarray(), float)
-        # Vectors take ten times as long as values, and are needed for the error only.
-        values = np.linalg.svd(dense, compute_uv=False)
-        rank = int(np.count_nonzero(values > tolerance * values[0]))
-        if rank == m:
-            return []
-        _, _, vectors = np.linalg.svd(dense, full_matrices=False)
-        # Length of each constraint's share in the null space; what is not in it is here.
-        return _shared_in(np.sqrt(np.maximum(0.0, 1 - (vectors[:rank] ** 2).sum(axis=0))))
-    try:
-        factors = scipy.sparse.linalg.splu(scipy.sparse.csc_matrix(scaled.T @ scaled))
-    except RuntimeError:
-        pass
-    else:
-        pivots = np.abs(factors.U.diagonal())
-        # Pivots of GᵀG are squares of what a rank would be judged by.
-        if np.all(pivots >= tolerance**1.5 * pivots.max()):
-            return []
-    # Inverse iteration ends in the null space.
-    solve = _damped_solver(scaled, 1e-13)
-    vector = np.random.default_rng(0).normal(size=m)
-    for _ in range(4):
-        vector = solve(vector)
-        vector /= np.abs(vector).max()
-    return _shared_in(np.abs(vector))
+def _null_space(matrix: scipy.sparse.csc_array, tolerance: float) -> Array:
+    """(m, k) orthonormal vectors with matrix @ vectors = 0; its columns have length 1."""
+    if matrix.shape[0] > DENSE_UP_TO:
+        return redundancy.null_space(matrix, tolerance)
+    dense = np.asarray(matrix.toarray(), float)
+    # Vectors take ten times as long as values, and are seldom needed.
+    values = np.linalg.svd(dense, compute_uv=False)
+    rank = int(np.count_nonzero(values > tolerance * values[0])) if len(values) else 0
+    if rank == dense.shape[1]:
+        return np.zeros((rank, 0))
+    return np.asarray(np.linalg.svd(dense, full_matrices=True)[2][rank:].T)
 
 
-def _shared_in(shares: Array) -> list[int]:
-    return [int(k) for k in np.flatnonzero(shares > 1e-6)]
+def _involved(null: Array) -> list[int]:
+    return [int(k) for k in np.flatnonzero(np.linalg.norm(null, axis=1) > _INVOLVED)]
 
 
-def _singular_here(problem: Problem, gradient: scipy.sparse.csc_array) -> bool:
+def _dropped(rows: Sequence[Row], null: Array) -> list[int] | None:
+    """The last row of the file with at least half of the largest share, until none has any.
+
+    None where rows of joints do not suffice.
+    """
+    candidates = np.array([k for k, row in enumerate(rows) if row.path[0] == "joints"], np.int64)
+    chosen: list[int] = []
+    while null.shape[1]:
+        shares = np.linalg.norm(null[candidates], axis=1) if len(candidates) else np.zeros(1)
+        largest = float(shares.max())
+        if largest < _INVOLVED:
+            return None
+        place = int(np.flatnonzero(shares >= _SHARE * largest)[-1])
+        row = int(candidates[place])
+        candidates = np.delete(candidates, place)
+        chosen.append(row)
+        # Householder's reflection after which all but the first vector vanish in this row.
+        axis = null[row].copy()
+        axis[0] += math.copysign(float(np.linalg.norm(axis)), axis[0])
+        axis /= np.linalg.norm(axis)
+        null = null[:, 1:] - np.outer(2 * (null @ axis), axis[1:])
+    return sorted(chosen)
+
+
+def _singular_here(
+    problem: Problem, scaled: scipy.sparse.csc_array, tolerance: float, rank: int
+) -> bool:
     """Whether constraints that depend on each other at the start are independent elsewhere.
 
     Where the rank of G is the same all around, constraints can be followed in every
     direction that G allows.  At a singular position they cannot.
     """
-    if problem.m > problem.n:
-        return False
-    u = problem.u0
-    size = float(np.abs(u).max()) or 1.0
-    solve = _damped_solver(gradient, 1e-13 * float(column_norms(gradient).max()) ** 2)
-    random = np.random.default_rng(0)
+    random, size = np.random.default_rng(0), _size(problem.u0)
+    free = _null_space(scaled.T.tocsc(), tolerance) if problem.n <= DENSE_UP_TO else None
     for _ in range(3):
-        direction = random.normal(size=problem.n)
-        direction -= direction.mean()
-        length = np.linalg.norm(direction)
-        for _ in range(2):
-            direction = direction - gradient @ solve(gradient.T @ direction)
-        if np.linalg.norm(direction) < 1e-6 * length:
+        if free is None:
+            direction = redundancy.along_null(scaled, random.normal(size=problem.n))
+        elif free.shape[1]:
+            direction = free @ random.normal(size=free.shape[1])
+        else:
             return False  # nothing can move: there are too many constraints everywhere
         direction *= _ASIDE * size / np.abs(direction).max()
-        moved = _closest(problem, u + direction)
-        if np.abs(moved - u - direction).max() > 0.1 * np.abs(direction).max():
+        moved = _on_constraints(problem, problem.u0 + direction)
+        if np.abs(moved - problem.u0 - direction).max() > 0.1 * np.abs(direction).max():
             return True
-        if not _dependent(gradient_of(problem, moved)):
+        gradient = gradient_of(problem, moved)
+        there = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
+        if problem.m - _null_space(there, _RANK_TOLERANCE_ASIDE).shape[1] > rank:
             return True
     return False
+
+
+def _listed(rows: Sequence[Row], numbers: Sequence[int]) -> str:
+    return ", ".join(rows[k].full for k in numbers)
+
+
+def _by_part(rows: Sequence[Row], numbers: Sequence[int]) -> str:
+    """Rows by the part that they belong to; what keeps bodies rigid only where it is all."""
+    parts: dict[str, list[str]] = {}
+    for k in numbers:
+        if rows[k].owner:
+            parts.setdefault(rows[k].owner, []).extend(filter(None, [rows[k].name]))
+    texts = [f"{part} ({', '.join(of)})" if of else part for part, of in parts.items()]
+    texts = texts or [rows[k].full for k in numbers]
+    return ", ".join(texts[:MOST_NAMED]) + (", …" if len(texts) > MOST_NAMED else "")
+
+
+def _require_freedom(builder: Builder, scaled: scipy.sparse.csc_array, tolerance: float) -> None:
+    """Where nothing is left free, motions have taken some of it."""
+    passive = [k for k, row in enumerate(builder.rows) if row.path[0] != "motions"]
+    null = _null_space(scipy.sparse.csc_array(scaled[:, passive]), tolerance)
+    if hasattr(builder.mechanism, "joints") and len(passive) - null.shape[1] == scaled.shape[0]:
+        raise builder.document.error(("joints",), "nothing can move: no freedom is left")
+
+
+# -- inertia ----------------------------------------------------------------------------------
+
+
+def _require_inertia(builder: Builder, problem: Problem) -> None:
+    """Whatever can move has inertia: M is positive on the kernel of Gᵀ."""
+    gradient = gradient_of(problem, problem.u0)
+    motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
+    mistakes = documents.Mistakes()
+    for path, message in builder.without_inertia(problem.u0, motions) if motions.size else ():
+        mistakes.note(builder.document.error(path, message))
+    mistakes.refuse()
+
+
+def _require_regular(builder: Builder, problem: Problem) -> None:
+    """The same of a large mechanism, whose rows are independent."""
+    saddle = _saddle(problem, gradient_of(problem, problem.u0))
+    try:
+        pivots = np.abs(scipy.sparse.linalg.splu(saddle).U.diagonal())
+        regular = bool(pivots.min() > _NO_INERTIA * pivots.max())
+    except RuntimeError:
+        regular = False
+    if not regular:
+        message = "something can move that has no inertia; the accelerations are undetermined"
+        raise builder.document.error(("bodies",), message)
+
+
+def _saddle(problem: Problem, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_array:
+    """[[M, −G], [Gᵀ, 0]], the largest entry of M 1."""
+    pattern, values = problem.pattern, problem.mass_values
+    places = pattern.mass_rows, pattern.mass_columns
+    mass = scipy.sparse.csc_array((values / np.abs(values).max(), places), (problem.n,) * 2)
+    blocks: list[list[Any]] = [[mass, -rows], [rows.T, None]]
+    return scipy.sparse.csc_array(scipy.sparse.block_array(blocks))
+
+
+# -- velocities -------------------------------------------------------------------------------
+
+
+def _velocities(
+    builder: Builder,
+    problem: Problem,
+    released: Sequence[int],
+    every: scipy.sparse.csc_array,
+) -> Array:
+    """Velocities that fit the constraints, as the file asks for them.
+
+    Args:
+        builder: The mechanism.
+        problem: Its problem, at its start.
+        released: Rows that were dropped.
+        every: G with these rows.
+    """
+    mechanism, rows = builder.mechanism, builder.rows
+    v = builder.velocities(problem.u0)
+    kept = np.setdiff1d(np.arange(len(rows)), released)
+    rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, v)
+    spatial = mechanism.dimensions == 3
+    if mechanism.project_velocities or (spatial and mechanism.rates):
+        gradient = gradient_of(problem, problem.u0)
+        projected = _in_norm_of_mass if spatial else _nearest
+        return projected(builder, problem, v, gradient, rate)
+    sizes, wanted = column_norms(every), np.zeros(len(rows))
+    wanted[kept] = rate
+    speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
+    misfit = np.abs(every.T @ v + wanted)
+    missed: dict[KeyPath, tuple[float, str]] = {}
+    for k in map(int, np.flatnonzero(misfit > VELOCITY_TOLERANCE * sizes * speed)):
+        # Rows of joints are places and angles themselves, not halves of squares of lengths.
+        size = float(misfit[k] if rows[k].path[0] == "joints" else misfit[k] / sizes[k])
+        missed[rows[k].path] = max(missed.get(rows[k].path, (0.0, "")), (size, rows[k].name))
+    mistakes = documents.Mistakes()
+    for path, (size, row) in missed.items():
+        which, rates = (
+            (f" (row {row})" if row else ""),
+            (", give 'rates' of joints," if spatial else ""),
+        )
+        message = (
+            f"initial velocities violate this constraint by {size:.3g} m/s{which}; correct "
+            f"them{rates} or set 'project_velocities: true'"
+        )
+        mistakes.note(builder.document.error(path, message))
+    mistakes.refuse()
+    return v
+
+
+def _nearest(
+    builder: Builder,
+    problem: Problem,
+    v: Array,
+    gradient: scipy.sparse.csc_array,
+    rate: Array,
+) -> Array:
+    """The velocities nearest to v that fit the constraints.
+
+    Next to a singular position the normal equations are singular long before G is, and
+    velocities that a motion asks for there are beyond all bounds.
+    """
+    sizes = column_norms(gradient)
+    left = np.abs(gradient.T @ v + rate) / sizes
+    with np.errstate(all="ignore"):
+        for _ in range(2):  # the first leaves what is rounding of a large change
+            try:
+                square = solver(gradient.T @ gradient)
+            except np.linalg.LinAlgError:  # exactly singular
+                break
+            v = v - np.asarray(gradient @ square(gradient.T @ v + rate))
+            left = np.abs(gradient.T @ v + rate) / sizes
+            speed = max(float(np.abs(v).max()), float(np.abs(rate / sizes).max()))
+            if np.all(left <= VELOCITY_TOLERANCE * speed):
+                return v
+    _independent(builder, problem, gradient, RANK_TOLERANCE_FOUND)
+    worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
+    raise builder.document.error(
+        builder.rows[worst].path,
+        "no velocities found that fit this constraint: the start is too close to a singular "
+        "position, such as a dead centre; start from another position",
+    )
+
+
+def _in_norm_of_mass(
+    builder: Builder,
+    problem: Problem,
+    v: Array,
+    gradient: scipy.sparse.csc_array,
+    rate: Array,
+) -> Array:
+    """The velocities nearest to v in the norm of M that fit constraints and rates."""
+    n = problem.n
+    asked = list(builder.rates(problem.u0))
+    rows = scipy.sparse.csc_array(np.array([of_rate for _, of_rate, _ in asked]).reshape(-1, n).T)
+    every = scipy.sparse.csc_array(scipy.sparse.hstack([gradient, rows]))
+    wanted = np.concatenate([-rate, [value for _, _, value in asked]])
+    sizes = column_norms(every)
+    every, wanted = scipy.sparse.csc_array(every / sizes[None, :]), wanted / sizes
+    solve = _solver_of_rates(_saddle(problem, every), n)
+    for _ in range(3):  # the first leaves what is rounding of a large change
+        v = v + solve(np.concatenate([np.zeros(n), wanted - every.T @ v]))[:n]
+    left = np.abs(wanted - every.T @ v)
+    speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
+    for k, (path, _, value) in enumerate(asked, start=problem.m):
+        if not left[k] <= VELOCITY_TOLERANCE * speed:
+            reached = value - (wanted[k] - every[:, [k]].T @ v)[0] * sizes[k]
+            raise builder.document.error(
+                path,
+                f"contradicts other rates or the constraints: {reached:.6g} is the nearest to "
+                f"{value:g} that fits",
+            )
+    if not np.all(left <= VELOCITY_TOLERANCE * speed):
+        worst = builder.rows[int(np.argmax(left[: problem.m]))].path
+        message = "no velocities found that fit this constraint and the rates"
+        raise builder.document.error(worst, message)
+    return v
+
+
+def _solver_of_rates(saddle: scipy.sparse.csc_array, n: int) -> Callable[[Array], Array]:
+    """Solver of [[M, −G], [Gᵀ, 0]] x = rhs; the smallest x where rates depend on each other."""
+    if n > DENSE_UP_TO:
+        return lambda rhs: np.asarray(scipy.sparse.linalg.spsolve(saddle, rhs))
+    dense = np.asarray(saddle.toarray(), float)
+    return _if_regular(dense) or (
+        lambda rhs: np.asarray(np.linalg.lstsq(dense, rhs, rcond=1e-13)[0])
+    )
