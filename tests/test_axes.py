@@ -194,6 +194,23 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 )
 
 
+#: A new column: how far the values of a row spread.  This entry is the whole of it.
+SPREAD = (
+    "newmark_cli.study.results",
+    "_AXES = (\n",
+    """\
+MEASURED = (
+    *MEASURED,
+    Column(
+        "spread", "largest value over the median", since=6,
+        value=lambda outcome, found: found and found.max / found.median,
+    ),
+)
+_AXES = (
+""",
+)
+
+
 AXIS, MEASURE = "axis.yaml", "measure.yaml"
 
 
@@ -218,7 +235,7 @@ def changed(tmp_path_factory, committed_folder):
         "measure, check": ("check", "--json", *at),
         "measure, all": ("check", "--all", *at),
     }
-    asked = json.dumps([[REPEAT, SPEED], [*commands.values()], IMPORTED])
+    asked = json.dumps([[REPEAT, SPEED, SPREAD], [*commands.values()], IMPORTED])
     done = subprocess.run(
         [sys.executable, "-c", CHANGED, asked], cwd=folder, capture_output=True, text=True
     )
@@ -241,7 +258,7 @@ def test_a_new_axis_touches_one_file(cli, changed):
     folder, printed = changed
     assert "pendulum u-lambda optimal second h=0.001 steps=100" in printed["axis, run"][1]
     rows = rows_of(folder / "results/quick.csv")
-    assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat"
+    assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat,spread"
     assert {row["repeat"] for row in rows} == {"1", "second"}
     record = json.loads((folder / "results/quick.json").read_text())
     assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
@@ -253,6 +270,14 @@ def test_a_new_axis_touches_one_file(cli, changed):
     assert {row["repeat"] for row in json.loads(printed["axis, older"][0])} == {"1"}
     # Without it the key is refused.
     assert "unknown key" in cli.refused("validate", folder / AXIS)
+
+
+def test_a_new_column_touches_one_file(changed):
+    """It stands behind the others, and a CSV that lacks it is read (as "axis, older" was)."""
+    folder, printed = changed
+    for row in rows_of(folder / "results/quick.csv"):
+        assert float(row["spread"]) == float(row["max"]) / float(row["median"])
+    assert json.loads(printed["axis, older"][0])
 
 
 def test_a_new_measure_touches_one_file(cli, changed):

@@ -19,7 +19,7 @@ from pydantic_core import CoreSchema, PydanticCustomError
 
 from newmark_cli import documents
 from newmark_cli.documents import Document, KeyPath, Mistakes, Number, StrictModel, misfit
-from newmark_cli.json_schema import JsonSchema, Shown, given
+from newmark_cli.json_schema import JsonSchema, Shown
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Projection, reported
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
@@ -32,7 +32,6 @@ from newmark_cli.study.keys import (
     Quantities,
     Recorded,
     RowBlocks,
-    rules_of_quantities,
 )
 from newmark_cli.study.measures import MEASURES, RECORDS
 
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 
 _MOST = 1_000
 _Choice = Mapping[str, Sequence[str]]
-_LEVELS = ("at_most", "at_least")
 #: Axes of a case that tell its series apart.
 _AXES = tuple(axis for axis in axes.cell_axes() if axis.cell and axis.series)
 _NO_TOLERANCE = [name for name, record in RECORDS.items() if record.tolerance != record.tolerance]
@@ -77,23 +75,6 @@ class _Rules(StrictModel):
             yield misfit("h", "is where at_most or at_least hold; a slope is over all step sizes")
         if low is not None and high is not None and low > high:
             yield misfit("at_least", f"must not exceed at_most = {high:g}, given {low:g}")
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        reference = handler(schema)
-        level: JsonSchema = {"anyOf": [given(key) for key in _LEVELS]}
-        without: JsonSchema = {"properties": {"measure": {"enum": _NO_TOLERANCE}}}
-        rules: list[JsonSchema] = [
-            {"anyOf": [given("slope"), level]},
-            {"if": given("within"), "then": given("slope")},
-            {"if": given("h"), "then": level},
-            {"if": {"allOf": [without, given("slope")]}, "then": given("within")},
-            *rules_of_quantities(RECORDS),
-        ]
-        handler.resolve_ref_schema(reference)["allOf"] = rules
-        return reference
 
 
 def _chosen(axis: Axis) -> tuple[Any, Any]:

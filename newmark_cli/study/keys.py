@@ -1,8 +1,8 @@
 """Types of the keys of a study config, which pydantic checks."""
 
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -10,7 +10,6 @@ from typing import Annotated, Any, TypeVar
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
@@ -19,7 +18,6 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
     ValidationInfo,
-    WithJsonSchema,
     WrapValidator,
     model_validator,
 )
@@ -33,7 +31,7 @@ from newmark_cli.documents import (
     misfit,
 )
 from newmark_cli.errors import InputError
-from newmark_cli.json_schema import JsonSchema, Shown, also, given
+from newmark_cli.json_schema import JsonSchema, Shown, also
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -70,7 +68,6 @@ from newmark_cli.newmark.linear.choice import (
     STATIC,
     Krylov,
 )
-from newmark_cli.newmark.monomial import LONGEST, SYMBOLS
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
     EVALUATIONS,
@@ -168,30 +165,14 @@ Name = Annotated[
     AfterValidator(_name),
     also(pattern=f"^{STUDY_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
 ]
-# A factor of a scaling, but that nobody counts its parentheses: symbols and positive
-# numbers with whole powers up to 16, joined by * and /.
-_ATOM = rf"({'|'.join(SYMBOLS)}|(?=[0-9.]*[1-9])([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?)"
-_POWER = r"([ )]*(\^|\*\*)[ (]*(-[ (]*)?(1[0-6]|[0-9])(?![0-9]))?"
-_MONOMIAL = rf"^[ (]*{_ATOM}{_POWER}[ )]*([*/][ (]*{_ATOM}{_POWER}[ )]*)*$"
-Factor = Annotated[
-    str | Annotated[int, Strict()] | Number,
-    Field(union_mode="left_to_right"),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "string", "pattern": _MONOMIAL, "maxLength": LONGEST},
-                {"type": "number", "exclusiveMinimum": 0},
-            ],
-        }
-    ),
-]
+Factor = str | Annotated[int, Strict()] | Number
 
 
 def _blocks(*names: str) -> Shown:
     """Mapping with these keys; `own_scaling` knows which of them a form has."""
 
     def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-        factor = handler(schema)["additionalProperties"] | {"title": "Factor"}
+        factor = handler(schema)["additionalProperties"]
         properties = dict.fromkeys(names, factor)
         return {"type": "object", "properties": properties, "additionalProperties": False}
 
@@ -237,61 +218,14 @@ def _example(method: str) -> str:
     return f"{{method: {method}{given}}}"
 
 
-def _rules_of_methods(
-    model: type[StrictModel], methods: Mapping[str, tuple[tuple[str, ...], list[JsonSchema]]]
-) -> list[JsonSchema]:
-    """Rules of a model whose key `method` decides which others there may be.
-
-    Args:
-        model: The model.
-        methods: Method → its parameters, and what must hold of them.
-    """
-    rules: list[JsonSchema] = []
-    for method, (allowed, conditions) in methods.items():
-        is_it: JsonSchema = {"properties": {"method": {"const": method}}}
-        if method != model.model_fields["method"].default:
-            is_it["required"] = ["method"]
-        absent = [name for name in model.model_fields if name not in ("method", *allowed)]
-        then: JsonSchema = {"properties": {name: {"type": "null"} for name in absent}}
-        rules.append({"if": is_it, "then": {"allOf": [then, *conditions]}})
-    return rules
-
-
 class IntegratorConfig(StrictModel):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
     method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
-    # The integrators check the bounds, and say why; they stand here for JSON Schema.
-    beta: Annotated[Number, also(exclusiveMinimum=0)] | None = Field(
-        None, description="β of newmark, 0.25 when omitted"
-    )
-    gamma: Annotated[Number, also(minimum=0.5)] | None = Field(
-        None, description="γ of newmark, 0.5 when omitted"
-    )
-    rho: Annotated[Number, also(minimum=0, maximum=1)] | None = Field(
-        None, description="ρ∞ of generalized-alpha, 0 to 1"
-    )
-    alpha: Annotated[Number, also(minimum=0, maximum=1 / 3)] | None = Field(
-        None, description="α of hht, 0 to 1/3"
-    )
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        reference = handler(schema)
-        rules = _rules_of_methods(
-            cls,
-            {
-                method: (
-                    parameters(method),
-                    [given(f.name) for f in fields(integrator) if f.default is MISSING],
-                )
-                for method, integrator in INTEGRATORS.items()
-            },
-        )
-        handler.resolve_ref_schema(reference)["allOf"] = rules
-        return reference
+    beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
+    gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
+    rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
+    alpha: Number | None = Field(None, description="α of hht, 0 to 1/3")
 
     @model_validator(mode="before")
     @classmethod
@@ -382,21 +316,7 @@ class FormulationConfig(StrictModel):
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchema:
-        reference = handler(schema)
-        rules = _rules_of_methods(
-            cls,
-            {
-                method: (
-                    tuple(kind.parameters),
-                    [{"not": {"allOf": [*map(given, kind.parameters)]}}]
-                    if len(kind.parameters) > 1
-                    else [],
-                )
-                for method, kind in METHODS.items()
-            },
-        )
-        handler.resolve_ref_schema(reference)["allOf"] = rules
-        return _or_method(METHODS, handler.resolve_ref_schema(reference))
+        return _or_method(METHODS, handler.resolve_ref_schema(handler(schema)))
 
     @property
     def _parameters(self) -> dict[str, float]:
@@ -440,11 +360,7 @@ class ProjectionConfig(StrictModel):
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchema:
-        reference = handler(schema)
-        is_none: JsonSchema = {"properties": {"method": {"const": "none"}}}
-        plain: JsonSchema = {"properties": {"accelerations": {"const": False}}}
-        handler.resolve_ref_schema(reference)["allOf"] = [{"if": is_none, "then": plain}]
-        return _or_method(PROJECTIONS, handler.resolve_ref_schema(reference))
+        return _or_method(PROJECTIONS, handler.resolve_ref_schema(handler(schema)))
 
     @model_validator(mode="after")
     def _usable(self) -> "ProjectionConfig":
@@ -464,8 +380,6 @@ class ProjectionConfig(StrictModel):
 
 class StopConfig(StrictModel):
     """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
-
-    model_config = ConfigDict(json_schema_extra={"anyOf": [given("absolute"), given("relative")]})
 
     absolute: Positive | None = Field(None, description="bound of the scaled correction")
     relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
@@ -617,11 +531,6 @@ def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
     return solvers
 
 
-def _written_solvers(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    both = [{"contains": {"const": AUTO}}, {"contains": {"enum": [DENSE, SPARSE, STATIC]}}]
-    return _written_once_or_more(schema, handler) | {"not": {"type": "array", "allOf": both}}
-
-
 def _written_variant(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
     """What `_preconditioning` takes."""
     own = handler(OwnScaling.__pydantic_core_schema__)
@@ -671,8 +580,6 @@ def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonS
 class TrajectoryConfig(StrictModel):
     """What `measure: trajectory` keeps: every k-th step, or those nearest to some times."""
 
-    model_config = ConfigDict(json_schema_extra={"not": {"allOf": [given("every"), given("at")]}})
-
     every: Annotated[int, Strict(), Field(ge=1, le=MOST_STEPS), WHOLE] | None = Field(
         None, description="the start, every so many steps, and the last; 1 when omitted"
     )
@@ -713,11 +620,7 @@ Measures = OneOrMore[Annotated[str, _Known("measure", tuple(MEASURES))]]
 Evaluations = OneOrMore[Annotated[str, _Known("evaluation", EVALUATIONS)]]
 Precisions = OneOrMore[Annotated[str, _Known("precision", tuple(PRECISIONS))]]
 LinearSolvers = Annotated[
-    tuple[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)], ...],
-    Field(min_length=1),
-    WrapValidator(_one_or_more),
-    AfterValidator(_auto_alone),
-    Shown(_written_solvers),
+    OneOrMore[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)]], AfterValidator(_auto_alone)
 ]
 Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
 Integrators = OneOrMore[IntegratorConfig]
@@ -775,25 +678,6 @@ class FigureConfig(StrictModel):
             if axis in (self.series or ()):
                 raise misfit("panels", f"{axis} already tells the series apart")
         return self
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        reference = handler(schema)
-        handler.resolve_ref_schema(reference)["allOf"] = rules_of_quantities(drawing.SHOWABLE)
-        return reference
-
-
-def rules_of_quantities(measures: Iterable[str]) -> list[JsonSchema]:
-    """Which quantities each measure has, of a model with both keys."""
-    rules: list[JsonSchema] = []
-    for measure in measures:
-        one = {"enum": [*drawing.quantities((measure,)), None]}
-        several = {"anyOf": [one, {"type": "array", "items": one}]}
-        is_it = {"properties": {"measure": {"const": measure}}}
-        rules.append({"if": is_it, "then": {"properties": {"quantity": several}}})
-    return rules
 
 
 def _some(figures: tuple[FigureConfig, ...]) -> tuple[FigureConfig, ...]:

@@ -27,12 +27,6 @@ _AXES = (
 )
 #: Columns that tell the rows of one step size apart.
 SERIES = tuple(axis.name for axis in _AXES)
-#: Columns that a CSV of an older version may lack, and what it then has in them.
-_DEFAULTS = {axis.name: axis.usual for axis in _AXES if axis.usual is not None} | {
-    "met": "",
-    results.ROUNDING: "",
-}
-
 #: Files in a results folder that are not studies.
 NOT_STUDIES = ("slopes.csv",)
 
@@ -174,7 +168,7 @@ def _read_csv(
 
 def read_texts(path: Path, content: bytes | OSError | None = None) -> Table:
     """Rows of one study's CSV as text; see `read_csv`."""
-    return _read_csv(path, COLUMNS, _DEFAULTS, content)
+    return _read_csv(path, COLUMNS, results.DEFAULTS, content)
 
 
 def read_study(path: Path) -> "pd.DataFrame":

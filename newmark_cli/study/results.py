@@ -5,8 +5,8 @@ import io
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,50 +19,106 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import DRIFTS, Outcome
 from newmark_cli.study.measures import LAMBDA, over_time
 
-#: Columns of what a cell found, besides its axes, and the version that brought each.
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a study's CSV for what was measured; those of the axes come from these.
+
+    Attributes:
+        name: As in the CSV.
+        about: What it holds.
+        value: What a row has in it, from the outcome of its cell and its own statistics, which
+            are None in the row of a cell that measured nothing.
+        since: Version of the columns that brought it: columns are appended, never moved, and
+            a column past version 0 is empty in a CSV that lacks it.
+        is_number: Whether it holds numbers.
+    """
+
+    name: str
+    about: str
+    value: Callable[[Outcome, Statistics | None], Any]
+    since: int = 0
+    is_number: bool = True
+
+
+def _statistic(name: str, about: str, since: int = 0) -> Column:
+    return Column(name, about, lambda outcome, found: getattr(found, name, None), since)
+
+
 ROUNDING = "rounding"
-_STATISTICS = tuple((5 if each.name == ROUNDING else 0, each.name) for each in fields(Statistics))
-_OUTCOME = ((0, "not_converged"), (0, "newton_iterations"), (0, "status"), (2, "met"))
+#: What was measured.
+MEASURED = (
+    _statistic(
+        "rms",
+        "root of the mean square over the steps that count (the sampled ones, for `condition` "
+        "and `sensitivity`); what figures and slopes of corrections use",
+    ),
+    _statistic("max", "largest value over these steps"),
+    _statistic(
+        "median",
+        "median over these steps; what figures and slopes of condition numbers use",
+    ),
+    _statistic("last", "value at the last of these steps"),
+    _statistic("zeros", "how many values are exactly zero; a log axis cannot show them"),
+    Column(
+        "not_converged",
+        "steps that reached the cap of iterations above the terminal-phase threshold; "
+        "they are left out of the statistics",
+        lambda outcome, found: outcome.not_converged,
+    ),
+    Column(
+        "newton_iterations",
+        "corrections computed per step, mean",
+        lambda outcome, found: outcome.newton_iterations,
+    ),
+    Column(
+        "status",
+        "how the cell ended: `ok`, `not_converged`, `stagnated` (a Krylov solver), "
+        "`singular`, `diverged`, `redundant` (in space: a row that was released as redundant is "
+        "needed after all) or `failed`",
+        lambda outcome, found: outcome.status,
+        is_number=False,
+    ),
+    Column(
+        "met",
+        "steps that met the tolerance; empty where rounding stops Newton",
+        lambda outcome, found: outcome.met,
+        since=2,
+    ),
+    _statistic(
+        ROUNDING,
+        "what rounding alone changes in the statistic that figures use, in its unit: of "
+        "errors, invariants and drifts the standard deviation over the march and its twins, and "
+        "the reference's own error; of corrections the standard error of the rms from blocks of "
+        "steps; of sensitivities the change from one state to a neighbouring one; empty where it "
+        "is not known",
+        since=5,
+    ),
+)
+_AXES = (
+    axes.STUDY, *(axis for axis in axes.cell_axes() if axis.column), *axes.row_axes(),
+)  # fmt: skip
 
 #: Columns of a study's CSV; a new one is appended, none is renamed.
 COLUMNS = axes.appended(
     (
-        (axes.STUDY.since[0], axes.STUDY.name),
-        *((axis.since[0], axis.name) for axis in axes.cell_axes() if axis.column),
-        *((axis.since[0], axis.name) for axis in axes.row_axes()),
-        *_STATISTICS,
-        *_OUTCOME,
+        *((axis.since[0], axis.name) for axis in _AXES),
+        *((column.since, column.name) for column in MEASURED),
     )
 )
 #: What each column holds.
 ABOUT: Mapping[str, str] = {
-    **{
-        each.name: each.shows or each.about
-        for each in (axes.STUDY, *axes.cell_axes(), *axes.row_axes())
-        if each.column
-    },
-    "rms": "root of the mean square over the steps that count (the sampled ones, for `condition` "
-    "and `sensitivity`); what figures and slopes of corrections use",
-    "max": "largest value over these steps",
-    "median": "median over these steps; what figures and slopes of condition numbers use",
-    "last": "value at the last of these steps",
-    "zeros": "how many values are exactly zero; a log axis cannot show them",
-    "not_converged": "steps that reached the cap of iterations above the terminal-phase threshold; "
-    "they are left out of the statistics",
-    "newton_iterations": "corrections computed per step, mean",
-    "status": "how the cell ended: `ok`, `not_converged`, `stagnated` (a Krylov solver), "
-    "`singular`, `diverged`, `redundant` (in space: a row that was released as redundant is needed "
-    "after all) or `failed`",
-    "met": "steps that met the tolerance; empty where rounding stops Newton",
-    ROUNDING: "what rounding alone changes in the statistic that figures use, in its unit: of "
-    "errors, invariants and drifts the standard deviation over the march and its twins, and "
-    "the reference's own error; of corrections the standard error of the rms from blocks of steps; "
-    "of sensitivities the change from one state to a neighbouring one; empty where it is not known",
+    **{axis.name: axis.shows or axis.about for axis in _AXES},
+    **{column.name: column.about for column in MEASURED},
 }
 #: Columns that hold numbers.
 NUMBERS = frozenset(
-    ("h", "t_end", "steps", *(name for _, name in (*_STATISTICS, *_OUTCOME) if name != "status"))
+    ("h", "t_end", "steps", *(column.name for column in MEASURED if column.is_number))
 )
+#: Columns that a CSV of an older version may lack, and what it then has in them.
+DEFAULTS = {axis.name: axis.usual for axis in _AXES if axis.usual is not None} | {
+    column.name: "" for column in MEASURED if column.since > 0
+}
 
 
 def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
@@ -75,13 +131,14 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
         common = {
             "study": study,
             **{axis.name: axis.write(cell) for axis in axes.cell_axes() if axis.column},
-            **{name: getattr(outcome, name) for _, name in _OUTCOME},
         }
-        for found in outcome.measurements:
-            of_row = {axis.name: axis.write(found) for axis in axes.row_axes()}
-            table.append(common | of_row | vars(found.statistics))
-        if not outcome.measurements:
-            table.append(common)
+        for measurement in outcome.measurements or (None,):
+            row = dict(common)
+            if measurement is not None:
+                row |= {axis.name: axis.write(measurement) for axis in axes.row_axes()}
+            statistics = None if measurement is None else measurement.statistics
+            row |= {column.name: column.value(outcome, statistics) for column in MEASURED}
+            table.append(row)
     return table
 
 
