@@ -24,6 +24,7 @@ from newmark_cli import processors
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile("fuzz", max_examples=20_000, deadline=None)
 settings.load_profile("project")
 
 # In GitHub's workflows `check` prints more.
