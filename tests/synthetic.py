@@ -3,11 +3,13 @@
 import numpy as np
 
 from newmark_cli import files
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.report.curves import Curve
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.study import results
 
-#: Figures that make claims.
-CLAIMING = [figure for figure in FIGURES.values() if figure.claims]
+#: Figures that claims are about.
+CLAIMING = [FIGURES[name] for name in ("10", "11", "12", "13", "14", "15", "16", "18")]
 
 DAMPED = "generalized-alpha rho=0.9"
 
@@ -140,17 +142,17 @@ def rows_of(curve):
     return table
 
 
-def curves_of(claim):
-    """Series that a claim reads."""
-    return [c for pair in claim.pairs for c in pair] if hasattr(claim, "pairs") else [claim.curve]
-
-
 def curves(figure):
-    """What a figure draws, and what else its claims are about."""
-    found = {curve.key: curve for curve in figure.curves}
-    for claim in figure.claims:
-        found |= {curve.key: curve for curve in curves_of(claim) if curve.key not in found}
-    return list(found.values())
+    """What a figure draws; claims about precisions are about every form."""
+    if figure.study != "precision":
+        return list(figure.curves)
+    return [
+        Curve("", **curve.key.named() | {"form": form, "quantity": unknown})
+        for curve in figure.curves
+        if curve.quantity == "u"
+        for form in FORMS
+        for unknown in FORMS[form].unknowns
+    ]
 
 
 def rows(figure):

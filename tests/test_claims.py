@@ -1,7 +1,6 @@
-"""Claims of the figures past the paper: true of good results, false of spoilt ones."""
+"""Claims about figures: expectations of a config that name one, in the shipped configs too."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -10,255 +9,142 @@ from click.testing import CliRunner
 from each import each
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report import check
-from newmark_cli.report.claims import (
-    BoundClaim,
-    RatioClaim,
-    SlopeClaim,
-    SpreadClaim,
-    StatusClaim,
-    evaluate,
-)
-from newmark_cli.report.curves import Curve
+from newmark_cli.report import expectations
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.slopes import study_slopes
-from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS
+from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
+from newmark_cli.study import config, results, shipped
+from newmark_cli.study.axes import series_axes
+from newmark_cli.study.expectations import expectations as plain
 from newmark_cli.study.reading import read_rows
 
 EVERY_FIGURE = each("figure", synthetic.CLAIMING)
 
 
-def judged(folder, figure, table=None):
-    """Findings of a figure's claims on its study's CSV."""
-    path = synthetic.write(folder, figure, table)
-    entries = check.judge(study_slopes(read_rows(path), path))
-    assert all(entry.figure is figure for entry in entries)
-    assert [entry.claim.text for entry in entries] == [claim.text for claim in figure.claims]
-    return [entry.finding for entry in entries]
-
-
-def where(curve):
-    """Columns of the CSV that pick a curve's rows."""
-    return {name: given for name, given in curve.key.named().items() if name != "initial"}
-
-
-def scaled(factor):
-    """Change of a row: every statistic times a factor, which may depend on the row."""
-
-    def change(row):
-        by = factor(row) if callable(factor) else factor
-        found = {k: row[k] * by for k in ("rms", "max", "median", "last") if row[k] != ""}
-        return found | ({"met": int(row["met"] * by)} if row["met"] != "" else {})
-
-    return change
-
-
-def rows_of(claim):
-    """Rows of its curves: whether other series are there changes nothing, where these are."""
-    curves = dict.fromkeys(synthetic.curves_of(claim))
-    return [row for curve in curves for row in synthetic.rows_of(curve)]
-
-
-def spoil(claim, table):
-    """Rows that a claim is false of, and nothing else is wrong with."""
-    if isinstance(claim, SlopeClaim):
-        change = scaled(lambda row: row["h"] ** 0.5)
-        return synthetic.spoilt(table, where(claim.curve), change)
-    if isinstance(claim, StatusClaim):
-        return synthetic.spoilt(table, where(claim.curve), lambda row: {"status": "ok"})
-    if isinstance(claim, SpreadClaim):
-        change = scaled(lambda row: 3 if row["h"] == 1e-3 else 1)
-        return synthetic.spoilt(table, where(claim.curve), change)
-    if isinstance(claim, BoundClaim):
-        if claim.high == 0.5:  # steps that must not meet the tolerance all do
-            return synthetic.spoilt(table, where(claim.curve), lambda row: {"met": row["steps"]})
-        up = math.isfinite(claim.high) and claim.high != claim.low
-        return synthetic.spoilt(table, where(claim.curve), scaled(1e6 if up else 1e-6))
-    above = claim.pairs[-1][0]
-    at = claim.at or (None, None)
-    change = scaled(lambda row: 1e-9 if at[0] in (None, row["h"]) else 1)
-    return synthetic.spoilt(table, where(above), change)
+def judged(path):
+    """Claims of a study by its CSV."""
+    return expectations.claims(expectations.judge(path.parent, study_slopes(read_rows(path), path)))
 
 
 @EVERY_FIGURE
 def test_claims_hold_on_good_results(tmp_path, figure):
     """Every claim, with a number or words for what was measured."""
-    for finding in judged(tmp_path, figure):
-        assert finding.verdict == PASS, finding
-        assert finding.measured
+    found = judged(synthetic.write(tmp_path, figure))
+    assert found
+    for each_ in found:
+        assert (each_.figure, each_.study) == (figure.name, figure.study)
+        assert each_.verdict == PASS, each_
+        assert each_.measured
 
 
 @EVERY_FIGURE
-def test_claims_fail_on_spoilt_results(tmp_path, figure):
-    """Each claim is false of numbers that say otherwise, though all cells are as before."""
-    fail = {
-        claim.text: judged(tmp_path, figure, spoil(claim, rows_of(claim)))[i].verdict
-        for i, claim in enumerate(figure.claims)
-    }
-    assert fail == dict.fromkeys(fail, MISS)
-    assert len(fail) == len(figure.claims) > 0
+def test_claims_fail_on_other_numbers(tmp_path, figure):
+    """Values that neither fall nor stay alike, in cells that end otherwise, hold nothing."""
+
+    def other(row):
+        wild = 10.0 ** (-3 + 2.7 * np.sin(1e5 * row["h"] + len(row["preconditioning"])))
+        return dict.fromkeys(("rms", "max", "median", "last"), wild) | {
+            "met": 700 if row["met"] != "" else "", "status": "ok",
+        }  # fmt: skip
+
+    table = synthetic.spoilt(synthetic.rows(figure), {}, other)
+    found = judged(synthetic.write(tmp_path, figure, table))
+    assert MISS in {each_.verdict for each_ in found}
 
 
 @EVERY_FIGURE
 def test_claims_need_their_data(tmp_path, figure):
-    """Without the series, and with cells that failed, a claim is incomplete."""
-    wrong = []
-
-    def require(claim, table, verdict, why):
-        index = figure.claims.index(claim)
-        found = judged(tmp_path, figure, table)[index].verdict
-        if found != verdict:
-            wrong.append((claim.text, why, found))
-
-    every = synthetic.rows(figure)
-    for claim in figure.claims:
-        needed, table = synthetic.curves_of(claim), rows_of(claim)
-        given = table if len(needed) > 1 else every
-        for curve in needed[:: max(len(needed) - 1, 1)]:
-            picked = where(curve)
-            rest = [r for r in given if not all(r[k] == v for k, v in picked.items())]
-            assert len(rest) < len(given), "the study has what is claimed"
-            # What is left must not be empty, or it would be no study at all.
-            rest = rest or synthetic.spoilt(table, picked, lambda row: {"quantity": "v"})
-            require(claim, rest, INCOMPLETE, f"without {picked}")
-            broken = synthetic.spoilt(table, picked, lambda row: {"status": "diverged"})
-            status = isinstance(claim, StatusClaim)
-            require(claim, broken, MISS if status else INCOMPLETE, f"{picked} diverged")
-            if not status:
-                empty = synthetic.spoilt(
-                    table, picked,
-                    lambda row: dict.fromkeys(("rms", "max", "median", "last", "met")),
-                )  # fmt: skip
-                require(claim, empty, INCOMPLETE, f"{picked} without values")
-    assert not wrong
+    """Without values, of whatever series, no claim is judged, but for one of a status."""
+    empty = dict.fromkeys(("rms", "max", "median", "last", "met"), "")
+    table = synthetic.spoilt(synthetic.rows(figure), {}, lambda row: empty)
+    for one in judged(synthetic.write(tmp_path, figure, table)):
+        holds = (PASS,) if "smallest h" in one.said else (INCOMPLETE, UNDECIDED)
+        assert one.verdict in holds, one
 
 
-def test_claims_of_the_figures():
-    """What the figures are held to, as check prints it."""
-    assert {f.name: [claim.text for claim in f.claims] for f in synthetic.CLAIMING} == {
-        "10": [
-            "none: slope −2 ± 0.15",
-            "left: slope −2 ± 0.15",
-            "right: slope −2 ± 0.15",
-            "optimal: slope −2 ± 0.15",
-            "optimal, compensated: slope −1 ± 0.15",
-            "optimal / none, every h: 0.5 to 2",
-            "optimal, direct / compensated, h = 1e-07: at least 10000",
-        ],
-        "11": [
-            "generalized-α, compensated: slope 2 ± 0.1",
-            "generalized-α, compensated, h = 1e-07: at most 2e-08",
-            "generalized-α, direct, h = 1e-07: at least 1e-06",
-            "generalized-α, direct, h = 1e-07 / h = 1e-06: at least 1",
-            "trapezoidal, none, h = 1e-06: at least 10",
-            "trapezoidal, left, h = 1e-06: at least 10",
-            "trapezoidal, right, h = 1e-06: at least 10",
-            "trapezoidal, optimal, h = 1e-06: at least 10",
-        ],
-        "12": [
-            "right, every h: 1",
-            "optimal, every h: 1",
-            "none, h = 1e-07: at most 0.5",
-            "left, h = 1e-07: at most 0.5",
-        ],
-        "13": [
-            "optimal: (max − min)/min over h at most 0.3",
-            "none, smallest h: stagnated",
-        ],
-        "14": ["float32 / float64 / 2²⁹, every form, unknown, variant and h: 0.25 to 4"],
-        "15": ["max |λ|, trapezoidal, direct / generalized-α, direct: at least 10"],
-        "16": [
-            *(
-                f"{name}{claimed}"
-                for name in ("index 2", "index 1", "GGL", "GGL + dissipation")
-                for claimed in (": slope 2 ± 0.15", ", h = 1e-06: at most 1e-06")
-            ),
-            "velocity projection: slope 2 ± 0.15",
-            "velocity projection, h = 1e-06: at most 1e-06",
-            "index 3, h = 1e-06: at least 10",
-            "slider-crank, index 3, every h: at least 1",
-            "slider-crank, corrected start: slope 2 ± 0.15",
-            "slider-crank, index 3 / corrected start, h = 0.0001: at least 1000",
-            "shaken pendulum, GGL: slope 2 ± 0.15",
-            "shaken pendulum, velocity projection: slope 2 ± 0.15",
-        ],
-        "18": [
-            *(
-                f"{problem}, {which}, every h: at most 1e-12"
-                for problem in ("andrews", "shaken-pendulum")
-                for which in (
-                    "position, index 3",
-                    "velocity, index 2",
-                    "position, GGL",
-                    "velocity, GGL",
-                    "velocity, velocity projection",
-                )
-            ),
-            "andrews, position, index 1, every h: at least 1e-10",
-            "shaken-pendulum, position, index 1, every h: at least 1e-10",
-        ],
-    }
+def test_shipped_configs_read_alike_as_data():
+    """What is read without pydantic is what a run puts into the record."""
+    for name, data in shipped.configs().items():
+        study = config.load_shipped(name)
+        assert plain(data) == plain(study.model_dump(mode="json", exclude_none=True)), name
+    assert {name for name, data in shipped.configs().items() if plain(data)} == {
+        "cures", "drift", "error", "history", "krylov", "multipliers", "precision", "tolerance",
+    }  # fmt: skip
 
 
 # -- the kinds, by numbers ------------------------------------------------------------------
 
-
-class Series:
-    """Values against h, all of cells that are ok."""
-
-    def __init__(self, **points):
-        self.h = np.array([10.0 ** -int(name[1:]) for name in points])
-        self.values = np.array(list(points.values()), float)
-        self.statuses = ("ok",) * len(points)
+#: Values at h = 1, 0.1, 0.01 by unknown.
+VALUES = {"u": (1, 1e-2, 1e-4), "lambda": (2, 1, 1e-2), "v": (1.0, 0.0, 1.0)}
 
 
-ONE, OTHER = (Curve(label, "s", "pendulum", "u", "correction") for label in ("one", "other"))
+def written(folder, *entries, drop=()):
+    """A study of three series with these expectations in its record."""
+    rows = []
+    for quantity, values in VALUES.items():
+        for h, value in zip((1.0, 0.1, 0.01), values, strict=True):
+            row = dict.fromkeys(results.COLUMNS, "")
+            row |= {axis.name: axis.usual for axis in series_axes() if axis.usual}
+            row |= {
+                "study": "own", "problem": "pendulum", "form": "u-v-lambda",
+                "preconditioning": "none", "integrator": "newmark beta=0.25 gamma=0.5",
+                "quantity": quantity, "measure": "correction", "role": "primary", "h": h,
+                "t_end": 3.0, "steps": 100, "rms": value, "zeros": 0, "not_converged": 0,
+                "newton_iterations": 4.0, "status": "ok",
+            }  # fmt: skip
+            if (quantity, h) not in drop:
+                rows.append(row)
+    path = folder / "own.csv"
+    path.write_text(results.csv_text(results.COLUMNS, rows))
+    record = {
+        "study": "own",
+        "config": {"expect": [{"measure": "correction", **entry} for entry in entries]},
+    }
+    path.with_suffix(".json").write_text(json.dumps(record))
+    return path
 
 
-def finding(claim, **series):
-    """What a claim comes to on series of the two curves."""
-    return evaluate(claim, lambda curve: series.get(curve.label))
+U = {"quantity": ["u"], "figure": "7", "label": "u"}
+TO_LAMBDA = {"over": {"quantity": ["lambda"]}}
 
 
 @each(
-    ("claim", "value", "verdict"),
+    ("given", "text", "value", "verdict"),
     [
-        (SlopeClaim(ONE, 2, 0.05), 2.0, PASS),
-        (SlopeClaim(ONE, 1.9, 0.05), 2.0, MISS),
-        (BoundClaim(ONE, high=1), 1.0, PASS),
-        (BoundClaim(ONE, high=0.5), 1.0, MISS),
-        (BoundClaim(ONE, low=1e-4), 1e-4, PASS),
-        (BoundClaim(ONE, low=2e-4), 1e-4, MISS),
-        (BoundClaim(ONE, low=1e-3, high=0.9), 1e-4, MISS),
-        (BoundClaim(ONE, high=0.5, h=1e-1), 1e-2, PASS),
-        (BoundClaim(ONE, high=0.5, h=1e-3), np.nan, INCOMPLETE),
-        (RatioClaim("q", ((ONE, OTHER),), 0.005, 0.5), 0.5, PASS),
-        (RatioClaim("q", ((ONE, OTHER),), 0.02, 10), 0.01, MISS),
-        (RatioClaim("q", ((ONE, OTHER),), 0.1, 0.5), 0.01, MISS),
-        (RatioClaim("q", ((ONE, OTHER),), 0.01, 0.2), 0.5, MISS),
-        (RatioClaim("q", ((ONE, OTHER),), 0.9, 50, unit=0.01), 50.0, PASS),
-        (RatioClaim("q", ((ONE, ONE),), 1, at=(1.0, 1e-2)), 1e4, PASS),
-        (RatioClaim("q", ((ONE, ONE),), 1, at=(1e-2, 1.0)), 1e-4, MISS),
-        (RatioClaim("q", ((ONE, ONE), (OTHER, ONE)), high=5), 100.0, MISS),
-        (SpreadClaim(OTHER, 199), 199.0, PASS),
-        (SpreadClaim(OTHER, 198), 199.0, MISS),
-        (StatusClaim(ONE, "ok"), np.nan, PASS),
+        ({"at_most": 1}, "u, every h: at most 1", 1.0, PASS),
+        ({"at_most": 0.5}, "u, every h: at most 0.5", 1.0, MISS),
+        ({"at_least": 1e-4}, "u, every h: at least 0.0001", 1e-4, PASS),
+        ({"at_least": 1e-3, "at_most": 0.9}, "u, every h: 0.001 to 0.9", 1e-4, MISS),
+        ({"at_most": 0.5, "h": 0.1}, "u, h = 0.1: at most 0.5", 1e-2, PASS),
+        ({"at_most": 0.5, "h": 1e-3}, "u, h = 0.001: at most 0.5", np.nan, INCOMPLETE),
+        ({"at_most": 0.5, "at_least": 0.005, **TO_LAMBDA}, "u: 0.005 to 0.5", 0.5, PASS),
+        ({"at_most": 0.2, **TO_LAMBDA}, "u: at most 0.2", 0.5, MISS),
+        ({"at_least": 1, "h": 1.0, "over": {"h": 0.01}}, "u: at least 1", 1e4, PASS),
+        ({"at_least": 1, "h": 0.01, "over": {"h": 1.0}}, "u: at least 1", 1e-4, MISS),
+        ({"at_most": 9, "over": {"quantity": ["v"]}}, "u: at most 9", np.nan, INCOMPLETE),
+        ({"at_most": 9, "over": {"quantity": ["a"]}}, "u: at most 9", np.nan, INCOMPLETE),
+        ({"spread": 9999}, "u: (max − min)/min over h at most 9999", 9999.0, PASS),
+        ({"spread": 9998}, "u: (max − min)/min over h at most 9998", 9999.0, MISS),
+        ({"status": "ok"}, "u, smallest h: ok", np.nan, PASS),
+        ({"status": "stagnated"}, "u, smallest h: stagnated", np.nan, MISS),
+        ({"slope": 2, "within": 0.4}, "u: slope 2 ± 0.4", 2.0, PASS),
+        ({"slope": 1, "within": 0.1}, "u: slope 1 ± 0.1", 2.0, UNDECIDED),  # faster than expected
     ],
 )
-def test_kinds(claim, value, verdict):
+def test_kinds(tmp_path, given, text, value, verdict):
     """The value that is farthest beyond a bound, or nearest to one, decides."""
-    found = finding(claim, one=Series(e0=1, e1=1e-2, e2=1e-4), other=Series(e0=2, e1=1, e2=1e-2))
-    assert found.verdict == verdict
-    assert found.value == pytest.approx(value, rel=1e-12, nan_ok=True)
+    (found,) = judged(written(tmp_path, U | given))
+    assert (found.text, found.verdict) == (text, verdict)
+    assert found.value == pytest.approx(value, rel=1e-9, nan_ok=True)
 
 
-def test_quotients_need_the_same_step_sizes():
+def test_quotients_need_the_same_step_sizes(tmp_path):
     """One step size more in the denominator is a hole, not a detail."""
-    claim = RatioClaim("q", ((ONE, OTHER),), 0, 10)
-    found = finding(claim, one=Series(e0=1, e1=1), other=Series(e0=1, e1=1, e2=1))
-    assert (found.verdict, found.measured) == (INCOMPLETE, "one, other: at different step sizes")
-    found = finding(claim, one=Series(e0=1), other=Series(e0=0))
-    assert (found.verdict, found.measured) == (INCOMPLETE, "other: zero")
+    given = U | TO_LAMBDA | {"at_most": 10}
+    (found,) = judged(written(tmp_path, given, drop=[("u", 0.01)]))
+    assert (found.verdict, found.reason) == (
+        INCOMPLETE, "Δu, pendulum u-v-lambda none, and its divisor: at different step sizes",
+    )  # fmt: skip
 
 
 # -- the command line -----------------------------------------------------------------------
@@ -307,7 +193,7 @@ def test_check_prints_claims(tmp_path):
 @each(
     "change, said",
     [
-        (lambda row: {"met": 999 if row["h"] == 1e-5 else row["met"]}, "0.999"),
+        (lambda row: {"met": 999 if row["h"] == 1e-5 else row["met"]}, "every h: 1 "),
         (lambda row: {"preconditioning": "none[left:]"}, "no optimal"),
     ],
 )
@@ -318,6 +204,6 @@ def test_check_fails_on_a_claim(tmp_path, change, said):
     synthetic.write(tmp_path, figure, table)
     code, text = checked(tmp_path)
     assert code == 1
-    (line,) = (line for line in text.splitlines() if line.startswith("optimal, every h: 1 "))
-    assert said in line
+    lines = [line for line in text.splitlines() if line.startswith("optimal")]
+    assert any(said in line for line in lines)
     assert text.splitlines()[-1] == "0 of 0 slopes as predicted, 3 of 4 claims hold"

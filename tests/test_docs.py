@@ -20,7 +20,7 @@ from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
-from newmark_cli.report import check, slopes
+from newmark_cli.report import check, expectations, slopes
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.study import config, results
@@ -365,7 +365,9 @@ def test_claims_are_those_of_the_results(committed):
     table = check.markdown_table(check.slope_rows(check.in_paper(committed)))
     begin, end = "<!-- claims: begin -->\n", "<!-- claims: end -->"
     assert page.split(begin)[1].split(end)[0].strip() == table
-    table = check.markdown_table(check.claim_rows(check.judge(committed)))
+    table = check.markdown_table(
+        expectations.claim_rows(expectations.judge(ROOT / "results", committed))
+    )
     begin, end = "<!-- past the paper: begin -->\n", "<!-- past the paper: end -->"
     assert page.split(begin)[1].split(end)[0].strip() == table
 
@@ -382,9 +384,9 @@ def test_committed_results_are_complete(committed):
     }
     assert damped <= {("shaken-pendulum", "index-3"), ("shaken-pendulum", "augmented-lagrangian")}
     assert {s.verdict for s in others} == {NOT_CONVERGING, UNDECIDED}
-    judged = check.judge(committed)
-    assert {entry.finding.verdict for entry in judged} == {PASS}
-    assert {entry.figure.study for entry in judged} == {*config.BEYOND} - {
+    judged = expectations.judge(ROOT / "results", committed)
+    assert {entry.verdict for entry in judged} == {PASS}
+    assert {entry.study for entry in judged} == {*config.BEYOND} - {
         "integrators",
         "cures-tolerance",
         "cures-krylov",

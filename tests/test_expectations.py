@@ -268,7 +268,7 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting, entry, said):
 @each("entry, words", [
     ("{measure: eror, slope: 2}", "measure: unknown measure 'eror'; did you mean 'error'?"),
     ("{measure: error, slop: 2}", "slop: unknown key; did you mean 'slope'?"),
-    ("{measure: error}", "slope: missing: give slope, at_most or at_least"),
+    ("{measure: error}", "slope: missing: give slope, at_most, at_least, spread or status"),
     ("{measure: error, quantity: a, slope: 2}", "quantity: error has no 'a'; allowed: u, v, lam"),
     ("{measure: correction, slope: -2}", "measure: 'correction' is not among the study's; did"),
     ("{measure: error, slope: two}", "slope: must be a valid number, given 'two'"),

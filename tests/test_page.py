@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from conftest import QUICK
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report import check, page, slopes
+from newmark_cli.report import check, expectations, page, slopes
 from newmark_cli.report.figures import FIGURES
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
@@ -96,7 +96,10 @@ def read(text):
 def test_every_claim_with_its_verdict(folder, read):
     """The rows that `check` prints, slopes and claims."""
     found = slopes.collect(folder)
-    for row in [*check.claim_rows(check.judge(found)), *check.slope_rows(found)]:
+    for row in [
+        *expectations.claim_rows(expectations.judge(folder, found)),
+        *check.slope_rows(found),
+    ]:
         assert list(row) in read.rows, row
 
 
@@ -110,7 +113,7 @@ def test_tables_of_verdicts_on_narrow_screens(folder, read):
     found = slopes.collect(folder)
     for kind, rows in (
         ("slopes", check.slope_rows(found)),
-        ("claims", check.claim_rows(check.judge(found))),
+        ("claims", expectations.claim_rows(expectations.judge(folder, found))),
     ):
         named = re.findall(rf'\.{kind} td:nth-child\((\d+)\)::before {{ content: "(.*?) "', narrow)
         assert named == [(str(i), heading) for i, heading in enumerate(rows[0][:-1], 1)]

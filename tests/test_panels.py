@@ -312,7 +312,6 @@ class RatioFigure:
     study: str
     above: Curve
     below: Curve
-    claims: ClassVar = ()
     tolerance: ClassVar = None
     in_paper: ClassVar = False
 

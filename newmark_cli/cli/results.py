@@ -174,7 +174,6 @@ def check(
       newmark-study check my-study --strict --junit slopes.xml
     """
     from newmark_cli import files
-    from newmark_cli.report import check as checking
     from newmark_cli.report import expectations, outcomes, records, slopes
     from newmark_cli.study import reading
 
@@ -186,8 +185,9 @@ def check(
     changed = records.changed(folder, wanted)
     if as_json:
         rows = [slope.row() for slope in found]
-        rows += [entry.row() for entry in checking.judge(found)]
-        rows += [each.row() for each in expected]
+        rows += [
+            each.row() for each in (*expectations.claims(expected), *expectations.own(expected))
+        ]
         screen.lines(
             as_json_text(
                 rows + [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
@@ -375,14 +375,13 @@ def show_claims(
     from newmark_cli.report import expectations
     from newmark_cli.report.text import text_table, wrapped
 
-    judged = checking.judge(slopes)
     chosen = checking.chosen(slopes, show_all)
     if markdown:
         # A table to publish: what nothing can be said of is for those who run the check.
         chosen = [s for s in chosen if show_all or s.figures or s.fails]
         tables = (
             checking.slope_rows(chosen),
-            checking.claim_rows(judged),
+            expectations.claim_rows(expected),
             expectations.table(expected),
         )
         for table in tables:
@@ -390,8 +389,10 @@ def show_claims(
                 screen.lines(checking.markdown_table(table) + "\n")
         return
     for table in (
-        checking.slope_lines(chosen), checking.claim_lines(judged), expectations.lines(expected)
-    ):  # fmt: skip
+        checking.slope_lines(chosen),
+        expectations.claim_lines(expected),
+        expectations.lines(expected),
+    ):
         if len(table) > 1:
             screen.lines(text_table(table) + "\n")
     for remarks in (checking.remarks(slopes), expectations.remarks(expected), changed):
@@ -402,7 +403,7 @@ def show_claims(
             screen.line(f"… and {len(remarks) - most} more (--all)")
         if remarks:
             screen.line()
-    summary = checking.summary(slopes, judged, expectations.summary(expected))
+    summary = checking.summary(slopes, expectations.summary(expected))
     if changed:
         summary += f", {len(changed)} not what was written"
     screen.lines(wrapped(summary))

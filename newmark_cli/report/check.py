@@ -1,97 +1,16 @@
-"""Output of `check`: slopes next to predictions, and the claims of the figures."""
+"""Output of `check`: slopes next to predictions."""
 
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
 
-from newmark_cli.newmark.linear.choice import GMRES, MINRES
-from newmark_cli.report.claims import Claim, Finding, FloorClaim, evaluate
-from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
+from newmark_cli.report.curves import TRAPEZOIDAL
 from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import format_fit, format_order
-from newmark_cli.report.kinds import Figure
 from newmark_cli.report.slopes import Slope, in_figure_order
-from newmark_cli.report.text import markdown
+from newmark_cli.report.text import format_orders, gathered, markdown
 from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
-from newmark_cli.study.axes import SeriesKey
-
-#: Points of a study from which on its predicted floors are judged.
-_FEWEST_FLOORS = 10
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A claim of a figure, and what it comes to."""
-
-    figure: "Figure | Floors"
-    claim: Claim
-    finding: Finding
-
-    def row(self) -> dict[str, Any]:
-        """As values for programs."""
-        return {
-            "figure": self.figure.name,
-            "study": self.figure.study,
-            "claim": self.claim.text,
-            **vars(self.finding),
-        }
-
-
-def judge(slopes: Sequence[Slope]) -> list[Judged]:
-    """Claims of the figures whose studies are among the results, in their order."""
-    studies = {slope.study for slope in slopes}
-    found = {slope.key: slope for slope in slopes}
-
-    def find(curve: Curve) -> Slope | None:
-        return found.get(curve.key)
-
-    shipped = [figure for figure in FIGURES.values() if figure.study in studies]
-    claiming: list[Figure | Floors] = [*shipped, *_floors(slopes)]
-    return [
-        Judged(figure, claim, evaluate(claim, find))
-        for figure in claiming
-        for claim in figure.claims
-    ]
-
-
-@dataclass(frozen=True)
-class Floors:
-    """Floors that a study predicts and measures, as a figure that is not drawn by itself."""
-
-    study: str
-    curves: tuple[Curve, ...]
-    claims: tuple[Claim, ...]
-    name: str = "floor"
-
-
-def _floors(slopes: Sequence[Slope]) -> list[Floors]:
-    """Claims about each study that has both corrections and their predicted floors.
-
-    Nine in ten of a few points would mean all of them; and where a Krylov solver stops,
-    rounding is not what is left.
-    """
-    there = {slope.key for slope in slopes}
-    pairs: dict[str, list[tuple[Curve, Curve]]] = {}
-    points: Counter[str] = Counter()
-    for slope in slopes:
-        if slope.measure == "correction" and slope.linear_solver not in (GMRES, MINRES):
-            predicted = floor_of(slope.key)
-            if predicted in there:
-                both = (_curve(predicted), _curve(slope.key))
-                pairs.setdefault(slope.study, []).append(both)
-                points[slope.study] += len(slope.h)
-    return [
-        Floors(study, tuple(measured for _, measured in both), (FloorClaim(tuple(both)),))
-        for study, both in pairs.items()
-        if points[study] >= _FEWEST_FLOORS
-    ]
-
-
-def _curve(key: SeriesKey) -> Curve:
-    return Curve(key.quantity, **key.named())
 
 
 def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
@@ -155,49 +74,9 @@ def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
     )
 
 
-def claim_lines(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
-    """Rows of the table of claims for a terminal, gathered by figure, headings first."""
-    return gathered(
-        ("claim", "measured", "verdict"),
-        (
-            (f"figure {figure}, {study}: {measured}", *row)
-            for figure, study, measured, *row in claim_rows(judged)[1:]
-        ),
-    )
-
-
 def _of_figure(slope: Slope) -> str:
     word = "figure" if len(slope.figures) == 1 else "figures"
     return f"{word} {', '.join(slope.figures)}, {slope.study}"
-
-
-def gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Headings, and rows without their first entry, which stands once above those it is of."""
-    below: dict[str, list[tuple[str, ...]]] = {}
-    for above, *row in rows:
-        below.setdefault(above, []).append(tuple(row))
-    found = [headings]
-    for above, gathered in below.items():
-        found += [("",), (above,), *gathered]
-    return found
-
-
-def claim_rows(judged: Iterable[Judged]) -> list[tuple[str, ...]]:
-    """Rows of the table of claims, headings first."""
-    return [
-        ("figure", "config", "quantity", "claim", "measured", "verdict"),
-        *(
-            (
-                entry.figure.name,
-                entry.figure.study,
-                ", ".join(dict.fromkeys(quantity(curve) for curve in entry.figure.curves)),
-                entry.claim.text,
-                entry.finding.measured,
-                entry.finding.verdict,
-            )
-            for entry in judged
-        ),
-    ]
 
 
 def _where(slope: Slope) -> str:
@@ -233,23 +112,19 @@ def counting(slopes: Sequence[Slope]) -> list[Slope]:
     ]
 
 
-def summary(slopes: Sequence[Slope], judged: Sequence[Judged], expected: str = "") -> str:
-    """How many slopes are as predicted, what became of the others, and how many claims hold.
+def summary(slopes: Sequence[Slope], expected: str = "") -> str:
+    """How many slopes are as predicted, and what became of the others.
 
     Args:
         slopes: The series.
-        judged: The claims.
-        expected: How many expectations hold; empty without any.
+        expected: How many claims and expectations hold; empty without any.
     """
     counted = Counter(slope.verdict for slope in counting(slopes))
     decided = sum(counted[word] for word in (PASS, *FAILING))
     parts = [f"{counted[PASS]} of {decided} slopes as predicted"]
     parts += [f"{counted[word]} {word}" for word in (NOT_CONVERGING, UNDECIDED) if counted[word]]
-    if judged:
-        held = [entry.finding.verdict for entry in judged].count(PASS)
-        parts.append(f"{held} of {len(judged)} claims hold")
     text = ", ".join([*parts, expected] if expected else parts)
-    if not (counted[PASS] or judged or expected) and not any(slope.fails for slope in slopes):
+    if not (counted[PASS] or expected) and not any(slope.fails for slope in slopes):
         text += ": nothing could be judged"
     return text
 
@@ -292,11 +167,3 @@ def format_prediction(slope: Slope) -> str:
 def format_verdict(slope: Slope) -> str:
     """The verdict, and whether the study is about it."""
     return f"{slope.verdict} (accepted)" if slope.accepted else slope.verdict
-
-
-def format_orders(slope: Slope) -> str:
-    """Local orders from the largest step size to the smallest, for people."""
-    return " ".join(
-        "–" if math.isnan(order) else f"{order:.2f}".replace("-", "−")
-        for order in slope.local_orders
-    )

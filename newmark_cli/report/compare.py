@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from newmark_cli.errors import visible
-from newmark_cli.report import check, expectations, records
+from newmark_cli.report import expectations, records
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
 from newmark_cli.report.text import text_table
@@ -129,20 +129,13 @@ class _Folder:
 
     def verdicts(self) -> dict[str, tuple[str, str]]:
         """A claim or an expectation, as a sentence → what was measured, and the verdict."""
-        claims = {
-            f"figure {entry.figure.name}: {entry.claim.text}": (
-                entry.finding.measured,
-                entry.finding.verdict,
-            )
-            for entry in check.judge(self.slopes)
-        }
-        return claims | {
-            f"expectation of {each.study}: {each.series}: {each.said}": (
+        return {
+            f"{each.name if each.figure else f'expectation of {each.study}'}: {each.text}": (
                 each.measured,
                 each.verdict,
             )
             for each in expectations.judge(self.path, self.slopes)
-            if each.slope
+            if not each.missing
         }
 
     def environment(self) -> dict[str, dict[str, str]]:

@@ -17,7 +17,6 @@ from newmark_cli import files
 from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.linear.choice import GMRES
 from newmark_cli.report import cures
-from newmark_cli.report.claims import Claim
 from newmark_cli.report.cures import (
     CURES,
     DAMPED,
@@ -495,7 +494,6 @@ class CureTableFigure:
 
     name: str
     title: str
-    claims: ClassVar[tuple[Claim, ...]] = ()
     study: ClassVar[str] = STUDY
     tolerance: ClassVar[float | None] = None
     in_paper: ClassVar[bool] = False

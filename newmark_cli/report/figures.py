@@ -9,7 +9,6 @@ from types import MappingProxyType
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
 from newmark_cli.report import cure_table, cures
-from newmark_cli.report.claims import BoundClaim, RatioClaim, SlopeClaim, SpreadClaim, StatusClaim
 from newmark_cli.report.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.kinds import (
     Figure,
@@ -28,22 +27,12 @@ _GENERALIZED_ALPHA = GeneralizedAlpha(0.9).label
 def _multipliers() -> StudyFigure:
     columns = ("multipliers", "andrews", "lambda", "physical_correction")
     direct = variants(*columns)
-    none, *_, optimal = direct
     compensated = Curve(
         "optimal, compensated", *columns, preconditioning="optimal", evaluation="compensated"
     )
     return StudyFigure(
         "10", "Andrews' mechanism: multipliers in physical units", "multipliers",
         curves=(*direct, compensated),
-        claims=(
-            *(SlopeClaim(curve, -2, 0.15) for curve in direct),
-            SlopeClaim(compensated, -1, 0.15),
-            RatioClaim("optimal / none, every h", ((optimal, none),), 0.5, 2),
-            RatioClaim(
-                "optimal, direct / compensated, h = 1e-07", ((optimal, compensated),), 1e4,
-                at=(1e-7, 1e-7),
-            ),
-        ),
     )  # fmt: skip
 
 
@@ -66,15 +55,6 @@ def _error() -> StudyFigure:
     return StudyFigure(
         "11", "Andrews' mechanism: error of the multipliers", "error",
         curves=(*trapezoidal, trapezoidal_compensated, direct, compensated),
-        claims=(
-            SlopeClaim(compensated, 2, 0.1),
-            BoundClaim(compensated, high=2e-8, h=1e-7),
-            BoundClaim(direct, low=1e-6, h=1e-7),
-            RatioClaim(
-                f"{direct.label}, h = 1e-07 / h = 1e-06", ((direct, direct),), 1, at=(1e-7, 1e-6)
-            ),
-            *(BoundClaim(curve, low=10, h=1e-6) for curve in trapezoidal),
-        ),
     )  # fmt: skip
 
 
@@ -83,14 +63,9 @@ def _tolerance() -> StudyFigure:
         "tolerance", "andrews", "newton", "tolerance",
         integrator=_GENERALIZED_ALPHA, stop="absolute 1e-08",
     )  # fmt: skip
-    none, left, right, optimal = curves
     return StudyFigure(
         "12", "Andrews' mechanism: steps that meet ‖Δq̄‖ ≤ 10⁻⁸", "tolerance",
         curves=curves,
-        claims=(
-            *(BoundClaim(curve, low=1, high=1) for curve in (right, optimal)),
-            *(BoundClaim(curve, high=0.5, h=1e-7) for curve in (none, left)),
-        ),
         linear=True,
         note="generalized-α, ρ∞ = 0.9",
     )  # fmt: skip
@@ -100,11 +75,9 @@ def _krylov() -> StudyFigure:
     curves = variants(
         "krylov", "random-chain(links=1000)", "jacobian", "krylov_iterations", linear_solver="gmres"
     )
-    none, *_, optimal = curves
     return StudyFigure(
         "13", "1000 random links: GMRES iterations", "krylov",
         curves=curves,
-        claims=(SpreadClaim(optimal, 0.3), StatusClaim(none, "stagnated")),
         linear=True,
     )  # fmt: skip
 
@@ -125,12 +98,6 @@ def _history() -> HistoryFigure:
     return HistoryFigure(
         "15", "Andrews' mechanism: a multiplier over time", "history", 1e-6,
         curves=(trapezoidal, compensated, damped),
-        claims=(
-            # Noise that an odd–even mode has carried along: 71 on one processor, 1220 on another.
-            RatioClaim(
-                f"max |λ|, {trapezoidal.label} / {damped.label}", ((trapezoidal, damped),), 10
-            ),
-        ),
     )  # fmt: skip
 
 

@@ -19,7 +19,6 @@ from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
 from newmark_cli.report import traces
-from newmark_cli.report.claims import Claim, RatioClaim
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.history import History, read_histories
 from newmark_cli.report.panels import (
@@ -100,10 +99,6 @@ class Figure(Protocol):
         """Series of the CSV that it draws."""
 
     @property
-    def claims(self) -> tuple[Claim, ...]:
-        """Claims that they must meet."""
-
-    @property
     def tolerance(self) -> float | None:
         """Largest |fitted − predicted slope| of its series; None for that of their measure."""
 
@@ -148,7 +143,6 @@ class OrderFigure:
     measure: str
     tolerance: float
     variants: tuple[str, ...] = PAPER_VARIANTS
-    claims: ClassVar[tuple[Claim, ...]] = ()
     in_paper: ClassVar[bool] = True
 
     @property
@@ -183,7 +177,6 @@ class MechanismFigure:
     study: str
     problem: str
     curves: ClassVar[tuple[Curve, ...]] = ()
-    claims: ClassVar[tuple[Claim, ...]] = ()
     tolerance: ClassVar[float | None] = None
     in_paper: ClassVar[bool] = False
 
@@ -226,7 +219,6 @@ class SensitivityFigure:
     tolerance: float
     variants: tuple[str, ...] = ("none", "optimal")
     measure: str = "sensitivity"
-    claims: ClassVar[tuple[Claim, ...]] = ()
     in_paper: ClassVar[bool] = False
 
     @property
@@ -310,7 +302,6 @@ class StudyFigure:
         title: What it shows.
         study: Study whose CSV it reads.
         curves: Series of one quantity and measure, in the order of the legend.
-        claims: What they must show.
         linear: Whether the ordinate is linear, from zero.
         note: What the legend says above the series.
     """
@@ -319,7 +310,6 @@ class StudyFigure:
     title: str
     study: str
     curves: tuple[Curve, ...]
-    claims: tuple[Claim, ...]
     linear: bool = False
     note: str = ""
     tolerance: ClassVar[float | None] = None
@@ -376,22 +366,6 @@ class PrecisionFigure:
             for precision in self.precisions
             for variant in self.variants
         )  # fmt: skip
-
-    @property
-    def claims(self) -> tuple[Claim, ...]:
-        """Corrections are proportional to the unit roundoff."""
-        single, double = (
-            [
-                curve
-                for form in FORMS
-                for curve in self._of_form(form)
-                if curve.precision == precision
-            ]
-            for precision in self.precisions
-        )
-        what = f"{' / '.join(self.precisions)} / 2²⁹, every form, unknown, variant and h"
-        pairs = tuple(zip(single, double, strict=True))
-        return (RatioClaim(what, pairs, 1 / self.factor, self.factor, unit=2**29),)
 
     def require(self, results: Results) -> None:
         """All series."""
@@ -459,7 +433,6 @@ class HistoryFigure:
         study: Study whose CSV and time series it reads.
         h: Step size (s).
         curves: Which cells; their largest |λ| are what claims read.
-        claims: What they must show.
     """
 
     name: str
@@ -467,7 +440,6 @@ class HistoryFigure:
     study: str
     h: float
     curves: tuple[Curve, ...]
-    claims: tuple[Claim, ...]
     tolerance: ClassVar[float | None] = None
     in_paper: ClassVar[bool] = False
 

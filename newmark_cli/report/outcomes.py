@@ -7,7 +7,7 @@ from pathlib import Path
 
 from newmark_cli.errors import visible
 from newmark_cli.report import paper_tables
-from newmark_cli.report.check import Judged, counting, format_prediction, judge
+from newmark_cli.report.check import counting, format_prediction
 from newmark_cli.report.expectations import Expected, series_name
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.paper_tables import Entry
@@ -64,8 +64,8 @@ def of(
     study accepts.
 
     Args:
-        slopes: The series; the claims about them are among what is asserted.
-        expected: Expectations of them.
+        slopes: The series.
+        expected: Claims about them, and expectations.
         changed: CSVs that are not what was written.
         tables: Whether entries of Tables 1 and 2 are, too, where all else holds.
 
@@ -74,7 +74,6 @@ def of(
     """
     found = [
         *map(_of_expected, expected),
-        *map(_of_claim, judge(slopes)),
         *_of_slopes(slopes),
         *(Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed),
     ]
@@ -84,18 +83,15 @@ def of(
 
 
 def _of_expected(each: Expected) -> Outcome:
-    parts = (each.series, each.said) if each.slope else ()
-    name = ", ".join((each.expectation.name, *parts))
+    if each.figure:
+        name, found = f"{each.name}, {each.text}", joined(each.measured, each.reason)
+        return Outcome(each.study, name, each.verdict, found, each.file, each.line)
+    name = each.name if each.missing else f"{each.name}, {each.label}, {each.said}"
     found = f"measured {each.measured}" if each.measured else ""
     return Outcome(
         each.study, name, each.verdict, joined(found, each.reason), each.file, each.line,
-        erroneous=each.slope is None, shown=each.slope is not None,
+        erroneous=each.missing, shown=not each.missing,
     )  # fmt: skip
-
-
-def _of_claim(judged: Judged) -> Outcome:
-    name = f"figure {judged.figure.name}, {judged.claim.text}"
-    return Outcome(judged.figure.study, name, judged.finding.verdict, judged.finding.measured)
 
 
 def _of_slopes(slopes: Sequence[Slope]) -> Iterator[Outcome]:

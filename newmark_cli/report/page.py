@@ -106,7 +106,6 @@ def html(folder: Path) -> str:
             "report: needs jinja2; install it with: pip install 'newmark-study[report]'"
         ) from None
     found = slopes.collect(folder)
-    judged = check.judge(found)
     expected = expectations.judge(folder, found)
     # Of studies of one's own, which no figure shows, nothing is folded away.
     shown = check.chosen(found, everything=not check.in_paper(found))
@@ -126,10 +125,10 @@ def html(folder: Path) -> str:
         finished=max((run.facts.get("finished", "") for run in runs), default=""),
         holds=outcomes.hold(outcomes.of(found, expected, changed)),
         changed=[f"{entry.path}: {entry.finding}" for entry in changed],
-        summary=check.summary(found, judged, expectations.summary(expected)),
+        summary=check.summary(found, expectations.summary(expected)),
         slopes=check.slope_rows(shown),
         rest=check.slope_rows([slope for slope in found if slope not in shown]),
-        claims=check.claim_rows(judged),
+        claims=expectations.claim_rows(expected),
         expectations=expectations.table(expected),
         pictures=pictures(Results(folder, found)),
         tables=_tables(found),

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from newmark_cli.report.claims import Claim
 from newmark_cli.report.curves import Curve
 
 
@@ -17,7 +16,7 @@ class Part:
 
 @dataclass(frozen=True)
 class OfParts:
-    """The parts that automatic figures of a study share; they claim nothing.
+    """The parts that automatic figures of a study share.
 
     Attributes:
         name: Of its files.
@@ -32,7 +31,6 @@ class OfParts:
     study: str
     parts: tuple[Part, ...]
     columns: int = 1
-    claims: ClassVar[tuple[Claim, ...]] = ()
     tolerance: ClassVar[float | None] = None
     in_paper: ClassVar[bool] = False
 

@@ -4,15 +4,20 @@ A table that is too wide is folded, never cut: its longest columns wrap, or its 
 go into several tables one below the other.
 """
 
+import math
 import re
 import shutil
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from newmark_cli.errors import visible
 from newmark_cli.painting import marked
 from newmark_cli.report.verdicts import FAILING, UNDECIDED
 from newmark_cli.study.cell import STATUSES
+
+if TYPE_CHECKING:
+    from newmark_cli.report.slopes import Slope
 
 #: Least width of a table, however narrow the terminal.
 _LEAST = 40
@@ -174,3 +179,22 @@ def in_words(axis: str, value: str) -> str:
             value, value
         )
     return f"{value} start" if axis == "start" else value
+
+
+def gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Headings, and rows without their first entry, which stands once above those it is of."""
+    below: dict[str, list[tuple[str, ...]]] = {}
+    for above, *row in rows:
+        below.setdefault(above, []).append(tuple(row))
+    found = [headings]
+    for above, gathered in below.items():
+        found += [("",), (above,), *gathered]
+    return found
+
+
+def format_orders(slope: "Slope") -> str:
+    """Local orders from the largest step size to the smallest, for people."""
+    return " ".join(
+        "–" if math.isnan(order) else f"{order:.2f}".replace("-", "−")
+        for order in slope.local_orders
+    )

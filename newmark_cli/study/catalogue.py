@@ -13,7 +13,7 @@ from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.study import config
+from newmark_cli.study import config, shipped
 from newmark_cli.study.measures import MEASURES
 
 
@@ -81,5 +81,5 @@ def _form(form: Form) -> str:
 
 
 def _config(name: str) -> str:
-    data = documents.read(config.shipped_folder() / f"{name}.yaml").data
+    data = documents.read(shipped.folder() / f"{name}.yaml").data
     return str(data.get("description", ""))

@@ -61,6 +61,7 @@ from newmark_cli.newmark.scheme import (
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.spelling import closest, nearest
 from newmark_cli.study import axes, drawing, expecting
+from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.keys import (
@@ -639,26 +640,19 @@ def _require_shown(document: Document, study: Study) -> None:
             )
 
 
-def shipped_folder() -> Path:
-    """Folder of the shipped configs: in the wheel, or at the top of a checkout."""
-    package = Path(__file__).parents[1]
-    in_wheel = package / "configs"
-    return in_wheel if in_wheel.is_dir() else package.parent / "configs"
-
-
 def shipped() -> tuple[str, ...]:
     """Names of the shipped configs."""
-    return tuple(sorted(file.stem for file in shipped_folder().glob("*.yaml")))
+    return _shipped.names()
 
 
 def shipped_sums() -> Path:
     """File of the checksums of the results of the shipped configs."""
-    return shipped_folder() / "results.json"
+    return _shipped.folder() / "results.json"
 
 
 def load_shipped(name: str) -> Study:
     """The shipped config of this name, whatever lies in the current folder."""
-    return load(shipped_folder() / f"{name}.yaml", f"{name}.yaml")
+    return load(_shipped.folder() / f"{name}.yaml", f"{name}.yaml")
 
 
 def find(config: str, allow_code: bool = False) -> Study:

@@ -1,4 +1,4 @@
-"""What a study expects of its series: orders and levels of the user's own.
+"""What a study expects of its series: orders, levels, quotients, in the author's own words.
 
 Plain values, without pydantic: those who read a study's record need them too.
 """
@@ -24,8 +24,15 @@ class Expectation:
         choice: Axis → its values, as CSVs have them; an axis that it lacks may have any.
         slope: Expected order; None where only a level is expected.
         within: Largest |fitted − slope|; None for the tolerance of the measure.
-        at_most, at_least: Bounds of the values.
+        at_most, at_least: Bounds of the values, or of their quotients.
         h: Step size (s) at which the bounds hold; None for every step size.
+        over: Axis → value of the series that values are divided by, where it differs from that
+            of the numerator; None where values are not divided.
+        over_h: Step size (s) of the denominator; that of the numerator when None.
+        spread: Largest (max − min)/min over the step sizes; None for any.
+        status: How the cell at the smallest step size ends; empty for any way.
+        figure: The figure that it is a claim about; empty for none.
+        label: How the claim names the series; made from their axes when empty.
     """
 
     number: int
@@ -36,6 +43,12 @@ class Expectation:
     at_most: float = math.inf
     at_least: float = 0.0
     h: float | None = None
+    over: Mapping[str, str] | None = None
+    over_h: float | None = None
+    spread: float | None = None
+    status: str = ""
+    figure: str = ""
+    label: str = ""
 
     @property
     def name(self) -> str:
@@ -59,12 +72,16 @@ class Expectation:
             getattr(key, axis) in values for axis, values in self.choice.items()
         )
 
+    def divisor(self, key: SeriesKey) -> SeriesKey:
+        """The series that the values of a series are divided by."""
+        return SeriesKey.of(key.named() | dict(self.over or {}))
+
 
 def expectations(config: Any) -> list[Expectation]:
-    """Expectations of a resolved config.
+    """Expectations of a config.
 
     Args:
-        config: As in a study's record.
+        config: As in a study's record, or as a file has it with values spelled as in CSVs.
 
     Raises:
         ValueError: When they are not as a run has written them.
@@ -77,24 +94,40 @@ def expectations(config: Any) -> list[Expectation]:
 
 
 def _expectation(number: int, entry: Mapping[str, Any]) -> Expectation:
-    def read(name: str, default: Any) -> Any:
-        value = entry.get(name)
-        if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
-            raise ValueError(f"{name}: {value!r}")
-        return default if value is None else float(value)
-
-    same = {axis.name: axis.same for axis in axes.series_axes()}
+    over = entry.get("over")
     return Expectation(
         number,
         RECORDS[entry["measure"]].name,
-        {
-            axis: tuple(same[axis](str(value)) for value in entry[axis])
-            for axis in COMPARABLE
-            if entry.get(axis) is not None
-        },
-        read("slope", None),
-        read("within", None),
-        read("at_most", math.inf),
-        read("at_least", 0.0),
-        read("h", None),
+        chosen(entry),
+        _number(entry, "slope"),
+        _number(entry, "within"),
+        _number(entry, "at_most", math.inf),
+        _number(entry, "at_least", 0.0),
+        _number(entry, "h"),
+        None if over is None else {axis: given[0] for axis, given in chosen(over).items()},
+        _number(over or {}, "h"),
+        _number(entry, "spread"),
+        str(entry.get("status") or ""),
+        str(entry.get("figure") or ""),
+        str(entry.get("label") or ""),
     )
+
+
+def chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Axis → values of an entry of a config, spelled as in CSVs."""
+    same = {axis.name: axis.same for axis in axes.series_axes()}
+    found = {}
+    for axis in COMPARABLE:
+        if (given := entry.get(axis)) is not None:
+            several = given if isinstance(given, list | tuple) else [given]
+            if not all(isinstance(value, str) for value in several):
+                raise TypeError(f"{axis}: {given!r}")
+            found[axis] = tuple(map(same[axis], several))
+    return found
+
+
+def _number(entry: Mapping[str, Any], name: str, default: Any = None) -> Any:
+    value = entry.get(name)
+    if value is not None and not (isinstance(value, int | float) and math.isfinite(value)):
+        raise ValueError(f"{name}: {value!r}")
+    return default if value is None else float(value)

@@ -4,9 +4,10 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, product
 from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import (
+    AfterValidator,
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
@@ -19,19 +20,22 @@ from pydantic_core import CoreSchema, PydanticCustomError
 
 from newmark_cli import documents
 from newmark_cli.documents import Document, KeyPath, Mistakes, Number, StrictModel, misfit
-from newmark_cli.json_schema import JsonSchema, Shown
+from newmark_cli.json_schema import JsonSchema, Shown, also
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Projection, reported
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Axis
+from newmark_cli.study.cell import STATUSES
 from newmark_cli.study.keys import (
+    OneLine,
     OneOrMore,
     Positive,
     Quantities,
     Recorded,
     RowBlocks,
+    Word,
 )
 from newmark_cli.study.measures import MEASURES, RECORDS
 
@@ -40,6 +44,8 @@ if TYPE_CHECKING:
 
 _MOST = 1_000
 _Choice = Mapping[str, Sequence[str]]
+#: Keys of which an expectation has one at least.
+_ASSERTS = ("slope", "at_most", "at_least", "spread", "status")
 #: Axes of a case that tell its series apart.
 _AXES = tuple(axis for axis in axes.cell_axes() if axis.cell and axis.series)
 _NO_TOLERANCE = [name for name, record in RECORDS.items() if record.tolerance != record.tolerance]
@@ -65,14 +71,18 @@ class _Rules(StrictModel):
                     "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
                 )
         low, high = self.at_least, self.at_most
-        if self.slope is None and low is None and high is None:
-            yield misfit("slope", "missing: give slope, at_most or at_least")
+        if all(getattr(self, key) is None for key in _ASSERTS):
+            yield misfit("slope", f"missing: give {', '.join(_ASSERTS[:-1])} or {_ASSERTS[-1]}")
         if self.slope is None and self.within is not None:
             yield misfit("within", "is the tolerance of a slope, and no slope is given")
         if self.slope is not None and self.within is None and self.measure in _NO_TOLERANCE:
             yield misfit("within", f"missing: {self.measure} has no tolerance of its own")
         if self.h is not None and low is None and high is None:
             yield misfit("h", "is where at_most or at_least hold; a slope is over all step sizes")
+        if self.over is not None and low is None and high is None:
+            yield misfit("over", "is what at_most or at_least divide by, and neither is given")
+        if self.over is not None and self.slope is not None:
+            yield misfit("over", "divides values, and slope is of the values themselves")
         if low is not None and high is not None and low > high:
             yield misfit("at_least", f"must not exceed at_most = {high:g}, given {low:g}")
 
@@ -109,9 +119,31 @@ def _label(axis: Axis, value: Any) -> str:
     return axis.same(str(axis.usual if value is None else getattr(value, "label", value)))
 
 
+def _one(chosen: tuple[Any, Any]) -> tuple[Any, Any]:
+    """The same key with one value."""
+    annotation, _ = chosen
+    about = "value of the divisor, as in a case or as in the CSV; as in the numerator if omitted"
+    exactly_one = AfterValidator(_alone)
+    return Annotated[annotation, exactly_one, also(maxItems=1)], Field(None, description=about)
+
+
+def _alone(values: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
+    if values is not None and len(values) > 1:
+        raise ValueError("must be one value: a series is divided by one other")
+    return values
+
+
 if TYPE_CHECKING:
     ExpectConfig = _Rules
 else:
+    OverConfig = create_model(
+        "OverConfig",
+        __base__=StrictModel,
+        __doc__="What the values of a series are divided by: where the divisor differs from it.",
+        quantity=_one((Quantities | None, None)),
+        **{axis.name: _one(_chosen(axis)) for axis in _AXES},
+        h=(Positive | None, Field(None, description="step size of the divisor (s)")),
+    )
     ExpectConfig = create_model(
         "ExpectConfig",
         __base__=_Rules,
@@ -140,7 +172,28 @@ else:
             Positive | None,
             Field(None, description="step size of at_most and at_least (s); every one if omitted"),
         ),
-    )
+        over=(
+            OverConfig | None,
+            Field(None, description="what the values are divided by: at_most and at_least bound "
+                  "the quotients"),
+        ),
+        spread=(
+            Positive | None,
+            Field(None, description="largest (max − min)/min of the values over the step sizes"),
+        ),
+        status=(
+            Literal[STATUSES] | None,
+            Field(None, description="how the cell at the smallest step size ends"),
+        ),
+        figure=(
+            Word | None,
+            Field(None, description="figure that shows it: `check` lists it as a claim of that"),
+        ),
+        label=(
+            OneLine | None,
+            Field(None, description="how `check` names the series; made from its axes if omitted"),
+        ),
+    )  # fmt: skip
 
 Expectations = Annotated[tuple[ExpectConfig, ...], Field(min_length=1, max_length=_MOST)]
 
@@ -257,7 +310,16 @@ def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[
     if not any(_has(case.h, wanted.h) for case in offered):
         sizes = (f"{h:g}" for case in offered for h in case.h)
         require("h", [f"{wanted.h:g}"], sizes)
+    over = wanted.over
+    if over is not None:
+        divisor = {}
+        for axis in _AXES:
+            if (given := getattr(over, axis.name)) is not None:
+                spellings = [case.spellings[axis.name] for case in offered]
+                require(f"over.{axis.name}", given, (text for known in spellings for text in known))
+                divisor[axis.name] = given
+        over = over.model_copy(update=divisor)
     mistakes.refuse()
     if not any(case.gives(wanted, choice) for case in offered):
         raise document.error(path, "no series of the study has all of this")
-    return wanted.model_copy(update=choice)
+    return wanted.model_copy(update={**choice, "over": over})

@@ -642,6 +642,21 @@ def _one_line(text: str) -> str:
     return text
 
 
+def _text_of(value: Any) -> Any:
+    """A number as a file has it is a name, too."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+#: A line of text, and a word or a number that names something.
+OneLine = Annotated[str, Strict(), AfterValidator(_one_line), also(pattern=_LINE)]
+Word = Annotated[
+    str,
+    BeforeValidator(_text_of),
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"),
+    also(type=["string", "integer"]),
+]
+
+
 class FigureConfig(StrictModel):
     """A figure of the study: the rows that it shows, and how it arranges them."""
 
@@ -661,9 +676,7 @@ class FigureConfig(StrictModel):
         None, description="problems to show, as in the CSV; default: all, a figure each"
     )
     form: Forms | None = Field(None, description="forms to show; default: all, a figure each")
-    title: Annotated[str, Strict(), AfterValidator(_one_line), also(pattern=_LINE)] | None = Field(
-        None, description="title; made from what it shows when omitted"
-    )
+    title: OneLine | None = Field(None, description="title; made from what it shows when omitted")
     name: Name | None = Field(None, description="name of its files, behind that of the study")
 
     @model_validator(mode="after")
