@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 import newmark_cli as newmark
 from newmark_cli.documents import DocumentError, parse
 from newmark_cli.errors import ArgumentError
-from newmark_cli.mechanisms import elements, loading
+from newmark_cli.mechanisms import elements, loading, timed
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.parts import PARTS
 
@@ -92,8 +92,9 @@ def complex_terms(problem, u, v, multipliers, t):
         np.zeros(size, complex)
         for size in (problem.n, problem.m, *map(len, (pattern[2], pattern[4], pattern[6])))
     )
-    given = t, u, v, multipliers, problem.ints, problem.reals, force, phi, x, y, g
-    elements._accumulate.py_func(0, len(problem.ints), *given)
+    ints, reals = timed.at_time(t, problem.ints, problem.reals, elements.LAW)
+    given = 0.0, u, v, multipliers, ints, reals, force, phi, x, y, g
+    elements._accumulate.py_func(0, len(ints), *given)
     elements._evaluate_further.py_func(*given)
     return force, phi
 

@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
 from newmark_cli.documents import DocumentError, parse
-from newmark_cli.mechanisms import loading, spatial_elements
+from newmark_cli.mechanisms import loading, spatial_elements, timed
 
 DISSIPATIVE = {"method": "generalized-alpha", "rho": 0.9}
 
@@ -67,7 +67,7 @@ def test_tangents_with_laws(bodies):
     u = bodies.u0 + 0.1 * random.normal(size=n)
     v, multipliers = random.normal(size=n), random.normal(size=m)
     terms, rows = bodies.evaluate(t, u, v, multipliers), bodies.constraint_rows(t, u, v, 0 * v)
-    ints, reals = spatial_elements._at_time(t, bodies.ints, bodies.reals)
+    ints, reals = timed.at_time(t, bodies.ints, bodies.reals, spatial_elements.PARAMETER)
     x = np.zeros((n, n))
     for j, step in enumerate(1e-30j * np.eye(n)):
         force, phi, *others = (

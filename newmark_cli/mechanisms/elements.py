@@ -36,8 +36,6 @@ DAMPER    damping of the rate of |Δ|
 TORQUE    torque through the angle of Δ
 LOAD      force, two components, on one point
 FORCE     n_x, n_y, law;  the force n law(t) on a site
-MOTOR     –, –, law;  the torque law(t) through the angle of Δ
-TURN      –, –, law;  as ANGLE
 COUPLE    –;  Φ = n(θ)·Δ, n = (−sin θ, cos θ): the angle θ of Δ as a coordinate
 PAIR      D0 (2 columns), law;  Φ = D × Δ + Σ_j w_j θ_j − law(t), see below
 TWIST     angle of rest, stiffness, damping of q = Σ_j w_j θ_j
@@ -49,121 +47,35 @@ b_k, the coordinates θ_j in place of those of P_k, J in place of K, and w_j as 
 So has `TWIST` its angles and w_j in place of points and a_k, b_k, …; the coordinate θ of
 `COUPLE` stands in the Y column.
 
-A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).  What it says beyond
-that stands in rows of kind `TERM` behind all elements, for all kinds of the table from FORCE
-on.  The Y column of an element, which has no Y, is the first of them, or 0; their own columns
-are `WHAT`, `SIZE`, `REPEATS` and `ANOTHER`:
-
-========  ===================================================================
-``WHAT``  the ``reals`` of the row
-========  ===================================================================
-POWERS    coefficients of 1, t, t², …, `SIZE` of them
-SINE      A, ω, φ
-SPLINE    first and last time; the next `SIZE` rows have the beginning of an interval
-          and the coefficients of (t − beginning)³, …, 1 in it
-========  ===================================================================
-
-Beyond the last time a spline is not a number, unless it repeats itself.
+Rows of laws of time may stand behind all elements, see `timed`.  The functions ``…_timed`` put
+values of laws into a copy of the table, and call the others.
 """
 
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
-from newmark_cli.mechanisms import sines
+from newmark_cli.mechanisms import timed
 
+sine_cosine, at_time, _law_of = timed.sine_cosine, timed.at_time, timed.law
 #: A function that becomes a part of its caller: handing on arrays costs time in each call.
-sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
 _inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 (
-    LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD, FORCE, MOTOR, TURN, COUPLE, PAIR, TWIST,
-    MORE, TERM,
-) = range(16)  # fmt: skip
+    LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD, FORCE, COUPLE, PAIR, TWIST, MORE,
+) = range(13)  # fmt: skip
 
 #: Kinds that are a constraint, one row each.
-CONSTRAINTS = (LINK, BAR, LINE, ANGLE, TURN, COUPLE, PAIR)
+CONSTRAINTS = (LINK, BAR, LINE, ANGLE, COUPLE, PAIR)
 
 #: Columns of the integer and the real table.
 KIND, COUNT, DOF, ROW, X_START, Y_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8, 9, 10
 OFFSET, PARAMETER, LAW, REAL_COLUMNS = 8, 10, 12, 18
 
-#: Columns of a term of a law of time, and what it may be.
-WHAT, SIZE, REPEATS, ANOTHER = 1, 2, 3, 4
-POWERS, SINE, SPLINE = range(3)
-#: How far beyond the ends of a spline it still holds, of its length: rounding of t.
-_SLACK = 1e-6
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _term(t, ints, reals, row, derivative):
-    """A term of a law of time, or its first or second derivative."""
-    real = reals.dtype.type
-    what, size = ints[row, WHAT], ints[row, SIZE]
-    total = real(0)
-    if what == POWERS:
-        for k in range(size - 1, derivative - 1, -1):
-            factor = real(1)
-            for j in range(derivative):
-                factor *= real(k - j)
-            total = total * t + factor * reals[row, k]
-        return total
-    if what == SINE:
-        amplitude, frequency = reals[row, 0], reals[row, 1]
-        phase = frequency * t + reals[row, 2]
-        if derivative == 0:
-            return amplitude * sine_cosine(phase, real)[0]
-        if derivative == 1:
-            return amplitude * frequency * sine_cosine(phase, real)[1]
-        return -amplitude * frequency * frequency * sine_cosine(phase, real)[0]
-    first, last = reals[row, 0], reals[row, 1]
-    if ints[row, REPEATS] != 0:
-        t = t - (last - first) * np.floor((t - first) / (last - first))
-    slack = real(_SLACK) * (last - first)
-    if not first - slack <= t <= last + slack:
-        return total + real(np.nan)
-    low, high = row + 1, row + size
-    while low < high:
-        middle = (low + high + 1) // 2
-        if t >= reals[middle, 0]:
-            low = middle
-        else:
-            high = middle - 1
-    x = t - reals[low, 0]
-    a, b, c, d = reals[low, 1], reals[low, 2], reals[low, 3], reals[low, 4]
-    if derivative == 0:
-        return ((a * x + b) * x + c) * x + d
-    if derivative == 1:
-        return (real(3) * a * x + real(2) * b) * x + c
-    return real(6) * a * x + real(2) * b
-
 
 @cached_njit(nogil=True, error_model="numpy")
 def _law(t, reals, e, derivative):
-    """A law of time (`LAW` columns of element e), or its first or second derivative."""
-    real = reals.dtype.type
-    half = real(0.5)
-    rate, second = reals[e, LAW + 1], reals[e, LAW + 2]
-    amplitude, frequency = reals[e, LAW + 3], reals[e, LAW + 4]
-    phase = frequency * t + reals[e, LAW + 5]
-    if derivative == 0:
-        return (
-            reals[e, LAW] + (rate + half * second * t) * t + amplitude * sine_cosine(phase, real)[0]
-        )
-    if derivative == 1:
-        return rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
-    return second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _whole_law(t, ints, reals, e, derivative):
-    """The same with its terms."""
-    value = _law(t, reals, e, derivative)
-    row = ints[e, Y_START]
-    while row > 0:
-        value += _term(t, ints, reals, row, derivative)
-        after = row + 1 + (ints[row, SIZE] if ints[row, WHAT] == SPLINE else 0)
-        row = after if ints[row, ANOTHER] != 0 else 0
-    return value
+    """The law of an element, or a derivative of it."""
+    return _law_of(t, reals, e, LAW, derivative)
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -183,12 +95,10 @@ def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y
     for e in range(ints.shape[0]):
         if ints[e, KIND] < FORCE:
             continue
-        if ints[e, KIND] == TERM:
-            break
         kind, count = ints[e, KIND], ints[e, COUNT]
         row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
         if kind == FORCE:
-            law = _whole_law(t, ints, reals, e, 0)
+            law = _law(t, reals, e, 0)
             fx, fy = reals[e, PARAMETER] * law, reals[e, PARAMETER + 1] * law
             for k in range(count):
                 i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
@@ -222,7 +132,7 @@ def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y
             ex, ey = ex + reals[e, OFFSET], ey + reals[e, OFFSET + 1]
             dx, dy = _vector(u, ints, reals, e, e + 1)
             dx, dy = dx + reals[e, PARAMETER], dy + reals[e, PARAMETER + 1]
-            phi[row] = dx * ey - dy * ex - _whole_law(t, ints, reals, e, 0)
+            phi[row] = dx * ey - dy * ex - _law(t, reals, e, 0)
             for k in range(count):
                 i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
                 c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
@@ -263,41 +173,6 @@ def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y
                     y_values[y] = damping * reals[e, k] * reals[e, j]
                     x += 1
                     y += 1
-        elif kind == TURN:
-            law = _whole_law(t, ints, reals, e, 0)
-            sine, cosine = sine_cosine(law, reals.dtype.type)
-            nx, ny = -sine, cosine
-            dx, dy = _vector(u, ints, reals, e, e)
-            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
-            phi[row] = nx * dx + ny * dy
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                g_values[g] = a * nx + b * ny
-                g_values[g + 1] = a * ny - b * nx
-                force[i] += multipliers[row] * g_values[g]
-                force[i + 1] += multipliers[row] * g_values[g + 1]
-                g += 2
-        elif kind == MOTOR:
-            dx, dy = _vector(u, ints, reals, e, e)
-            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
-            square = dx * dx + dy * dy
-            torque = _whole_law(t, ints, reals, e, 0) / square
-            # The tangent of (−τ Δ_y, τ Δ_x)/|Δ|² has zero trace and is symmetric.
-            even = torque * (dx * dy + dx * dy) / square
-            odd = torque * (dy * dy - dx * dx) / square
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                force[i] += torque * (b * dx - a * dy)
-                force[i + 1] += torque * (a * dx + b * dy)
-                sxx, sxy = a * even + b * odd, a * odd - b * even
-                syx, syy = a * odd - b * even, -a * even - b * odd
-                for j in range(count):
-                    a_j, b_j = reals[e, 2 * j], reals[e, 2 * j + 1]
-                    x_values[x] = -(sxx * a_j + sxy * b_j)
-                    x_values[x + 1] = -(sxy * a_j - sxx * b_j)
-                    x_values[x + 2] = -(syx * a_j + syy * b_j)
-                    x_values[x + 3] = -(syy * a_j - syx * b_j)
-                    x += 4
 
 
 @_inline
@@ -315,8 +190,6 @@ def _accumulate(
             force[i + 1] += reals[e, PARAMETER + 1]
             continue
         if kind >= FORCE:
-            if kind == TERM:
-                break
             continue
 
         dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
@@ -476,8 +349,6 @@ def _differentiate_further(
     zero, two = u.dtype.type(0), u.dtype.type(2)
     for e in range(ints.shape[0]):
         kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
-        if kind == TERM:
-            break
         if kind == COUPLE:
             dx, dy = _vector(u, ints, reals, e, e)
             dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
@@ -511,8 +382,8 @@ def _differentiate_further(
             px, py = _vector(v, ints, reals, e, e + 1)
             ax, ay = _vector(w, ints, reals, e, e)
             bx, by = _vector(w, ints, reals, e, e + 1)
-            rate[row] = -_whole_law(t, ints, reals, e, 1)
-            curvature[row] = two * (px * ry - py * rx) - _whole_law(t, ints, reals, e, 2)
+            rate[row] = -_law(t, reals, e, 1)
+            curvature[row] = two * (px * ry - py * rx) - _law(t, reals, e, 2)
             for k in range(count):
                 a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
                 c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
@@ -524,27 +395,6 @@ def _differentiate_further(
             for k in range(ints[e + 1, COUNT]):
                 rate_values[g + k] = zero
                 acceleration_values[g + k] = zero
-        elif kind == TURN:
-            dx, dy = _vector(u, ints, reals, e, e)
-            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
-            wx, wy = _vector(v, ints, reals, e, e)
-            angle, turn = _whole_law(t, ints, reals, e, 0), _whole_law(t, ints, reals, e, 1)
-            faster = _whole_law(t, ints, reals, e, 2)
-            sine, cosine = sine_cosine(angle, reals.dtype.type)
-            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-            rate[row] = -turn * along
-            curvature[row] = (
-                -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
-            )
-            nx, ny = -turn * cosine, -turn * sine
-            mx, my = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                rate_values[g] = a * nx + b * ny
-                rate_values[g + 1] = a * ny - b * nx
-                acceleration_values[g] = a * mx + b * my
-                acceleration_values[g + 1] = a * my - b * mx
-                g += 2
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -610,8 +460,6 @@ def constraint_derivatives(
                 acceleration_values[g] = a * ax + b * ay
                 acceleration_values[g + 1] = a * ay - b * ax
                 g += 2
-        elif kind == TERM:
-            break
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -663,13 +511,40 @@ def potential(t, u, v, ints, reals):
             energy += reals[e, PARAMETER] * stretch * stretch / 2
         elif kind == FORCE:
             x, y = _vector(u, ints, reals, e, e)
-            law = _whole_law(t, ints, reals, e, 0)
+            law = _law(t, reals, e, 0)
             energy -= (reals[e, PARAMETER] * x + reals[e, PARAMETER + 1] * y) * law
         elif kind == TWIST:
             wound = -reals[e, PARAMETER]
             for k in range(ints[e, COUNT]):
                 wound += reals[e, k] * u[ints[e, DOF + k]]
             energy += reals[e, PARAMETER + 1] * wound * wound / 2
-        elif kind == TERM:
-            break
     return energy
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """The same as `evaluate_all`, of a table with rows of laws."""
+    own, frozen = at_time(t, ints, reals, LAW)
+    evaluate_all(
+        reals.dtype.type(0), u, v, multipliers, own, frozen, force, phi, x_values, y_values,
+        g_values,
+    )  # fmt: skip
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def timed_constraint_derivatives(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """The same as `all_constraint_derivatives`, of a table with rows of laws."""
+    own, frozen = at_time(t, ints, reals, LAW)
+    all_constraint_derivatives(
+        reals.dtype.type(0), u, v, w, own, frozen, rate, curvature, rate_values,
+        acceleration_values,
+    )  # fmt: skip
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def timed_potential(t, u, v, ints, reals):
+    """The same as `potential`, of a table with rows of laws."""
+    own, frozen = at_time(t, ints, reals, LAW)
+    return potential(reals.dtype.type(0), u, v, own, frozen)

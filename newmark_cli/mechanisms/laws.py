@@ -1,14 +1,21 @@
 """Laws of time as rows of element tables: what they say besides their six parameters."""
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from newmark_cli.mechanisms.models import Law, Sine, Table
+from newmark_cli.mechanisms.models import Law, Table
 
-#: What a row is, as in both element loops.
+#: Kinds, which no element has, and columns.
+LAW, LAW_TERM = 100, 101
+TARGET, COLUMN, MORE = 1, 2, 3
+WEIGHT = 6
+WHAT, SIZE, REPEATS, ANOTHER = 1, 2, 3, 4
 POWERS, SINE, SPLINE = range(3)
+#: Column of a law that drives its element.
+DRIVES = -1
 
 
 class Term(NamedTuple):
@@ -79,21 +86,41 @@ def until(law: Law) -> float:
     return law.table.times[-1]
 
 
-def negated(law: Law) -> Law:
-    """The law with the opposite sign."""
-    table = law.table
-    return law.model_copy(
-        update={
-            "value": None if law.value is None else -law.value,
-            "rate": -law.rate,
-            "acceleration": -law.acceleration,
-            "amplitude": -law.amplitude,
-            "powers": [-coefficient for coefficient in law.powers],
-            "sines": [
-                Sine(amplitude=-sine.amplitude, frequency=sine.frequency, phase=sine.phase)
-                for sine in law.sines
-            ],
-            "table": table
-            and table.model_copy(update={"values": [-value for value in table.values]}),
-        }
-    )
+class Timed(NamedTuple):
+    """A law of time of an element.
+
+    Attributes:
+        column: Column of the real table that it is added to, or `DRIVES`.
+        law: The law.
+        parameters: Its six.
+        weight: Its factor.
+    """
+
+    column: int
+    law: Law
+    parameters: Sequence[float]
+    weight: float = 1.0
+
+
+def rows(laws: Sequence[tuple[int, Timed]]) -> Iterator[tuple[list[int], Sequence[float]]]:
+    """Rows of both tables behind all elements, see `timed`.
+
+    None where the six parameters of driven elements, which stand in their rows, say it all;
+    otherwise every law has some.
+
+    Args:
+        laws: Row of an element, and a law that it has.
+    """
+    if all(one.column == DRIVES and not terms(one.law) for _, one in laws):
+        return
+    for target, one in laws:
+        further = terms(one.law)
+        yield (
+            [LAW, target, one.column, int(bool(further))],
+            [*one.parameters, one.weight],
+        )
+        for number, term in enumerate(further):
+            another = int(number < len(further) - 1)
+            own = [LAW_TERM, term.what, term.size, int(term.repeats), another]
+            for place, reals in enumerate(term.rows):
+                yield (own if place == 0 else [LAW_TERM]), reals

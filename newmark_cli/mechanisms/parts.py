@@ -178,12 +178,8 @@ def _motion(builder: "Builder", motion: Motion, path: "KeyPath") -> None:
                 now = place.real if key == "x" else place.imag
                 with builder.checked():
                     parameters = builder.fitting(law, now, (*path, key))
-                    if laws.terms(law):  # D × Δ is n · Δ with −i n in place of D
-                        along = {UNIT: -1j * complex(*normal)}
-                        builder.pair(along, site, (), (*path, key), parameters, law)
-                    else:
-                        row = (*normal, *parameters)
-                        builder.element("LINE", site, row, constraint=(*path, key))
+                    row = (*normal, *parameters)
+                    builder.element("LINE", site, row, constraint=(*path, key), law=law)
     elif motion.slider is not None:
         assert motion.distance is not None
         sliders = builder.mechanism.sliders
@@ -217,10 +213,8 @@ def _motion(builder: "Builder", motion: Motion, path: "KeyPath") -> None:
         vector = builder.vector(difference)
         now = math.atan2(vector.imag, vector.real)
         parameters = builder.fitting(motion.angle, now, driven, 2 * math.pi)
-        kind = "TURN" if laws.terms(motion.angle) else "ANGLE"
-        builder.element(
-            kind, difference, (0.0, 0.0, *parameters), constraint=driven, law=motion.angle
-        )
+        row = (0.0, 0.0, *parameters)
+        builder.element("ANGLE", difference, row, constraint=driven, law=motion.angle)
 
 
 def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
@@ -234,8 +228,7 @@ def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
             body = builder.body(name, (*path, key))
             difference = builder.difference(body.from_, body.to, path)
             if isinstance(torque.torque, Law):
-                law = torque.torque if sign > 0 else laws.negated(torque.torque)
-                builder.element("MOTOR", difference, (0.0, 0.0, *law.parameters()), law=law)
+                builder.element("TORQUE", difference, (0.0,), law=torque.torque, weight=sign)
             else:
                 builder.element("TORQUE", difference, (sign * torque.torque,))
 

@@ -190,10 +190,8 @@ class Builder:
         #: Angles that are coordinates: name → place in u, and at the start with their rates.
         self.turning: dict[str, int] = {}
         self.start_angles: list[tuple[float, float]] = []
-        #: Terms of laws of time, for behind the elements, and element → number of its first.
-        self.terms: list[tuple[list[int], list[float]]] = []
-        self.laws: dict[int, int] = {}
-        self.until = math.inf
+        #: Laws of time, with the rows that have them.
+        self.laws: list[tuple[int, laws.Timed]] = []
         #: Forces in Python.
         self.pushes: dict[KeyPath, Push] = {}
         self._problem: Problem | None = None
@@ -255,13 +253,16 @@ class Builder:
             if np.any(loads[i : i + 2]):
                 self.ints.append([elements.LOAD, 1, i] + [0] * (elements.INT_COLUMNS - 3))
                 self._append_reals([], 0j, (loads[i], loads[i + 1]))
-        self._append_terms()
+        further = any(row[elements.KIND] >= elements.FORCE for row in self.ints)
+        of_laws = list(laws.rows(self.laws))
+        for ints, reals in of_laws:
+            self.ints.append(ints + [0] * (elements.INT_COLUMNS - len(ints)))
+            self.reals.append([*reals, *[0.0] * (elements.REAL_COLUMNS - len(reals))])
 
         mass, x, y, g = (
             np.array(entries, np.int64).reshape(-1, 2).T.copy()
             for entries in (sorted(self.mass), self.x_entries, self.y_entries, self.g_entries)
         )
-        further = any(row[elements.KIND] >= elements.FORCE for row in self.ints)
         points = [mechanism.points[name] for name in self.moving]
         at = [c for point in points for c in point.at or ()]
         velocity = [c for point in points for c in point.velocity]
@@ -271,13 +272,25 @@ class Builder:
             v0=np.array(velocity + [rate for _, rate in self.start_angles]),
             t0=0.0,
             constraints=len(self.rows),
-            function=elements.evaluate_all if further else elements.evaluate,
+            function=(
+                elements.evaluate_timed
+                if of_laws
+                else elements.evaluate_all
+                if further
+                else elements.evaluate
+            ),
             derivatives=(
-                elements.all_constraint_derivatives if further else elements.constraint_derivatives
+                elements.timed_constraint_derivatives
+                if of_laws
+                else elements.all_constraint_derivatives
+                if further
+                else elements.constraint_derivatives
             ),
             # Laws of time and angles take seconds to write out.
             elements=(
-                None if further else Elements(elements.accumulate, np.arange(len(self.ints)))
+                None
+                if further or of_laws
+                else Elements(elements.accumulate, np.arange(len(self.ints)))
             ),
             ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
             reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
@@ -290,10 +303,16 @@ class Builder:
             # carried by increments.
             quadratic=not mechanism.motions and not self.turning,
             single=True,
-            potential=elements.potential if conserves(mechanism) else None,
+            potential=(
+                None
+                if not conserves(mechanism)
+                else elements.timed_potential
+                if of_laws
+                else elements.potential
+            ),
             # A motion is named with what it drives: `m.x` may be another's name.
             constraints_given=tuple(row.parts for row in self.rows),
-            until=self.until,
+            until=min((laws.until(one.law) for _, one in self.laws), default=math.inf),
         )
 
     def body(self, name: str, path: KeyPath) -> Body:
@@ -500,6 +519,7 @@ class Builder:
         parameters: tuple[float, ...],
         constraint: KeyPath | None = None,
         law: Law | None = None,
+        weight: float = 1.0,
     ) -> list[int]:
         """Add an element of a kind of `newmark_cli.mechanisms.elements`.
 
@@ -508,7 +528,8 @@ class Builder:
             difference: The vector that it acts on.
             parameters: Those of the kind.
             constraint: Name of its constraint, if it is one.
-            law: Law of time that the parameters are of, for what they do not say.
+            law: Law of time: of a torque, or that the last six parameters are of.
+            weight: Its factor, of a torque.
 
         Returns:
             Coordinates of the points that it acts on.
@@ -521,10 +542,14 @@ class Builder:
         dofs = [self.moving[name] for name in moving]
         self._append_ints(number, dofs, constraint)
         self._append_reals(list(moving.values()), offset, parameters)
-        self._append_law(law)
+        if law is not None:
+            torque = kind == "TORQUE"
+            column = elements.PARAMETER if torque else laws.DRIVES
+            six = law.parameters() if torque else parameters[-6:]
+            self.laws.append((len(self.ints) - 1, laws.Timed(column, law, six, weight)))
         blocks = ((0, 0), (1, 1)) if kind == "LINK" else ((0, 0), (0, 1), (1, 0), (1, 1))
         entries = [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
-        if kind not in ("LINE", "ANGLE", "FORCE", "COUPLE", "TURN"):
+        if kind not in ("LINE", "ANGLE", "FORCE", "COUPLE"):
             self.x_entries += entries
         if kind == "DAMPER":
             self.y_entries += entries
@@ -550,7 +575,7 @@ class Builder:
             angles: θ and w.
             constraint: Its name.
             parameters: Six of the law.
-            law: The law, for what these do not say.
+            law: The law.
         """
         both = {
             name: (away.get(name, 0j), along.get(name, 0j))
@@ -565,7 +590,8 @@ class Builder:
         self._append_ints(elements.PAIR, dofs, constraint)
         towards = (fixed[1].real, fixed[1].imag, *parameters)
         self._append_reals([weight for weight, _ in both.values()], fixed[0], towards)
-        self._append_law(law)
+        if law is not None:
+            self.laws.append((len(self.ints) - 1, laws.Timed(laws.DRIVES, law, parameters)))
         row = self.ints[-1][elements.ROW]
         blocks = ((0, 0), (0, 1), (1, 0), (1, 1))
         self.x_entries += [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
@@ -616,36 +642,13 @@ class Builder:
 
     def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
         row = len(self.rows) if constraint else 0
-        # From FORCE on, the column of who has no Y is for something else.
-        y = 0 if kind >= elements.FORCE and kind != elements.TWIST else len(self.y_entries)
+        y = len(self.y_entries)
         self.ints.append(
             [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
              len(self.x_entries), y, len(self.g_entries)]
         )  # fmt: skip
         if constraint:
             self.rows.append(start.Row(constraint, ".".join(map(str, constraint))))
-
-    def _append_law(self, law: Law | None) -> None:
-        """Keep what the parameters of the last element do not say of its law."""
-        if law is None:
-            return
-        self.until = min(self.until, laws.until(law))
-        terms = laws.terms(law)
-        if terms:
-            self.laws[len(self.ints) - 1] = len(self.terms)
-        for number, term in enumerate(terms):
-            another = int(number < len(terms) - 1)
-            ints = [elements.TERM, term.what, term.size, int(term.repeats), another]
-            for place, reals in enumerate(term.rows):
-                self.terms.append((ints if place == 0 else [elements.TERM], reals))
-
-    def _append_terms(self) -> None:
-        """Set the terms of all laws behind the elements, and where each law finds its own."""
-        for element, first in self.laws.items():
-            self.ints[element][elements.Y_START] = len(self.ints) + first
-        for ints, reals in self.terms:
-            self.ints.append(ints + [0] * (elements.INT_COLUMNS - len(ints)))
-            self.reals.append(list(reals) + [0.0] * (elements.REAL_COLUMNS - len(reals)))
 
     def _append_reals(
         self, weights: Sequence[complex], offset: complex, parameters: Sequence[float]

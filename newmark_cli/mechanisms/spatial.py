@@ -91,8 +91,7 @@ class _Element:
         first, second: Terms: place in u, weight, and the second weight of `ANGLE`, `HINGE`.
         reals: Row of the real table.
         place: Place in u of what has no terms.
-        laws: Column of the real table, weight and law of time that is added there; of a
-            driven joint or coordinate the column is −1.
+        timed: Laws of time.
     """
 
     kind: int
@@ -101,21 +100,7 @@ class _Element:
     first: Sequence[tuple[int, float, float]] = ()
     second: Sequence[tuple[int, float, float]] = ()
     place: int = 0
-    laws: tuple["_Timed", ...] = ()
-
-
-@dataclass(frozen=True)
-class _Timed:
-    """A law of time, the column that it goes to, its weight, and its six parameters."""
-
-    column: int
-    law: Law
-    parameters: Sequence[float]
-    weight: float = 1.0
-
-
-#: Column of a law that is not a number of the table.
-_DRIVES = -1
+    timed: tuple[laws.Timed, ...] = ()
 
 
 def built(name: str, document: Document) -> Problem:
@@ -220,7 +205,7 @@ class Builder:
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         mechanism = self.mechanism
         ints, reals, x, y, g = _tables(self._elements, kept, len(self.rows))
-        timed = bool(np.any(ints[:, elements.KIND] == elements.LAW))
+        timed = bool(np.any(ints[:, elements.KIND] == laws.LAW))
         mass_places, mass_values = self._mass
         return Problem(
             name=self.name,
@@ -254,7 +239,7 @@ class Builder:
                 else elements.potential
             ),
             until=min(
-                (laws.until(timed.law) for one in self._elements for timed in one.laws),
+                (laws.until(timed.law) for one in self._elements for timed in one.timed),
                 default=math.inf,
             ),
             constraints_given=tuple(self.rows[row].parts for row in kept),
@@ -377,9 +362,9 @@ class Builder:
         """A force with a law of time, on the origin and the directors of a body."""
         for place, weight in enumerate(weights.tolist(), first):
             if weight:
-                timed = _Timed(elements.OFFSET + axis, law, law.parameters(), weight)
+                timed = laws.Timed(elements.OFFSET + axis, law, law.parameters(), weight)
                 self._elements.append(
-                    _Element(elements.LOAD, (0.0,) * 3, place=3 * place, laws=(timed,))
+                    _Element(elements.LOAD, (0.0,) * 3, place=3 * place, timed=(timed,))
                 )
 
     def _add_torque(self, name: str) -> None:
@@ -394,8 +379,8 @@ class Builder:
             self._hinge(torque.on, (constant, 0.0, 0.0, 0.0), (*path, "on"))
             if isinstance(torque.torque, Law):
                 law = torque.torque
-                timed = _Timed(elements.PARAMETER, law, law.parameters())
-                self._elements[-1] = replace(self._elements[-1], laws=(timed,))
+                timed = laws.Timed(elements.PARAMETER, law, law.parameters())
+                self._elements[-1] = replace(self._elements[-1], timed=(timed,))
             return
         if torque.on in self.mechanism.joints and torque.on not in self._numbers:
             message = "must be one number on a joint: about its axis"
@@ -403,12 +388,14 @@ class Builder:
         body = self._body(torque.on, (*path, "on"))
         kind = elements.FOLLOWER if torque.frame == "body" else elements.TORQUE
         timed_by = tuple(
-            _Timed(elements.OFFSET + axis, amount, amount.parameters())
+            laws.Timed(elements.OFFSET + axis, amount, amount.parameters())
             for axis, amount in enumerate(torque.torque)
             if isinstance(amount, Law)
         )
         constant_of = [0.0 if isinstance(amount, Law) else amount for amount in torque.torque]
-        self._elements.append(_Element(kind, constant_of, place=PER_BODY * body + 3, laws=timed_by))
+        self._elements.append(
+            _Element(kind, constant_of, place=PER_BODY * body + 3, timed=timed_by)
+        )
 
     def _masses(self) -> tuple[tuple[IndexArray, IndexArray], Array]:
         """Places and values of M = S ⊗ 1; gravity goes into the loads."""
@@ -775,8 +762,8 @@ class Builder:
 
     def _time(self, law: Law, parameters: Sequence[float]) -> None:
         """The last element, a driven joint or coordinate, has a law."""
-        timed = _Timed(_DRIVES, law, parameters)
-        self._elements[-1] = replace(self._elements[-1], laws=(timed,))
+        timed = laws.Timed(laws.DRIVES, law, parameters)
+        self._elements[-1] = replace(self._elements[-1], timed=(timed,))
 
     def _driven(self, path: KeyPath) -> None:
         self.rows.append(start.Row(path, ".".join(map(str, path))))
@@ -918,7 +905,7 @@ def _tables(
     numbers = number.tolist()
     ints: list[list[int]] = []
     reals: list[Sequence[float]] = []
-    timed: list[tuple[int, _Timed]] = []
+    timed: list[tuple[int, laws.Timed]] = []
     x: _Entries = []
     y: _Entries = []
     g: _Entries = []
@@ -928,7 +915,7 @@ def _tables(
             continue
         first, second = len(element.first) or element.place, len(element.second)
         places = (*own, 0, 0, 0)[:3]
-        timed += [(len(ints), one) for one in element.laws]
+        timed += [(len(ints), one) for one in element.timed]
         ints.append([element.kind, first, second, len(x), len(y), len(g), *places])
         reals.append(element.reals)
         terms = (*element.first, *element.second)
@@ -936,11 +923,9 @@ def _tables(
             ints.append([elements.TERM, place])
             reals.append([one, other])
         _add_entries(element, own, x, y, g)
-    # The six parameters of a driven joint stand in its row, and say it all where no law needs
-    # rows of its own; with them, every law has some.
-    if any(item.column >= 0 or laws.terms(item.law) for _, item in timed):
-        for target, found_law in timed:
-            _add_law(target, found_law, ints, reals)
+    for row, numbers_of in laws.rows(timed):
+        ints.append(row)
+        reals.append(numbers_of)
     places_of = (np.array(entries, np.int64).reshape(-1, 2).T.copy() for entries in (x, y, g))
     return (
         _filled(ints, elements.INT_COLUMNS, np.int64),
@@ -954,21 +939,6 @@ def _filled(rows: Sequence[Sequence[float]], columns: int, kind: type) -> Any:
     return np.array([[*row, *[0] * (columns - len(row))] for row in rows], kind).reshape(
         -1, columns
     )
-
-
-def _add_law(
-    target: int, timed: _Timed, ints: list[list[int]], reals: list[Sequence[float]]
-) -> None:
-    """The rows of a law behind all elements."""
-    terms = laws.terms(timed.law)
-    ints.append([elements.LAW, target, timed.column, int(bool(terms))])
-    reals.append([*timed.parameters, timed.weight])
-    for number, term in enumerate(terms):
-        another = int(number < len(terms) - 1)
-        own = [elements.LAW_TERM, term.what, term.size, int(term.repeats), another]
-        for place, row in enumerate(term.rows):
-            ints.append(own if place == 0 else [elements.LAW_TERM])
-            reals.append(row)
 
 
 def _add_entries(

@@ -38,32 +38,19 @@ HINGE      torque, stiffness, angle of rest and damping about the axis of a join
            is φ = atan2(q·b, p·b), within ±π
 =========  ==================================================================
 
-A law of time has six parameters: c + r t + s t²/2 + A sin(ω t + φ).
-
-Where a law says more than that, or a force or torque has one, rows of kind `LAW` stand
-behind all elements: row of the element, column of its ``reals`` that weight times law is
-added to, or −1 for the law of a `DOT` or `ANGLE`, and whether rows of kind `LAW_TERM` follow,
-which are those of the plane.  Their ``reals`` are the six parameters and the weight.  The
-functions ``…_timed`` put values of laws into a copy of the table, and call the others.
+Driven elements have a law of time among their parameters, and rows of laws may stand behind
+all elements, see `timed`.  The functions ``…_timed`` put values of laws into a copy of the
+table, and call the others.
 """
 
 import numpy as np
 
 from newmark_cli.cached_code import cached_njit
-from newmark_cli.mechanisms import sines
+from newmark_cli.mechanisms import timed
 
 (
-    BODY, POINT, DOT, SQUARE, ANGLE, SPRING, DAMPER, LOAD, TORQUE, FOLLOWER, HINGE, TERM, LAW,
-    LAW_TERM,
-) = range(14)  # fmt: skip
-
-#: Columns of a row of a law, and of a term of one.
-TARGET, COLUMN, MORE = 1, 2, 3
-WEIGHT = 6
-WHAT, SIZE, REPEATS, ANOTHER = 1, 2, 3, 4
-POWERS, SINE, SPLINE = range(3)
-#: How far beyond the ends of a spline it still holds, of its length: rounding of t.
-_SLACK = 1e-6
+    BODY, POINT, DOT, SQUARE, ANGLE, SPRING, DAMPER, LOAD, TORQUE, FOLLOWER, HINGE, TERM,
+) = range(12)  # fmt: skip
 
 #: Columns of the integer and the real table; a term has its place in `FIRST`.
 KIND, FIRST, SECOND, X_START, Y_START, G_START, ROW, INT_COLUMNS = 0, 1, 2, 3, 4, 5, 6, 9
@@ -72,30 +59,16 @@ OFFSET, OTHER, THIRD, PARAMETER, REAL_COLUMNS = 0, 3, 6, 9, 15
 #: Pairs of directors of the last three rows of `BODY`.
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
-sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
+sine_cosine, at_time, _law_of = timed.sine_cosine, timed.at_time, timed.law
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
 
 
-# A copy of that of the plane: numba's cache does not notice a change in another file.
 @cached_njit(nogil=True, error_model="numpy")
 def _law(t, reals, e, derivative):
-    """A law of time (`PARAMETER` columns of element e), or a derivative of it."""
-    real = reals.dtype.type
-    half = real(0.5)
-    rate, second = reals[e, PARAMETER + 1], reals[e, PARAMETER + 2]
-    amplitude, frequency = reals[e, PARAMETER + 3], reals[e, PARAMETER + 4]
-    phase = frequency * t + reals[e, PARAMETER + 5]
-    if derivative == 0:
-        return (
-            reals[e, PARAMETER]
-            + (rate + half * second * t) * t
-            + amplitude * sine_cosine(phase, real)[0]
-        )
-    if derivative == 1:
-        return rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
-    return second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
+    """The law of a driven element, or a derivative of it."""
+    return _law_of(t, reals, e, PARAMETER, derivative)
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -621,98 +594,10 @@ def potential(t, u, v, ints, reals):
     return energy
 
 
-# A copy of that of the plane, as `_law` is.
-@cached_njit(nogil=True, error_model="numpy")
-def _term(t, ints, reals, row, derivative):
-    """A term of a law of time, or its first or second derivative."""
-    real = reals.dtype.type
-    what, size = ints[row, WHAT], ints[row, SIZE]
-    total = real(0)
-    if what == POWERS:
-        for k in range(size - 1, derivative - 1, -1):
-            factor = real(1)
-            for j in range(derivative):
-                factor *= real(k - j)
-            total = total * t + factor * reals[row, k]
-        return total
-    if what == SINE:
-        amplitude, frequency = reals[row, 0], reals[row, 1]
-        phase = frequency * t + reals[row, 2]
-        if derivative == 0:
-            return amplitude * sine_cosine(phase, real)[0]
-        if derivative == 1:
-            return amplitude * frequency * sine_cosine(phase, real)[1]
-        return -amplitude * frequency * frequency * sine_cosine(phase, real)[0]
-    first, last = reals[row, 0], reals[row, 1]
-    if ints[row, REPEATS] != 0:
-        t = t - (last - first) * np.floor((t - first) / (last - first))
-    slack = real(_SLACK) * (last - first)
-    if not first - slack <= t <= last + slack:
-        return total + real(np.nan)
-    low, high = row + 1, row + size
-    while low < high:
-        middle = (low + high + 1) // 2
-        if t >= reals[middle, 0]:
-            low = middle
-        else:
-            high = middle - 1
-    x = t - reals[low, 0]
-    a, b, c, d = reals[low, 1], reals[low, 2], reals[low, 3], reals[low, 4]
-    if derivative == 0:
-        return ((a * x + b) * x + c) * x + d
-    if derivative == 1:
-        return (real(3) * a * x + real(2) * b) * x + c
-    return real(6) * a * x + real(2) * b
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _whole_law(t, ints, reals, row, derivative):
-    """The law in a row, with its terms, or its first or second derivative."""
-    real = reals.dtype.type
-    rate, second = reals[row, 1], reals[row, 2]
-    amplitude, frequency = reals[row, 3], reals[row, 4]
-    phase = frequency * t + reals[row, 5]
-    if derivative == 0:
-        value = (
-            reals[row, 0]
-            + (rate + real(0.5) * second * t) * t
-            + amplitude * sine_cosine(phase, real)[0]
-        )
-    elif derivative == 1:
-        value = rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
-    else:
-        value = second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
-    term = row + 1 if ints[row, MORE] != 0 else 0
-    while term > 0:
-        value += _term(t, ints, reals, term, derivative)
-        after = term + 1 + (ints[term, SIZE] if ints[term, WHAT] == SPLINE else 0)
-        term = after if ints[term, ANOTHER] != 0 else 0
-    return value
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _at_time(t, ints, reals):
-    """Both tables without the rows of laws, with laws that at t = 0 are what they are at t."""
-    count = 0
-    while ints[count, KIND] != LAW:
-        count += 1
-    frozen = reals[:count].copy()
-    for row in range(count, ints.shape[0]):
-        if ints[row, KIND] == LAW:
-            e, column = ints[row, TARGET], ints[row, COLUMN]
-            if column < 0:
-                for k in range(3):
-                    frozen[e, PARAMETER + k] = _whole_law(t, ints, reals, row, k)
-                frozen[e, PARAMETER + 3] = 0
-            else:
-                frozen[e, column] += reals[row, WEIGHT] * _whole_law(t, ints, reals, row, 0)
-    return ints[:count].copy(), frozen
-
-
 @cached_njit(nogil=True, error_model="numpy")
 def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
     """The same as `evaluate`, of a table with rows of laws."""
-    own, frozen = _at_time(t, ints, reals)
+    own, frozen = at_time(t, ints, reals, PARAMETER)
     evaluate(
         reals.dtype.type(0), u, v, multipliers, own, frozen, force, phi, x_values, y_values,
         g_values,
@@ -724,7 +609,7 @@ def timed_constraint_derivatives(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
     """The same as `constraint_derivatives`, of a table with rows of laws."""
-    own, frozen = _at_time(t, ints, reals)
+    own, frozen = at_time(t, ints, reals, PARAMETER)
     constraint_derivatives(
         reals.dtype.type(0), u, v, w, own, frozen, rate, curvature, rate_values,
         acceleration_values,
@@ -734,5 +619,5 @@ def timed_constraint_derivatives(
 @cached_njit(nogil=True, error_model="numpy")
 def timed_potential(t, u, v, ints, reals):
     """The same as `potential`, of a table with rows of laws."""
-    own, frozen = _at_time(t, ints, reals)
+    own, frozen = at_time(t, ints, reals, PARAMETER)
     return potential(t, u, v, own, frozen)
