@@ -11,8 +11,7 @@ on angles is linear in them.  Other bodies keep to points.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +20,11 @@ from newmark_cli import documents
 from newmark_cli.algebra import product
 from newmark_cli.arrays import Array
 from newmark_cli.documents import Document, DocumentError, KeyPath
-from newmark_cli.mechanisms import elements, laws, start
+from newmark_cli.mechanisms import builder, elements, laws, start
+from newmark_cli.mechanisms.builder import Follows
 from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
 from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
 from newmark_cli.problems.problem import Elements, Pattern, Problem, Push
-from newmark_cli.spelling import nearest
 
 #: What adds forces in Python to a problem.
 Code = Callable[[Problem, Sequence["Push"]], Problem]
@@ -122,29 +121,23 @@ def build(
         DocumentError: See `load`.
     """
     document = document or Document(name, {}, {})
-    builder = Builder(name, document, mechanism)
-    problem = builder.problem()
-    if builder.pushes and code is None:
-        path = next(iter(builder.pushes))
-        file = builder.pushes[path].given.rpartition(":")[0]
+    under_way = Builder(name, document, mechanism)
+    under_way.problem()
+    if under_way.pushes and code is None:
+        path = next(iter(under_way.pushes))
+        file = under_way.pushes[path].given.rpartition(":")[0]
         message = f"{file} is code, which runs only with --allow-code"
         raise document.error((*path, "python"), message)
-    problem = start.consistent(builder).problem
-    if builder.pushes and code is not None:
-        problem = code(problem, tuple(builder.pushes.values()))
+    problem = start.consistent(under_way).problem
+    if under_way.pushes and code is not None:
+        problem = code(problem, tuple(under_way.pushes.values()))
     return problem
 
 
-class _Follows(Exception):
-    """A part cannot be built because of a mistake that is known already."""
+class Builder(builder.Builder):
+    """Turns a mechanism of the plane into the tables of the element loop."""
 
-
-class Builder:
-    """Turns a mechanism into the tables of the element loop.
-
-    A mistake in one part does not keep the others from being looked at; `problem` raises
-    all of them together.
-    """
+    mechanism: Mechanism
 
     def __init__(
         self,
@@ -153,12 +146,8 @@ class Builder:
         mechanism: Mechanism,
         broken: Collection[tuple[str, str]] = (),
     ) -> None:
-        self.name = name
-        self.document = document
-        self.mechanism = mechanism
-        self.mistakes = documents.Mistakes()
-        #: Points and bodies with a mistake: a reference to them is not another mistake.
-        self.broken: set[tuple[str, ...]] = set(broken)
+        super().__init__(name, document, mechanism)
+        self.broken.update(broken)
         self.moving: dict[str, int] = {}
         self.fixed: dict[str, complex] = {}
         for point, data in mechanism.points.items():
@@ -175,14 +164,12 @@ class Builder:
             with self.checked("points", point):
                 body = self.body(on_body.on, ("body_points", point, "on"))
                 if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
-                    raise _Follows
+                    raise Follows
                 z = complex(*on_body.at) / body.length
                 self.sites[point] = Site({body.from_: 1 - z, body.to: z})
         self.fixed[UNIT] = 1 + 0j
         self.ints: list[list[int]] = []
         self.reals: list[list[float]] = []
-        self.rows: list[start.Row] = []
-        self.squares: dict[int, float] = {}
         self.x_entries: list[tuple[int, int]] = []
         self.y_entries: list[tuple[int, int]] = []
         self.g_entries: list[tuple[int, int]] = []
@@ -196,26 +183,11 @@ class Builder:
         self.pushes: dict[KeyPath, Push] = {}
         self._problem: Problem | None = None
 
-    @contextmanager
-    def checked(self, *broken: str) -> Iterator[None]:
-        """Take up a mistake of the block, which ends there; kind and name are then broken."""
-        try:
-            yield
-        except (DocumentError, _Follows) as error:
-            if isinstance(error, DocumentError):
-                self.mistakes.note(error)
-            if broken:
-                self.broken.add(broken)
-
     def problem(self, released: Sequence[int] = ()) -> Problem:
         """The problem, whose start is as given; raises DocumentError for its mistakes."""
         if self._problem is None:
             self._problem = self._built()
         return self._problem
-
-    def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
-        """None: velocities are given by point."""
-        return iter(())
 
     def velocities(self, u: Array) -> Array:
         """(n,) velocities that the file gives, wherever the points are."""
@@ -318,24 +290,17 @@ class Builder:
     def body(self, name: str, path: KeyPath) -> Body:
         bodies = self.mechanism.bodies
         if ("bodies", name) in self.broken:
-            raise _Follows
+            raise Follows
         if name not in bodies:
             raise self.unknown("body", name, path, bodies)
         return bodies[name]
 
     def site(self, name: str, path: KeyPath) -> Site:
         if ("points", name) in self.broken:
-            raise _Follows
+            raise Follows
         if name not in self.sites:
             raise self.unknown("point", name, path, self.sites)
         return self.sites[name]
-
-    def unknown(
-        self, kind: str, name: str, path: KeyPath, allowed: Collection[str]
-    ) -> DocumentError:
-        # Looking for the nearest name takes its time, which only what is printed is worth.
-        hint = "" if self.mistakes.full else nearest(name, allowed)
-        return self.document.error(path, f"unknown {kind} {name!r}{hint}")
 
     def _ends(
         self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
@@ -346,7 +311,7 @@ class Builder:
             with self.checked():
                 found.append(self.site(name, (*path, key)))
         if len(found) < 2:
-            raise _Follows
+            raise Follows
         return found[0], found[1]
 
     def difference(
@@ -379,8 +344,8 @@ class Builder:
                 f"{length:g}; correct the positions or set 'assemble: true'",
             )
         plain = all(complex(weight).imag == 0 for weight in difference.values())
-        self.squares[len(self.rows)] = length * length
         self.element("LINK" if plain else "BAR", difference, (length * length,), constraint=path)
+        self.squares[len(self.rows) - 1] = length * length
 
     def on_line(
         self, point: str, line: Slider | Line, path: KeyPath, point_path: KeyPath | None = None
@@ -432,13 +397,6 @@ class Builder:
                 f"{wheel} starts with its centre {distance:.12g} m away, its radius asks for "
                 f"{asked:.12g} m; correct the positions or set 'assemble: true'",
             )
-
-    def fitting(
-        self, law: Law, now: float, path: KeyPath, period: float = math.inf
-    ) -> tuple[float, ...]:
-        """Parameters of a law that starts where the mechanism does."""
-        guessed = self.mechanism.assemble
-        return start.law_parameters(law, now, self.document, path, period, guessed)
 
     def moving_site(self, name: str, path: KeyPath) -> dict[str, complex]:
         """A point that is not fixed."""
@@ -620,7 +578,7 @@ class Builder:
             with self.checked():
                 sites.append(self.site(point, (*path, "on", place)))
         if len(sites) < len(points):
-            raise _Follows
+            raise Follows
         names = list(dict.fromkeys(n for site in sites for n in site.weights))
         moving = [name for name in names if name in self.moving]
         if not moving:
@@ -641,14 +599,12 @@ class Builder:
         self.pushes[path] = Push(given, coordinates, weights, offsets)
 
     def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
-        row = len(self.rows) if constraint else 0
+        row = self.one_row(constraint) if constraint else 0
         y = len(self.y_entries)
         self.ints.append(
             [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
              len(self.x_entries), y, len(self.g_entries)]
         )  # fmt: skip
-        if constraint:
-            self.rows.append(start.Row(constraint, ".".join(map(str, constraint))))
 
     def _append_reals(
         self, weights: Sequence[complex], offset: complex, parameters: Sequence[float]

@@ -5,8 +5,7 @@ coordinates, a constant mass matrix, and constraints that are at most quadratic.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,9 +14,10 @@ import numpy as np
 from newmark_cli import documents
 from newmark_cli.algebra import norm, product
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.documents import Document, DocumentError, KeyPath
-from newmark_cli.mechanisms import laws, start
+from newmark_cli.documents import Document, KeyPath
+from newmark_cli.mechanisms import builder, laws, start
 from newmark_cli.mechanisms import spatial_elements as elements
+from newmark_cli.mechanisms.builder import Follows, Row
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Law
 from newmark_cli.mechanisms.spatial_model import (
@@ -30,7 +30,6 @@ from newmark_cli.mechanisms.spatial_model import (
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.problem import Pattern, Problem
-from newmark_cli.spelling import nearest
 
 #: Coordinates of a body.
 PER_BODY = 12
@@ -123,9 +122,9 @@ def build(name: str, mechanism: SpatialMechanism, document: Document | None = No
     Raises:
         DocumentError: For mistakes, each with file, line and key.
     """
-    builder = Builder(name, document or Document(name, {}, {}), mechanism)
-    problem, shared, freedom = start.consistent(builder)
-    held = {side.body for joint in builder.joints.values() for side in joint.sides}
+    under_way = Builder(name, document or Document(name, {}, {}), mechanism)
+    problem, shared, freedom = start.consistent(under_way)
+    held = {side.body for joint in under_way.joints.values() for side in joint.sides}
     model = replace(
         problem.drawing,
         shared=shared,
@@ -166,27 +165,18 @@ class _Turning:
     second: list[tuple[int, float, float]]
 
 
-class _Follows(Exception):
-    """A part cannot be built because of a mistake that is known already."""
-
-
-class Builder:
-    """Turns a mechanism into the tables of the element loop.
+class Builder(builder.Builder):
+    """Turns a mechanism in space into the tables of the element loop.
 
     Attributes:
-        document: Where errors are.
-        mechanism: What the file says.
-        rows: All constraints.
-        squares: Squares of lengths, of constraints that keep one.
         joints: Joints that were built.
     """
 
+    mechanism: SpatialMechanism
+
     def __init__(self, name: str, document: Document, mechanism: SpatialMechanism) -> None:
-        self.name, self.document, self.mechanism = name, document, mechanism
-        self.rows: list[start.Row] = []
-        self.squares: dict[int, float] = {}
+        super().__init__(name, document, mechanism)
         self.joints: dict[str, Connection] = {}
-        self._mistakes = documents.Mistakes()
         self._elements: list[_Element] = []
         self._numbers = {body: i for i, body in enumerate(mechanism.bodies)}
         self._frames = [body.directors for body in mechanism.bodies.values()]
@@ -196,7 +186,7 @@ class Builder:
 
     # -- what it is asked for ------------------------------------------------------------------
 
-    def problem(self, released: Collection[int] = ()) -> Problem:
+    def problem(self, released: Sequence[int] = ()) -> Problem:
         """The problem, without some of its constraints.
 
         Args:
@@ -283,25 +273,15 @@ class Builder:
 
     # -- parts ---------------------------------------------------------------------------------
 
-    @contextmanager
-    def _checked(self) -> Iterator[None]:
-        """Take up a mistake of the block, which ends there."""
-        try:
-            yield
-        except _Follows:
-            pass
-        except DocumentError as error:
-            self._mistakes.note(error)
-
     def _build(self) -> None:
         mechanism = self.mechanism
         if GROUND in mechanism.bodies:
             message = "'ground' is what bodies stand on; give this body another name"
-            self._mistakes.note(self.document.error(("bodies", GROUND), message))
+            self.mistakes.note(self.document.error(("bodies", GROUND), message))
         for name, point in mechanism.points.items():
             self._points[name] = Side(-1, np.array(point.fixed), {})
         for name, on_body in mechanism.body_points.items():
-            with self._checked():
+            with self.checked():
                 if name in mechanism.points:
                     message = f"there is a point {name} of the ground, too"
                     raise self.document.error(("body_points", name), message)
@@ -311,17 +291,17 @@ class Builder:
         self._mass = self._masses()
         for name, body in self._numbers.items():
             first = len(self.rows)
-            self.rows += [start.Row(("bodies", name), "", row) for row in INTERNAL]
+            self.rows += [Row(("bodies", name), "", row) for row in INTERNAL]
             rows = tuple(range(first, first + 6))
             self._elements.append(_Element(elements.BODY, (), rows, place=PER_BODY * body + 3))
         for name, joint in mechanism.joints.items():
-            with self._checked():
+            with self.checked():
                 self._add_joint(name, joint)
         for name, motion in mechanism.motions.items():
-            with self._checked():
+            with self.checked():
                 self._add_motion(motion, ("motions", name))
         self._add_forces()
-        self._mistakes.refuse()
+        self.mistakes.refuse()
         for place in np.flatnonzero(np.any(self._loads != 0, axis=1)).tolist():
             load = self._loads[place].tolist()
             self._elements.append(_Element(elements.LOAD, load, place=3 * place))
@@ -329,7 +309,7 @@ class Builder:
     def _add_forces(self) -> None:
         mechanism = self.mechanism
         for name, force in mechanism.forces.items():
-            with self._checked():
+            with self.checked():
                 side = self._of_body(force.at, ("forces", name, "at"))
                 weights = np.concatenate([[1.0], side.point])
                 first = 4 * side.body
@@ -339,22 +319,22 @@ class Builder:
                     else:
                         self._loads[first : first + 4, axis] += weights * amount
         for name, spring in mechanism.springs.items():
-            with self._checked():
+            with self.checked():
                 ends = self._ends(spring.from_, spring.to, ("springs", name))
                 self._strut(elements.SPRING, ends, (spring.stiffness, spring.rest_length))
         for name, damper in mechanism.dampers.items():
-            with self._checked():
+            with self.checked():
                 ends = self._ends(damper.from_, damper.to, ("dampers", name))
                 self._strut(elements.DAMPER, ends, (damper.damping,))
         for name in mechanism.torques:
-            with self._checked():
+            with self.checked():
                 self._add_torque(name)
         for name, twisted in mechanism.torsion_springs.items():
-            with self._checked():
+            with self.checked():
                 path: KeyPath = ("torsion_springs", name, "on")
                 self._hinge(twisted.on, (0.0, twisted.stiffness, twisted.rest_angle, 0.0), path)
         for name, rubbed in mechanism.torsion_dampers.items():
-            with self._checked():
+            with self.checked():
                 path = ("torsion_dampers", name, "on")
                 self._hinge(rubbed.on, (0.0, 0.0, 0.0, rubbed.damping), path)
 
@@ -430,27 +410,21 @@ class Builder:
             return -1
         if name not in self._numbers:
             allowed = (*self._numbers, GROUND) if ground else tuple(self._numbers)
-            raise self._unknown("body", name, path, allowed)
+            raise self.unknown("body", name, path, allowed)
         return self._numbers[name]
-
-    def _unknown(
-        self, kind: str, name: str, path: KeyPath, allowed: Collection[str]
-    ) -> DocumentError:
-        hint = "" if self._mistakes.full else nearest(name, allowed)
-        return self.document.error(path, f"unknown {kind} {name!r}{hint}")
 
     def _joint(self, name: str, path: KeyPath) -> Connection:
         if name not in self.mechanism.joints:
-            raise self._unknown("joint", name, path, self.mechanism.joints)
+            raise self.unknown("joint", name, path, self.mechanism.joints)
         if name not in self.joints:
-            raise _Follows
+            raise Follows
         return self.joints[name]
 
     def _point(self, name: str, path: KeyPath) -> Side:
         if name in self.mechanism.body_points and name not in self._points:
-            raise _Follows
+            raise Follows
         if name not in self._points:
-            raise self._unknown("point", name, path, self._points)
+            raise self.unknown("point", name, path, self._points)
         return self._points[name]
 
     def _of_body(self, name: str, path: KeyPath) -> Side:
@@ -458,7 +432,7 @@ class Builder:
         if name in self._numbers and name not in self._points:
             return Side(self._numbers[name], np.zeros(3), {})
         if name not in self._points and name not in self.mechanism.body_points:
-            raise self._unknown("point", name, path, (*self._points, *self._numbers))
+            raise self.unknown("point", name, path, (*self._points, *self._numbers))
         side = self._point(name, path)
         if side.body < 0:
             raise self.document.error(path, f"{name} is a point of the ground")
@@ -467,10 +441,10 @@ class Builder:
     def _ends(self, start: str, end: str, path: KeyPath) -> tuple[Side, Side]:
         found = []
         for name, key in ((start, "from"), (end, "to")):
-            with self._checked():
+            with self.checked():
                 found.append(self._point(name, (*path, key)))
         if len(found) < 2:
-            raise _Follows
+            raise Follows
         if found[0].body == found[1].body:
             message = f"joins {start} and {end}, which cannot move relative to each other"
             raise self.document.error(path, message)
@@ -513,10 +487,10 @@ class Builder:
         path: KeyPath = ("joints", name)
         kind, numbers = JOINTS[joint.type], []
         for given, key in ((joint.from_, "from"), (joint.to, "to")):
-            with self._checked():
+            with self.checked():
                 numbers.append(self._body(given, (*path, key), ground=True))
         if len(numbers) < 2:
-            raise _Follows
+            raise Follows
         first, second = numbers
         names = (joint.from_, joint.to)
         points = [
@@ -555,7 +529,7 @@ class Builder:
             self._require_met(joint, a, b, apart, path)
         self.joints[name] = Connection(joint.type, (a, b))
         row = len(self.rows)
-        self.rows += [start.Row(path, name, row) for row in kind.rows]
+        self.rows += [Row(path, name, row) for row in kind.rows]
         between = _minus(_site(b), _site(a))
         if kind.meets:
             offset, terms = between
@@ -719,7 +693,7 @@ class Builder:
 
     def _add_motion(self, motion: Motion, path: KeyPath) -> None:
         for key, law in motion.laws.items():
-            with self._checked():
+            with self.checked():
                 if motion.joint is not None:
                     self._drive(motion.joint, key, law, path)
                 else:
@@ -727,8 +701,8 @@ class Builder:
                     side = self._of_body(motion.point, (*path, "point"))
                     axis = np.eye(3)["xyz".index(key)]
                     now = float(product(axis, self._place(side)))
-                    parameters = self._fitting(law, now, (*path, key))
-                    self._driven((*path, key))
+                    parameters = self.fitting(law, now, (*path, key))
+                    self.one_row((*path, key))
                     self._dot(len(self.rows) - 1, (axis, []), _site(side), parameters)
                     self._time(law, parameters)
 
@@ -748,8 +722,8 @@ class Builder:
         if key == "distance":
             axis = self._turned(a.body, a.vectors["n"])
             now = float(product(axis, self._place(b) - self._place(a)))
-        parameters = self._fitting(law, now, (*path, key), period)
-        self._driven((*path, key))
+        parameters = self.fitting(law, now, (*path, key), period)
+        self.one_row((*path, key))
         row = len(self.rows) - 1
         if key == "distance":
             self._dot(row, _direction(a, "n"), _minus(_site(b), _site(a)), parameters)
@@ -764,15 +738,6 @@ class Builder:
         """The last element, a driven joint or coordinate, has a law."""
         timed = laws.Timed(laws.DRIVES, law, parameters)
         self._elements[-1] = replace(self._elements[-1], timed=(timed,))
-
-    def _driven(self, path: KeyPath) -> None:
-        self.rows.append(start.Row(path, ".".join(map(str, path))))
-
-    def _fitting(
-        self, law: Law, now: float, path: KeyPath, period: float = math.inf
-    ) -> tuple[float, ...]:
-        guessed = self.mechanism.assemble
-        return start.law_parameters(law, now, self.document, path, period, guessed)
 
     # -- start ---------------------------------------------------------------------------------
 

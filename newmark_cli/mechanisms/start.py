@@ -1,9 +1,9 @@
 """Consistent starts: positions on the constraints, no redundant row, velocities that fit."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -12,9 +12,8 @@ import scipy.sparse.linalg
 from newmark_cli import documents
 from newmark_cli.algebra import Factors, solver
 from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, KeyPath
-from newmark_cli.mechanisms import laws
-from newmark_cli.mechanisms.models import Law
+from newmark_cli.documents import KeyPath
+from newmark_cli.mechanisms.builder import Builder, Row
 from newmark_cli.problems import index_1, redundancy
 from newmark_cli.problems.problem import Problem
 from newmark_cli.spelling import nearest
@@ -41,58 +40,6 @@ _SOLVED = 1e-6
 #: How far from the start it is looked whether the start is singular, of the largest
 #: coordinate, and the tolerance of the rank there.
 _ASIDE, _RANK_TOLERANCE_ASIDE = 1e-6, 1e-8
-
-
-class Row(NamedTuple):
-    """A constraint, as errors name it.
-
-    Attributes:
-        path: Its key in the document.
-        owner: The part that it belongs to; empty for what keeps a body rigid in space.
-        name: Which of the rows of that part it is; empty where there is one.
-    """
-
-    path: KeyPath
-    owner: str
-    name: str = ""
-
-    @property
-    def parts(self) -> KeyPath:
-        """Its name in parts: part and row, or the key of a part that has one."""
-        return (self.owner or self.path[-1], self.name) if self.name else self.path
-
-    @property
-    def full(self) -> str:
-        """Its name."""
-        return ".".join(map(str, self.parts))
-
-
-class Builder(Protocol):
-    """A mechanism as its builder hands it on.
-
-    Attributes:
-        document: Where errors are.
-        mechanism: What the file says.
-        rows: All constraints.
-        squares: Squares of lengths, of constraints ½ (|Δ|² − L²).
-    """
-
-    document: Document
-    mechanism: Any
-    rows: list[Row]
-    squares: dict[int, float]
-
-    def problem(self, released: Sequence[int] = ()) -> Problem:
-        """The problem as the file has it, without some of its constraints."""
-
-    def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
-        """Key, gradient (n,) and value of each rate that the file gives besides velocities."""
-
-    def velocities(self, u: Array) -> Array:
-        """(n,) velocities that the file gives, at a position."""
-
-    def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
-        """Keys and words of motions (n, k) that have no inertia."""
 
 
 class Start(NamedTuple):
@@ -137,29 +84,6 @@ def consistent(builder: Builder) -> Start:
     if problem.n > DENSE_UP_TO:
         _require_regular(builder, problem)
     return Start(problem, shared, freedom)
-
-
-def law_parameters(
-    law: Law, now: float, document: Document, path: KeyPath, period: float, guessed: bool
-) -> tuple[float, ...]:
-    """Parameters of a law of time that starts where the mechanism does.
-
-    Args:
-        law: The law.
-        now: Where the mechanism starts.
-        document, path: Where the law came from, for errors.
-        period: Values that differ by it are the same; infinite for a length.
-        guessed: Whether the start is a guess, which any law may leave.
-
-    Raises:
-        DocumentError: When it starts elsewhere.
-    """
-    parameters = law.parameters(now)
-    begin = laws.begin(law, parameters[0])
-    away = begin - now if math.isinf(period) else math.remainder(begin - now, period)
-    if not guessed and abs(away) > 1e-9 * max(1.0, abs(now)):
-        raise document.error(path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}")
-    return parameters
 
 
 def gradient_of(problem: Problem, u: Array) -> scipy.sparse.csc_array:
