@@ -83,7 +83,8 @@ def joined(frame: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     return both
 
 
-def listed(title: str, rows: pd.DataFrame, most: int) -> None:
+def listed(title: str, rows: pd.DataFrame, most: int = 40) -> None:
+    """Print series with their truth and what is said of them."""
     print(f"\n{title}: {len(rows)}")
     for _, row in rows.head(most).iterrows():
         where = (row[k] for k in KEY[:6])

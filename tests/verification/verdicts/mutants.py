@@ -2,15 +2,12 @@
 
     python mutants.py OUT [--count 50] [--seed 1] [--kinds four-bar …] [--mutations NAME …]
 
-Marches the mechanisms of strangers.py, each with one mutation of the core (or of its problem, in
-Python) and one of the lists of step sizes, with and without it.  A mutation is made in this
-process, in what a march is given or gives; references stay as they are.  So the truth is known by
+Marches the mechanisms of strangers.py, each with one mutation of the core or of its problem, and
+one of the lists of step sizes, with and without it.  A mutation is made in this process, in what a
+march is given or gives; references stay as they are.  So the truth is known by
 construction: a series that the mutation reaches, and whose order it changes by more than twice the
 tolerance, is wrong.  Prints verdicts of these series by mutation, and every one that passes, with
 its values and those without the mutation.  Exits with 1 if any does.
-
-A wrong G of a problem in Python is refused before it marches; that is counted, and then the
-refusal is turned off.
 """
 
 import sys
@@ -18,7 +15,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -27,9 +23,8 @@ import numpy as np
 import pandas as pd
 import running
 import strangers
-import yaml
 from running import decided
-from strangers import LISTS, Stranger
+from strangers import LISTS
 from truth import STATISTIC
 
 ERRORS = {("error", "u"), ("error", "v"), ("error", "lambda")}
@@ -48,12 +43,10 @@ class Mutation:
     Attributes:
         reaches: Measures and quantities that it makes wrong; others may change in size only.
         applied: Context in which marches are wrong.
-        integrator: The only one that it is about; any if empty.
     """
 
     reaches: set[tuple[str, str]]
     applied: Callable[[], Any]
-    integrator: str = ""
 
 
 # -- what a march gives -------------------------------------------------------------------------
@@ -246,63 +239,6 @@ MUTATIONS = {
     "condition-over-root-h": Mutation({("condition", "jacobian")}, lambda: _conditions(-0.5)),
 }
 
-# -- problems in Python with a wrong G -------------------------------------------------------------
-
-PYTHON = '''"""A pendulum whose G is wrong in one entry."""
-
-import numpy as np
-
-from newmark_cli import Definition
-
-ACCEPTED = {accepted}
-if ACCEPTED:
-    from newmark_cli.problems.agreement import Agreement
-
-    Agreement._compare = lambda *arguments, **others: None
-
-
-def pendulum(wrong=True):
-    """Let go."""
-    factor = {factor} if wrong else 1.0
-    return Definition(
-        mass_matrix={mass} * np.eye(2),
-        u0=np.array({place}),
-        v0=np.zeros(2),
-        force=lambda u, v, t: np.array([0.0, -9.81 * {mass}]),
-        constraints=lambda u, t: np.array([(u[0] ** 2 + u[1] ** 2 - {length} ** 2) / 2]),
-        gradient=lambda u, t: np.array([[u[0] * factor], [u[1]]]),
-    )
-'''
-
-
-def python_problem(folder: Path, number: int, seed: int) -> tuple[Path, Path, Path]:
-    """A problem and its studies: one that is refused, one that is not, one with the right G."""
-    random = np.random.default_rng([seed, 100, number])
-    length, mass = (round(float(random.uniform(0.3, 3)), 2) for _ in range(2))
-    angle = random.uniform(0.3, 1.2) - np.pi / 2
-    numbers = {
-        "factor": float(random.choice([-1.0, 0.9, 1.001, 1.5])),
-        "mass": mass,
-        "length": length,
-        "place": [float(length * np.cos(angle)), float(length * np.sin(angle))],
-    }
-    steps = list(LISTS)[number % 2]
-    paths = []
-    for accepted, wrong in ((False, True), (True, True), (False, False)):
-        name = f"python-{number:02}" + ("-accepted" if accepted else "" if wrong else "-right")
-        (folder / f"{name}.py").write_text(PYTHON.format(accepted=accepted, **numbers))
-        path = folder / f"{name}-study.yaml"
-        study = strangers.study_of(Stranger(name, {}, 1.0), steps)
-        study |= {
-            "study": name,
-            "problem": {"python": f"{name}.py:pendulum", "args": {"wrong": wrong}},
-            "form": "u-lambda",
-        }
-        path.write_text(yaml.safe_dump(study, sort_keys=False))
-        paths.append(path)
-    return paths[0], paths[1], paths[2]
-
-
 # -- series with and without ----------------------------------------------------------------------
 
 
@@ -362,7 +298,6 @@ def compared(name: str, mutation: Mutation, clean: Any, wrong: Any) -> Iterator[
 def main() -> int:
     parser = running.options(__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=45, help="mechanisms of each kind")
-    parser.add_argument("--python", type=int, default=20, help="problems in Python with a wrong G")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", nargs="+", choices=strangers.KINDS, default=[*strangers.KINDS])
     parser.add_argument("--mutations", nargs="+", choices=MUTATIONS, default=[*MUTATIONS])
@@ -391,21 +326,6 @@ def main() -> int:
         found += compared(name, mutation, *pair)
         print(f"{stranger.name}, {name}, {steps}", file=sys.stderr, flush=True)
 
-    refused = 0
-    for number in range(given.python):
-        refusing, accepting, right = python_problem(given.results, number, given.seed)
-        try:
-            newmark.run(refusing, jobs=1, allow_code=True)
-            print(f"{refusing.name}: a wrong G was not refused")
-        except newmark.InputError:
-            refused += 1
-        pair = (
-            judged(newmark.run(path, jobs=1, allow_code=True), f"python-{number:02}")
-            for path in (right, accepting)
-        )
-        found += compared("python-G", Mutation(ERRORS | CORRECTIONS, ExitStack), *pair)
-    if given.python:
-        print(f"{refused} of {given.python} problems in Python with a wrong G are refused\n")
     return report(pd.DataFrame(found))
 
 

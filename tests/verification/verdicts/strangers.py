@@ -5,7 +5,7 @@
 Writes pendulums, double pendulums, four-bars and slider-cranks, so many of each, as OUT/<name>.yaml
 with a study beside each, OUT/<name>-<list>.yaml, for every list of step sizes; runs and judges
 them.  Finished cells are kept: run it again to go on.  Prints how many series have which verdict,
-and every series that is a miss or not converging, with its values.  Exits with 1 if any is a miss:
+and every series that is a miss or not converging.  Exits with 1 if any is a miss:
 the package integrates and solves as it says, so every miss is wrong.
 """
 
@@ -20,7 +20,6 @@ import pandas as pd
 import running
 import yaml
 from running import RED, decided
-from truth import STATISTIC
 
 Random = np.random.Generator
 Data = dict[str, Any]
@@ -231,23 +230,6 @@ def _dump(path: Path, data: Data) -> None:
     path.write_text(yaml.safe_dump(data, sort_keys=False))
 
 
-def points_of(folder: Path, row: Any) -> pd.DataFrame:
-    """Rows of a series of a results folder, large steps first."""
-    frame = pd.read_csv(folder / f"{row['study']}.csv", dtype={"row_block": str})
-    same = [(frame[key].fillna("").astype(str) == row[key]) for key in judge.KEY]
-    return frame[np.logical_and.reduce(same)].sort_values("h", ascending=False)
-
-
-def show(row: Any, points: pd.DataFrame) -> None:
-    """Print a series with its values, and their rounding where it is known."""
-    print(f"  {row['verdict']}: {' '.join(row[key] for key in judge.KEY)}")
-    print(f"      {row['slope']:.3f} for {row['expected']}; {row['reason']}")
-    values = points[STATISTIC[row["measure"]]]
-    print("      " + ", ".join(f"{h:g}: {x:.3g}" for h, x in zip(points["h"], values, strict=True)))
-    if "rounding" in points:
-        print("      rounding " + ", ".join(f"{x:.2g}" for x in points["rounding"]))
-
-
 def main() -> int:
     parser = running.options(__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=50, help="mechanisms of each kind")
@@ -274,21 +256,15 @@ def main() -> int:
     for rows in ("kind", "steps", "measure"):
         print(pd.crosstab(every[rows], every["verdict"], margins=True).to_string(), "\n")
     every[judge.KEY] = every[judge.KEY].astype(object).fillna("").astype(str)
-    red = every[every["verdict"].isin(RED)]
+    red = every[every["verdict"].isin(RED)].assign(label="right")
     undamped = red["integrator"].str.startswith("newmark") & red["quantity"].isin(
         ["lambda", "multiplier"]
     )
     missed = red["verdict"] == "miss"
-    for title, rows in (
-        ("misses", red[missed]),
-        ("not converging", red[~missed & ~undamped]),
-        ("not converging, multipliers that nothing damps", red[~missed & undamped]),
-    ):
-        print(f"{title}: {len(rows)}")
-        for _, row in rows.iterrows():
-            show(row, points_of(results, row))
-        print()
-    misses = int((every["verdict"] == "miss").sum())
+    judge.listed("misses", red[missed])
+    judge.listed("not converging", red[~missed & ~undamped])
+    judge.listed("not converging, multipliers that nothing damps", red[~missed & undamped])
+    misses = int(missed.sum())
     print(f"\n{len(every)} series: {misses} miss, {len(red) - misses} do not converge")
     return 1 if misses else 0
 
