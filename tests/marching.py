@@ -81,17 +81,24 @@ def interpreted_march(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiled_march, "specialised", lambda problem, *_: unspecialised(problem))
         engine = compiled_march.Engine(subject, scheme)
-    compiled = engine.arguments(
-        state, first, norms, iterations,
+    counts = march_data.Counts(
+        norms, iterations,
         np.zeros(len(norms), np.int64) if positions is None else positions,
         np.zeros(len(norms), np.int64),
-        recording(state, np.empty(0)) if record is None else record,
     )  # fmt: skip
+    kept = recording(state, np.empty(0)) if record is None else record
+    given = engine.arguments(state, first, counts, kept)
+    functions, code, tables, (static, dense), extra, _, schedule, *_ = given
+    numbers = (*given[5:], kernel._allocate(*tables, dense, state, schedule))
+    evaluate, derive, solve = (getattr(one, "py_func", one) for one in functions)
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):
                 patch.setattr(kernel, name, function.py_func)
-        return kernel._march(*(getattr(given, "py_func", given) for given in compiled))
+        if extra is None:
+            return kernel._march_index_3(evaluate, solve, code, *tables, static, dense, *numbers)
+        work = kernel._allocate_constraining(tables[0], extra, state, norms.shape[1])
+        return kernel._march_formulated(evaluate, derive, *tables, dense, extra, *numbers, work)
 
 
 def start(subject, integrator=None, h=1e-2):

@@ -26,7 +26,7 @@ from newmark_cli.newmark.linear.dense import DenseSystem, no_tables
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.static import StaticBalancedJacobian, StaticSystem
 from newmark_cli.newmark.march import March, initial_state
-from newmark_cli.newmark.march_data import PIVOTING, recording
+from newmark_cli.newmark.march_data import PIVOTING, Counts, recording
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.scaling import Scaling, named_scaling
 from newmark_cli.newmark.scheme import Scheme
@@ -367,7 +367,7 @@ def test_a_refused_step_begins_again(toppling):
     state.multipliers[:] = 0  # the first matrix is M's; the correction brings the weight
     norms, (counts, positions, pivoted) = np.zeros((1, 2)), np.zeros((3, 1), np.int64)
     recorded = recording(state, np.empty(0))
-    given = engine.arguments(state, 0, norms, counts, positions, pivoted, recorded)
+    given = engine.arguments(state, 0, Counts(norms, counts, positions, pivoted), recorded)
     assert compiled_march.kernel.march(*given) == (PIVOTING, 0)
     assert norms[0, 1] > 0
     assert pivoted == 1

@@ -16,8 +16,10 @@ from newmark_cli.newmark.linear.static import StaticSystem
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     PIVOTING,
+    Counts,
     ProblemTables,
     Record,
+    Schedule,
     State,
     recording,
 )
@@ -99,8 +101,8 @@ class Engine:
         while True:
             if self.exchanges:
                 self._static, self._solve = self.exchanges.at(state, first + done)
-            counts = iterations[done:], positions[done:], pivoted[done:]
-            given = self.arguments(state, first + done, norms[done:], *counts, _after(record, done))
+            counts = Counts(norms[done:], iterations[done:], positions[done:], pivoted[done:])
+            given = self.arguments(state, first + done, counts, _after(record, done))
             ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
@@ -123,44 +125,24 @@ class Engine:
         return partial(scipy_march.march, self.problem, self.scheme, system=self.static.pivoting)
 
     def arguments(
-        self,
-        state: State,
-        first: int,
-        norms: Array,
-        iterations: IndexArray,
-        positions: IndexArray,
-        pivoted: IndexArray,
-        record: Record,
+        self, state: State, first: int, counts: Counts, record: Record
     ) -> tuple[Any, ...]:
         """Arguments of `newmark_cli.newmark.kernel.march`."""
-        scheme = self.scheme
-        stop = scheme.stop or Tolerance()
-        return (
-            self._function,
-            self._derive,
-            self._solve,
-            self._code,
-            self._tables,
-            scheme.tables,
-            self._static,
-            self._dense,
-            self._extra,
-            state,
-            scheme.compensated,
-            self.problem.t0,
-            scheme.h,
-            first,
-            scheme.iteration_cap,
-            scheme.settled_below,
-            stop.absolute,
-            stop.relative,
-            norms,
-            iterations,
-            positions,
-            pivoted,
-            self.exchanges.patience if self.exchanges else len(norms) + 1,
-            record,
+        scheme, stop = self.scheme, self.scheme.stop or Tolerance()
+        schedule = Schedule(
+            compensated=scheme.compensated,
+            t_start=float(self.problem.t0),
+            h=float(scheme.h),
+            first=first,
+            cap=scheme.iteration_cap,
+            settled_below=scheme.settled_below,
+            absolute=float(stop.absolute),
+            relative=float(stop.relative),
+            patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
+        functions = self._function, self._derive, self._solve
+        tables, matrices = (self._tables, scheme.tables), (self._static, self._dense)
+        return functions, self._code, tables, matrices, self._extra, state, schedule, counts, record
 
 
 def _after(record: Record, done: int) -> Record:

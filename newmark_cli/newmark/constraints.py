@@ -9,6 +9,7 @@ c being ∂v'/∂a of the integrator.  η stands in row K as −Pη, P = M⁻¹G
 the step, so that Pη is the change of least size in the norm of M.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -17,8 +18,9 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from newmark_cli.algebra import Factors, spectral_norm
+from newmark_cli.algebra import Factors, norm, product, spectral_norm
 from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
@@ -204,6 +206,23 @@ class Constraining:
         terms = self.projector
         moved = directions * eta[terms.columns]
         return np.asarray(np.bincount(terms.rows, moved, minlength=self.problem.n), float)
+
+    def norms(self, blocks: Sequence[Array], directions: Array) -> list[float]:
+        """Norms of what a march records of a correction, in the order of `Scheme.recorded`.
+
+        Args:
+            blocks: Of the correction, an unknown each.
+            directions: The terms of P.
+        """
+        scheme, p = self.scheme, len(self.scheme.form.kept)
+        norms = [norm(block) for block in blocks]
+        if self.stabilised:
+            pushed = self.pushed(directions, scheme.right[p + 1] * blocks[p + 1])
+            for field in map(FIELDS.index, scheme.form.eliminated):
+                factors = scheme.elimination.weights[field] * scheme.right[:p]
+                moved = self.eta[field] * pushed + product(factors, np.array(blocks[:p]))
+                norms.append(norm(moved))
+        return norms
 
     @cached_property
     def pairs(self) -> tuple[IndexArray, IndexArray]:

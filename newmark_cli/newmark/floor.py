@@ -34,7 +34,6 @@ import numpy as np
 from newmark_cli import algebra
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import constraining_of
-from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
@@ -306,19 +305,10 @@ class _Model:
 
     def _norms(self, scaled: Array) -> Array:
         """(blocks,) norms of what the march records of a correction."""
-        scheme, p = self.scheme, len(self.kept)
         parts = self._split(scaled)
-        norms = [algebra.norm(part) for part in parts]
-        if scheme.stabilised:
-            assert self.constraining is not None
-            pushed = self.constraining.pushed(self._directions, scheme.right[p + 1] * parts[p + 1])
-            for field in map(FIELDS.index, scheme.form.eliminated):
-                factors = scheme.elimination.weights[field] * scheme.right[:p]
-                change = self.constraining.eta[field] * pushed + algebra.product(
-                    factors, np.array(parts[:p])
-                )
-                norms.append(algebra.norm(change))
-        return np.array(norms)
+        if self.constraining:
+            return np.array(self.constraining.norms(parts, self._directions))
+        return np.array([algebra.norm(part) for part in parts])
 
     # -- rounding of the integrator's operations --------------------------------------------
 

@@ -2,19 +2,18 @@
 
 Everything that tells one form, scaling or integrator from another reaches the
 kernel as numbers (`march_data.StepTables`), every problem as a compiled function and
-its tables (`march_data.ProblemTables`).  `_march` is the algorithm; the functions
-above it are its verbs, in the order in which it needs them.  In their shapes p is the
+its tables (`march_data.ProblemTables`).  `_march_index_3` and `_march_formulated` are the
+algorithm; the functions above are their verbs, in the order in which they are needed.  In
+their shapes p is the
 number of kept fields among (u, v, a), r of kept rows among (V, K), P of past vectors,
 and N = p n + m.
 
 All compiled code of the core stands in this file, because numba's disk cache does
 not notice a change in another.
 
-Numba inlines the verbs.  Each counts a reference to every array of a tuple that it
-is handed, and LLVM drops this counting where a verb does nothing but read and write
-single elements, as those of the inner loop do.  A view of an array, or a call that
-hands the tuple on, keeps the counting, and that takes longer than an iteration on a
-small mechanism: measure a change with `benchmarks/kernel.py`.
+All of it is compiled without counting references: what the march overwrites is allocated in
+Python, before it.  With counting, a call that is handed tuples of arrays takes longer than an
+iteration on a small mechanism.  Measure a change with `benchmarks/kernel.py`.
 """
 
 import threading
@@ -42,10 +41,10 @@ from newmark_cli.newmark.march_data import (
 #: caller.  The second has no entry for Python, which would take as long to compile as the
 #: function, and is kept with the march.  Without fastmath: compiled and interpreted, the march
 #: gives the same bits.
-_compile = cached_njit(nogil=True, error_model="numpy")
-_WITHOUT_ENTRY: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # numba types neither
-_part = njit(nogil=True, error_model="numpy", **_WITHOUT_ENTRY)
-_inline = cached_njit(nogil=True, error_model="numpy", inline="always")
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "_nrt": False}  # numba types no _nrt
+_WITHOUT_ENTRY: Any = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_compile, _part = cached_njit(**_OPTIONS), njit(**_WITHOUT_ENTRY)
+_inline = cached_njit(**_OPTIONS, inline="always")
 
 
 @cache
@@ -156,20 +155,25 @@ class _Constraining(NamedTuple):
 # -- before the first step ------------------------------------------------------------------
 
 
-@_inline
-def _size(tables, n, m):
-    """N, unknowns of the linear system: as many multipliers as rows of constraints."""
-    constraint_rows = tables.left.shape[0] - 1 - tables.row_weights.shape[0]
-    return tables.kept.shape[0] * n + constraint_rows * m
+class _Room(NamedTuple):
+    """What a march overwrites in every step."""
+
+    sources: np.ndarray  #: entries of X, Y and G, one after the other: those of the values
+    values: _Values
+    iterate: _Iterate
+    history: _History
+    rhs: np.ndarray  #: (N,)
+    system: _System
+    new_past: np.ndarray  #: (P, n) what the past vectors become
+    before_step: np.ndarray  #: (m,) λ before the step
 
 
-@_inline
-def _allocate(problem, tables, state, compensated, h):
-    """Return room for what the march overwrites in every step."""
-    n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
-    of_x = problem.x_rows.shape[0]
-    of_y = of_x + problem.y_rows.shape[0]
-    sources = np.empty(of_y + problem.g_rows.shape[0], dtype)
+def _allocate(problem, tables, dense, state, schedule):
+    """Return room for a march."""
+    n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
+    of_x, of_g = len(problem.x_rows), len(problem.g_rows)
+    of_y = of_x + len(problem.y_rows)
+    sources = np.empty(of_y + of_g, dtype)
     values = _Values(
         force=np.empty(n, dtype),
         phi=np.empty(m, dtype),
@@ -178,29 +182,51 @@ def _allocate(problem, tables, state, compensated, h):
         g=sources[of_y:],
     )
     iterate = _Iterate(
-        compensated=compensated,
-        moving=np.empty((3, n), dtype) if compensated else state.fields[:3],
-        h=dtype.type(h),
+        compensated=schedule.compensated,
+        moving=np.empty((3, n), dtype) if schedule.compensated else state.fields[:3],
+        h=dtype.type(schedule.h),
         shift=np.empty(n, dtype),
-        g_old=np.empty(problem.g_rows.shape[0], dtype),
+        g_old=np.empty(of_g, dtype),
     )
-    history = _History(
-        fields=np.empty((3, n), dtype),
-        dynamics=np.empty(n, dtype),
-        rows=np.empty((tables.row_weights.shape[0], n), dtype),
+    rows = len(tables.row_weights)
+    history = _History(np.empty((3, n), dtype), np.empty(n, dtype), np.empty((rows, n), dtype))
+    # As many multipliers as rows of constraints.
+    size = len(tables.kept) * n + (len(tables.left) - 1 - rows) * m
+    matrix = np.empty((size, size) if len(dense.constant) else (0, 0), dtype)
+    system = _System(
+        matrix, matrix.ravel(), np.empty(len(matrix), np.uint64), np.empty(len(matrix), dtype)
     )
-    return sources, values, iterate, history, np.empty(_size(tables, n, m), dtype)
+    return _Room(
+        sources, values, iterate, history, np.empty(size, dtype), system,
+        np.empty_like(state.past), np.empty_like(state.multipliers),
+    )  # fmt: skip
 
 
-@_part
-def _allocate_system(size, like):
-    """Return room for a dense matrix."""
-    matrix = np.empty((size, size), like.dtype)
-    return _System(
-        matrix=matrix,
-        entries=matrix.ravel(),
-        columns=np.empty(size, np.uint64),
-        row=np.empty(size, like.dtype),
+def _allocate_constraining(problem, extra, state, recorded):
+    """Return room for what a formulation overwrites in every step."""
+    n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
+    entries, rows = len(problem.g_rows), len(extra.rows)
+    saddle = n + m if extra.level > 0 else 0
+    return _Constraining(
+        rate=np.zeros(m, dtype),
+        curvature=np.zeros(m, dtype),
+        r=np.zeros(entries, dtype),
+        r_old=np.zeros(entries, dtype),
+        q=np.zeros(entries, dtype),
+        psi=np.zeros(m, dtype),
+        rows=np.empty((rows, m), dtype),
+        tangents=np.empty((rows, 3, entries), dtype),
+        eta=np.zeros(m, dtype),
+        p=np.zeros((n, m), dtype),
+        push=np.zeros(n, dtype),
+        shifted=np.empty(m, dtype),
+        now=np.zeros(recorded),
+        last=np.zeros(recorded),
+        done=np.zeros(recorded, np.int64),
+        matrix=np.empty((saddle, saddle), dtype),
+        rhs=np.empty(saddle, dtype),
+        columns=np.empty(saddle, np.uint64),
+        row=np.empty(saddle, dtype),
     )
 
 
@@ -211,12 +237,7 @@ def _allocate_system(size, like):
 def _collect_history(problem, tables, past, history):
     """Set what the past (P, n) adds to the fields and to rows D, V and K."""
     for f in range(3):
-        eliminated = True
-        # Not _contains(): a call would count references to all tables in every step.
-        for k in range(tables.kept.shape[0]):
-            if tables.kept[k] == f:
-                eliminated = False
-        if eliminated:
+        if not _contains(tables.kept, f):
             for i in range(past.shape[1]):
                 history.fields[f, i] = past[0, i] * tables.past_weights[f, 0]
             for q in range(1, past.shape[0]):
@@ -323,6 +344,29 @@ increase_phi, assemble_residual = (
 )
 
 
+@_inline
+def _evaluate(evaluate, t, multipliers, problem, iterate, state, values):
+    """Evaluate the problem at the iterate; compensated: Φ by its increment."""
+    evaluate(
+        t, state.fields[0], state.fields[1], multipliers, problem.ints, problem.reals,
+        values.force, values.phi, values.x, values.y, values.g,
+    )  # fmt: skip
+    if iterate.compensated:
+        _increase_phi(
+            state.phi, iterate.g_old, values.g, problem.g_rows, problem.g_columns,
+            iterate.shift, values.phi,
+        )  # fmt: skip
+
+
+@_inline
+def _evaluate_past(evaluate, t, problem, state, values, g_old):
+    """Evaluate the problem at the beginning of a step, for G there."""
+    evaluate(
+        t, state.past[0], state.past[1], state.multipliers, problem.ints, problem.reals,
+        values.force, values.phi, values.x, values.y, g_old,
+    )  # fmt: skip
+
+
 @intrinsic
 def _correct_by(
     typing, address, t, u, v, multipliers, reals, force, phi, sources, mass_values, left,
@@ -339,12 +383,12 @@ def _correct_by(
 
 
 @_inline
-def _assemble(sources, constant, places, origins, coefficients, entries):
+def _assemble(sources, dense, entries):
     """Set the entries of D_L J D_R: constants, and coefficients times sources."""
-    for e in range(constant.shape[0]):
-        entries[e] = constant[e]
-    for e in range(places.shape[0]):
-        entries[places[e]] += coefficients[e] * sources[origins[e]]
+    for e in range(dense.constant.shape[0]):
+        entries[e] = dense.constant[e]
+    for e in range(dense.places.shape[0]):
+        entries[dense.places[e]] += dense.coefficients[e] * sources[dense.origins[e]]
 
 
 @_compile
@@ -467,6 +511,28 @@ def _square(vector):
 
 
 @_inline
+def _is_small(tables, schedule, fields, multipliers, norm, displacement_square):
+    """Whether a correction is in the terminal phase, or meets the tolerance."""
+    if schedule.absolute > 0 or schedule.relative > 0:
+        limit = schedule.absolute
+        if schedule.relative > 0:
+            limit += schedule.relative * _scaled_size(
+                fields, multipliers, tables.kept, tables.right
+            )
+        return norm <= limit
+    return displacement_square < _threshold(schedule, fields) or norm == 0
+
+
+@_inline
+def _threshold(schedule, fields):
+    """Square of the largest correction of u in the terminal phase."""
+    square = 0.0
+    for i in range(fields.shape[1]):
+        square += np.float64(fields[0, i]) * fields[0, i]
+    return schedule.settled_below * schedule.settled_below * square
+
+
+@_inline
 def _scaled_size(fields, multipliers, kept, right):
     """Norm of the unknowns as the solver sees them."""
     square = 0.0
@@ -478,48 +544,44 @@ def _scaled_size(fields, multipliers, kept, right):
     return np.sqrt(square)
 
 
+@_inline
+def _copy(source, target):
+    """Copy a vector; what an assignment as a whole can raise takes seconds to compile."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@_inline
+def _copy_all(source, target):
+    """Copy a matrix."""
+    for k in range(source.shape[0]):
+        for i in range(source.shape[1]):
+            target[k, i] = source[k, i]
+
+
 # -- formulations beside index 3 ------------------------------------------------------------
 
 
 @_part
-def _allocate_constraining(problem, tables, state, extra, recorded):
-    """Return room for what a formulation overwrites in every step."""
-    n, m, dtype = state.fields.shape[1], state.multipliers.shape[0], state.fields.dtype
-    entries, rows = problem.g_rows.shape[0], extra.rows.shape[0]
-    saddle = n + m if extra.level > 0 else 0
-    return _Constraining(
-        rate=np.zeros(m, dtype),
-        curvature=np.zeros(m, dtype),
-        r=np.zeros(entries, dtype),
-        r_old=np.zeros(entries, dtype),
-        q=np.zeros(entries, dtype),
-        psi=np.zeros(m, dtype),
-        rows=np.empty((rows, m), dtype),
-        tangents=np.empty((rows, 3, entries), dtype),
-        eta=np.zeros(m, dtype),
-        p=np.zeros((n, m), dtype),
-        push=np.zeros(n, dtype),
-        shifted=np.empty(m, dtype),
-        now=np.zeros(recorded),
-        last=np.zeros(recorded),
-        done=np.zeros(recorded, np.int64),
-        matrix=np.empty((saddle, saddle), dtype),
-        rhs=np.empty(saddle, dtype),
-        columns=np.empty(saddle, np.uint64),
-        row=np.empty(saddle, dtype),
-    )
+def _differentiate(derive, t, problem, iterate, state, values, work):
+    """Differentiate the constraints at the iterate, and set Ψ."""
+    fields = state.fields
+    derive(
+        t, fields[0], fields[1], fields[3], problem.ints, problem.reals, work.rate,
+        work.curvature, work.r, work.q,
+    )  # fmt: skip
+    _rate_of_constraints(problem, iterate, state, values, work)
 
 
 @_part
-def _begin_step(extra, g, work):
+def _set_directions(extra, g, work):
     """Set η = 0 and P from the entries of G at the beginning of the step."""
-    if extra.stabilised != 0:
-        work.eta[:] = 0
-        work.push[:] = 0
-        work.p[:] = 0
-        for e in range(extra.projector_rows.shape[0]):
-            row, column = extra.projector_rows[e], extra.projector_columns[e]
-            work.p[row, column] += extra.projector_values[e] * g[extra.projector_sources[e]]
+    work.eta[:] = 0
+    work.push[:] = 0
+    work.p[:] = 0
+    for e in range(extra.projector_rows.shape[0]):
+        row, column = extra.projector_rows[e], extra.projector_columns[e]
+        work.p[row, column] += extra.projector_values[e] * g[extra.projector_sources[e]]
 
 
 @_part
@@ -656,6 +718,23 @@ def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system
 
 
 @_part
+def _assemble_formulated(
+    problem, tables, dense, extra, history, sources, moving, state, values, work, rhs, system
+):
+    """Set −D_L b and D_L J D_R: those of the motion, and what the formulation adds."""
+    n = moving.shape[1]
+    _assemble_constraints(problem, extra, state, values, work)
+    _assemble_residual_of_motion(
+        problem.mass_rows, problem.mass_columns, problem.mass_values, tables.kept, tables.left,
+        tables.dynamic_weights, tables.row_weights, history.dynamics, history.rows, moving,
+        values.force, rhs,
+    )  # fmt: skip
+    _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
+    _assemble(sources, dense, system.entries)
+    _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
+
+
+@_part
 def _norms_of_blocks(tables, extra, correction, n, work):
     """Set the norms of the blocks of a correction but for λ that is no unknown.
 
@@ -697,8 +776,9 @@ def _norms_of_blocks(tables, extra, correction, n, work):
 
 
 @_part
-def _apply(tables, extra, correction, moving, multipliers, work):
-    """Apply a correction (N,) to the kept fields, λ and η."""
+def _apply(tables, extra, history, correction, iterate, state, work):
+    """Apply a correction (N,) to the kept fields, λ and η, and recover the other fields."""
+    moving, multipliers = iterate.moving, state.multipliers
     n, m, p = moving.shape[1], multipliers.shape[0], tables.kept.shape[0]
     for k in range(p):
         for i in range(n):
@@ -713,15 +793,24 @@ def _apply(tables, extra, correction, moving, multipliers, work):
             work.push[i] = 0
             for k in range(m):
                 work.push[i] += work.p[i, k] * work.eta[k]
+    _recover(tables, history, state.past, moving, 0, 2)
+    for f in range(3):
+        if extra.eta[f] != 0 and not _contains(tables.kept, f):
+            for i in range(n):
+                moving[f, i] += extra.eta[f] * work.push[i]
+    _take_increments(iterate, state)
 
 
 @_part
-def _recover_pushed(tables, extra, moving, work):
-    """Add Pη to the eliminated fields."""
-    for f in range(3):
-        if extra.eta[f] != 0 and not _contains(tables.kept, f):
-            for i in range(moving.shape[1]):
-                moving[f, i] += extra.eta[f] * work.push[i]
+def _update_by_penalty(tables, extra, multipliers, phi, work):
+    """Update λ by −pΦ; returns the square of that, in scaled unknowns."""
+    p, square = tables.kept.shape[0], 0.0
+    for k in range(phi.shape[0]):
+        update = -extra.penalty * phi[k]
+        multipliers[k] += update
+        square += (np.float64(update) / tables.right[p]) ** 2
+    work.now[p] = np.sqrt(square)
+    return square
 
 
 @_part
@@ -771,6 +860,47 @@ def _project(problem, extra, misfit, g, work):
     for k in range(misfit.shape[0]):
         work.rhs[n + k] = -misfit[k]
     return _solve_saddle(problem, extra, g, n, work)
+
+
+@_part
+def _move_positions(iterate, state, work):
+    """Move u by what was projected; returns the square of that."""
+    square = 0.0
+    for i in range(state.fields.shape[1]):
+        iterate.moving[0, i] += work.rhs[i]
+        square += np.float64(work.rhs[i]) * work.rhs[i]
+    _take_increments(iterate, state)
+    return square
+
+
+@_part
+def _move_velocities(iterate, state, work):
+    """Move v by what was projected, and keep μ."""
+    n = state.fields.shape[1]
+    for i in range(n):
+        iterate.moving[1, i] += work.rhs[i]
+    for k in range(state.impulse.shape[0]):
+        state.impulse[k] = work.rhs[n + k]
+    _take_increments(iterate, state)
+
+
+@_part
+def _project_accelerations(problem, extra, iterate, state, values, work):
+    """Set v' to that of the index-1 system, and change a alike; False where it has none."""
+    n = state.fields.shape[1]
+    for i in range(n):
+        work.rhs[i] = values.force[i]
+    for k in range(work.curvature.shape[0]):
+        work.rhs[n + k] = -work.curvature[k]
+    if not _solve_saddle(problem, extra, values.g, n, work):
+        return False
+    for i in range(n):
+        # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
+        difference = work.rhs[i] - state.fields[3, i]
+        state.fields[3, i] += difference
+        iterate.moving[2, i] += difference
+    _take_increments(iterate, state)
+    return True
 
 
 # -- at the end of a step -------------------------------------------------------------------
@@ -825,267 +955,212 @@ def _add_exactly(high, low, increment, total):
 
 
 @_inline
-def _keep(state, record, place):
-    """Copy the state to one place of the record."""
+def _keep(state, record, place, s):
+    """Copy the state to one place of the record if that is for step s; 1 if it is, else 0."""
+    if place >= record.steps.shape[0] or record.steps[place] != s:
+        return 0
     for field in range(state.fields.shape[0]):
         for i in range(state.fields.shape[1]):
             record.fields[place, field, i] = state.fields[field, i]
     for k in range(state.multipliers.shape[0]):
         record.multipliers[place, k] = state.multipliers[k]
+    return 1
 
 
 # -- the march ------------------------------------------------------------------------------
 
 
-def _march(
-    evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
-    t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
-    positions, pivoted, patience, record,
-):  # fmt: skip
-    """The march as numba compiles it; see `march`.
-
-    Where ``extra`` is None, numba leaves out all that formulations need.
-    """
+def _march_index_3(
+    evaluate, solve, code, problem, tables, static, dense, state, schedule, counts, record, room
+):
+    """The march of index 3 as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
-    number = fields.dtype.type
-    to_tolerance = absolute > 0 or relative > 0
-    n, m = fields.shape[1], multipliers.shape[0]
-    sources, values, iterate, history, rhs = _allocate(problem, tables, state, compensated, h)
-    new_past, before_step = np.empty_like(past), np.empty_like(multipliers)
-    # The arguments of the problem's function at the iterate.
-    u, v, ints, reals = fields[0], fields[1], problem.ints, problem.reals
-    force, phi, x, y, g = values
+    number, compensated, h = fields.dtype.type, schedule.compensated, schedule.h
+    to_tolerance = schedule.absolute > 0 or schedule.relative > 0
+    sources, values, iterate, history, rhs, system, new_past, before_step = room
+    u, v, reals, force, phi = fields[0], fields[1], problem.reals, values.force, values.phi
     moving, shift, g_old = iterate.moving, iterate.shift, iterate.g_old
-    mass_rows, mass_columns = problem.mass_rows, problem.mass_columns
-    mass_values, left = problem.mass_values, tables.left
-    dynamic_weights, row_weights = tables.dynamic_weights, tables.row_weights
-    constant, places, origins, coefficients = dense[:4]
-    of_static, static_places, static_origins, static_coefficients = static[:4]
-    structure, room, scratch = static[4:]
-    eliminating, pivoting = structure.shape[0] > 0, constant.shape[0] > 0
-    system = _allocate_system(rhs.shape[0] if pivoting else 0, rhs)
-    dense_matrix, entries, columns, row = system
-    kept, keeping, given_up = 0, record.steps, 0
-    if extra is not None:
-        work = _allocate_constraining(problem, tables, state, extra, norms.shape[1])
-        rate, curvature, r, r_old, q = work.rate, work.curvature, work.r, work.r_old, work.q
-        accelerations, shifted, p = fields[3], work.shifted, tables.kept.shape[0]
-        rated = extra.differentiated != 0 or extra.level > 0
+    eliminating, pivoting = static.structure.shape[0] > 0, dense.constant.shape[0] > 0
+    norms, iterations, _, pivoted = counts
+    kept = given_up = 0
     if compensated:
-        t = number(t_start + first * h)
-        evaluate(t, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old)
-        if extra is not None and rated:
-            derive(t, past[0], past[1], accelerations, ints, reals, rate, curvature, r_old, q)
+        t = number(schedule.t_start + schedule.first * h)
+        _evaluate_past(evaluate, t, problem, state, values, g_old)
 
     for s in range(norms.shape[0]):
-        t = number(t_start + (first + s + 1) * h)
+        t = number(schedule.t_start + (schedule.first + s + 1) * h)
         _collect_history(problem, tables, past, history)
-        if extra is not None:
-            if extra.stabilised != 0 and not compensated:
-                before = number(t_start + (first + s) * h)
-                evaluate(
-                    before, past[0], past[1], multipliers, ints, reals, force, phi, x, y, g_old
-                )
-            _begin_step(extra, g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
-        for k in range(m):
-            before_step[k] = multipliers[k]
+        _copy(multipliers, before_step)
         previous, solves = np.inf, 0
         settled = 0  # corrections in a row that are in the terminal phase
-        while solves < cap:
-            if extra is None:
-                ending = UNSOLVED
-                if code[0] != 0:
-                    ending = _correct_by(  # type: ignore[call-arg]
-                        code[0], t, u, v, multipliers, reals, force, phi, sources, mass_values,
-                        left, dynamic_weights, row_weights, history.dynamics, history.rows,
-                        moving, rhs, state.phi, g_old, shift, of_static, static_coefficients,
-                        scratch,
-                    )  # fmt: skip
-                else:
-                    evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-                    if compensated:
-                        _increase_phi(
-                            state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
-                        )
-                    _assemble_residual(
-                        mass_rows, mass_columns, mass_values, tables.kept, left,
-                        dynamic_weights, row_weights, history.dynamics, history.rows, moving,
-                        force, phi, rhs,
-                    )  # fmt: skip
-                if ending == UNSOLVED and eliminating:
-                    ending = solve(
-                        sources, rhs, of_static, static_places, static_origins,
-                        static_coefficients, structure, room, scratch,
-                    )  # fmt: skip
-                if ending == PIVOTING:
-                    pivoted[s] = 1
-                if ending != COMPLETED and pivoting:
-                    _assemble(sources, constant, places, origins, coefficients, entries)
-                    ending = SINGULAR
-                    if solve_in_place(dense_matrix, rhs, columns, row):
-                        ending = COMPLETED
-                if ending != COMPLETED:
-                    for k in range(m):
-                        multipliers[k] = before_step[k]
-                    return ending, s
-            else:
-                if extra.penalty == 0 or solves == 0:
-                    evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-                    if compensated:
-                        _increase_phi(
-                            state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
-                        )
-                if extra.penalty > 0:
-                    # Φ is that at the iterate, from here or from the last update of λ.
-                    for k in range(m):
-                        shifted[k] = multipliers[k] - extra.penalty * phi[k]
-                    evaluate(t, u, v, shifted, ints, reals, force, phi, x, y, g)
-                if extra.differentiated != 0:
-                    _form_acceleration(tables, state)
-                    derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
-                    _rate_of_constraints(problem, iterate, state, values, work)
-                _assemble_constraints(problem, extra, state, values, work)
-                _assemble_residual_of_motion(
-                    mass_rows, mass_columns, mass_values, tables.kept, left, dynamic_weights,
-                    row_weights, history.dynamics, history.rows, moving, force, rhs,
+        while solves < schedule.cap:
+            ending = UNSOLVED
+            if code[0] != 0:
+                ending = _correct_by(  # type: ignore[call-arg]
+                    code[0], t, u, v, multipliers, reals, force, phi, sources,
+                    problem.mass_values, tables.left, tables.dynamic_weights, tables.row_weights,
+                    history.dynamics, history.rows, moving, rhs, state.phi, g_old, shift,
+                    static.constant, static.coefficients, static.work,
                 )  # fmt: skip
-                _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
-                _assemble(sources, constant, places, origins, coefficients, system.entries)
-                _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
-                if not solve_in_place(system.matrix, rhs, system.columns, system.row):
-                    return SINGULAR, s
+            else:
+                _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+                _assemble_residual(
+                    problem.mass_rows, problem.mass_columns, problem.mass_values, tables.kept,
+                    tables.left, tables.dynamic_weights, tables.row_weights, history.dynamics,
+                    history.rows, moving, force, phi, rhs,
+                )  # fmt: skip
+            if ending == UNSOLVED and eliminating:
+                ending = solve(
+                    sources, rhs, static.constant, static.places, static.origins,
+                    static.coefficients, static.structure, static.room, static.work,
+                )  # fmt: skip
+            if ending == PIVOTING:
+                pivoted[s] = 1
+            if ending != COMPLETED and pivoting:
+                _assemble(sources, dense, system.entries)
+                ending = SINGULAR
+                if solve_in_place(system.matrix, rhs, system.columns, system.row):
+                    ending = COMPLETED
+            if ending != COMPLETED:
+                _copy(before_step, multipliers)
+                return ending, s
             solves += 1
-            norm_square = _square(rhs)
-            if extra is None:
-                norm = np.sqrt(norm_square)
-                if not np.isfinite(norm):
-                    return DIVERGED, s
-                if settled >= 2 and norm >= previous and not to_tolerance:
-                    break
-                previous = norm
-                displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
-                # Nothing but the end of the step needs a.
-                _recover(tables, history, past, moving, 0, 1)
-                _take_increments(iterate, state)
-            else:
-                displacement_square = _norms_of_blocks(tables, extra, rhs, n, work)
-                if extra.penalty > 0:
-                    # λ follows from Φ after the correction.
-                    _apply(tables, extra, rhs, moving, multipliers, work)
-                    _recover(tables, history, past, moving, 0, 2)
-                    _take_increments(iterate, state)
-                    evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-                    if compensated:
-                        _increase_phi(
-                            state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
-                        )
-                    change = 0.0
-                    for k in range(m):
-                        update = -extra.penalty * phi[k]
-                        multipliers[k] += update
-                        change += (np.float64(update) / tables.right[p]) ** 2
-                    work.now[p] = np.sqrt(change)
-                    norm_square += change
-                norm = np.sqrt(norm_square)
-                if not np.isfinite(norm):
-                    return DIVERGED, s
-                if _take_norms(work, norms, s, 0 if to_tolerance else settled):
-                    break
-                if extra.penalty == 0:
-                    _apply(tables, extra, rhs, moving, multipliers, work)
-                    _recover(tables, history, past, moving, 0, 2)
-                    _recover_pushed(tables, extra, moving, work)
-                    _take_increments(iterate, state)
-            if to_tolerance:
-                limit = absolute
-                if relative > 0:
-                    limit += relative * _scaled_size(fields, multipliers, tables.kept, tables.right)
-                small = norm <= limit
-            else:
-                limit = settled_below * settled_below * _square(u)
-                small = displacement_square < limit or norm == 0
+            norm = np.sqrt(_square(rhs))
+            if not np.isfinite(norm):
+                return DIVERGED, s
+            if settled >= 2 and norm >= previous and not to_tolerance:
+                break
+            previous = norm
+            displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
+            # Nothing but the end of the step needs a.
+            _recover(tables, history, past, moving, 0, 1)
+            _take_increments(iterate, state)
+            small = _is_small(tables, schedule, fields, multipliers, norm, displacement_square)
             settled = settled + 1 if small else 0
             if small and (to_tolerance or norm == 0):
                 break
-        if extra is None:
-            _recover(tables, history, past, moving, 2, 2)
-            _take_increments(iterate, state)
         iterations[s] = solves if settled > 0 else -solves
-        if extra is not None and extra.level > 0:
-            while extra.level > 1 and positions[s] < MOST_POSITIONS:
-                positions[s] += 1
-                evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-                if compensated:
-                    _increase_phi(
-                        state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi
-                    )
-                if not _project(problem, extra, phi, g, work):
-                    return SINGULAR, s
-                change = 0.0
-                for i in range(n):
-                    moving[0, i] += work.rhs[i]
-                    change += np.float64(work.rhs[i]) * work.rhs[i]
-                _take_increments(iterate, state)
-                # The next one would be of the order of the square.
-                if not change > settled_below * settled_below * _square(u):
-                    break
-            evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-            derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
-            _rate_of_constraints(problem, iterate, state, values, work)
-            if not _project(problem, extra, work.psi, g, work):
-                return SINGULAR, s
-            for i in range(n):
-                moving[1, i] += work.rhs[i]
-            for k in range(m):
-                state.impulse[k] = work.rhs[n + k]
-            _take_increments(iterate, state)
+        _recover(tables, history, past, moving, 2, 2)
+        _take_increments(iterate, state)
         _form_acceleration(tables, state)
-        if extra is not None and extra.accelerations != 0:
-            shifted[:] = 0
-            evaluate(t, u, v, shifted, ints, reals, force, phi, x, y, g)
-            derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
-            for i in range(n):
-                work.rhs[i] = force[i]
-            for k in range(m):
-                work.rhs[n + k] = -curvature[k]
-            if not _solve_saddle(problem, extra, g, n, work):
-                return SINGULAR, s
-            for i in range(n):
-                # Alike in a and v': a belongs to another time, and set to v' would
-                # cost generalized-α an order.
-                difference = work.rhs[i] - accelerations[i]
-                accelerations[i] += difference
-                moving[2, i] += difference
-            _take_increments(iterate, state)
         _advance(tables, state, iterate, new_past)
         if compensated:
             # G and Φ at the end of the step, whatever was applied last.
-            evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-            _increase_phi(state.phi, g_old, g, problem.g_rows, problem.g_columns, shift, phi)
-            if extra is not None and rated:
-                derive(t, u, v, accelerations, ints, reals, rate, curvature, r, q)
-                _rate_of_constraints(problem, iterate, state, values, work)
-                for k in range(m):
-                    state.psi[k] = work.psi[k]
-                for e in range(r.shape[0]):
-                    r_old[e] = r[e]
+            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
             _carry_over(state, iterate, values, new_past)
-        # One by one: what an assignment as a whole can raise takes seconds to compile.
-        for field in range(past.shape[0]):
-            for i in range(n):
-                past[field, i] = new_past[field, i]
-        if kept < keeping.shape[0] and keeping[kept] == s:
-            _keep(state, record, kept)
-            if extra is not None and extra.total != 0:
-                for k in range(m):
-                    record.multipliers[kept, k] += state.impulse[k] / extra.acting
-            kept += 1
-        if pivoted[s] != 0:
-            given_up += 1
-            if given_up >= patience:
-                return COMPLETED, s + 1
+        _copy_all(new_past, past)
+        kept += _keep(state, record, kept, s)
+        given_up += pivoted[s]
+        if given_up >= schedule.patience:
+            return COMPLETED, s + 1
+    return COMPLETED, norms.shape[0]
+
+
+def _march_formulated(
+    evaluate, derive, problem, tables, dense, extra, state, schedule, counts, record, room, work
+):
+    """The march of a formulation beside index 3, or of a projection; see `march`."""
+    fields, past, multipliers = state.fields, state.past, state.multipliers
+    number, compensated, h = fields.dtype.type, schedule.compensated, schedule.h
+    to_tolerance = schedule.absolute > 0 or schedule.relative > 0
+    sources, values, iterate, history, rhs, system, new_past, _ = room
+    norms, iterations, positions, _ = counts
+    rated = extra.differentiated != 0 or extra.level > 0
+    moving, kept = iterate.moving, 0
+    if compensated:
+        t = number(schedule.t_start + schedule.first * h)
+        _evaluate_past(evaluate, t, problem, state, values, iterate.g_old)
+        if rated:
+            derive(
+                t, past[0], past[1], fields[3], problem.ints, problem.reals, work.rate,
+                work.curvature, work.r_old, work.q,
+            )  # fmt: skip
+
+    for s in range(norms.shape[0]):
+        t = number(schedule.t_start + (schedule.first + s + 1) * h)
+        _collect_history(problem, tables, past, history)
+        if extra.stabilised != 0:
+            if not compensated:
+                before = number(schedule.t_start + (schedule.first + s) * h)
+                _evaluate_past(evaluate, before, problem, state, values, iterate.g_old)
+            _set_directions(extra, iterate.g_old, work)
+        _predict(tables, past, moving)
+        _take_increments(iterate, state)
+        solves = settled = 0
+        while solves < schedule.cap:
+            if extra.penalty == 0 or solves == 0:
+                _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+            if extra.penalty > 0:
+                # Φ is that at the iterate, from here or from the last update of λ.
+                for k in range(multipliers.shape[0]):
+                    work.shifted[k] = multipliers[k] - extra.penalty * values.phi[k]
+                _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
+            if extra.differentiated != 0:
+                _form_acceleration(tables, state)
+                _differentiate(derive, t, problem, iterate, state, values, work)
+            _assemble_formulated(
+                problem, tables, dense, extra, history, sources, moving, state, values, work,
+                rhs, system,
+            )  # fmt: skip
+            if not solve_in_place(system.matrix, rhs, system.columns, system.row):
+                return SINGULAR, s
+            solves += 1
+            norm_square = _square(rhs)
+            displacement_square = _norms_of_blocks(tables, extra, rhs, fields.shape[1], work)
+            if extra.penalty > 0:
+                # λ follows from Φ after the correction.
+                _apply(tables, extra, history, rhs, iterate, state, work)
+                _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+                norm_square += _update_by_penalty(tables, extra, multipliers, values.phi, work)
+            norm = np.sqrt(norm_square)
+            if not np.isfinite(norm):
+                return DIVERGED, s
+            if _take_norms(work, norms, s, 0 if to_tolerance else settled):
+                break
+            if extra.penalty == 0:
+                _apply(tables, extra, history, rhs, iterate, state, work)
+            small = _is_small(tables, schedule, fields, multipliers, norm, displacement_square)
+            settled = settled + 1 if small else 0
+            if small and (to_tolerance or norm == 0):
+                break
+        iterations[s] = solves if settled > 0 else -solves
+        while extra.level > 1 and positions[s] < MOST_POSITIONS:
+            positions[s] += 1
+            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+            if not _project(problem, extra, values.phi, values.g, work):
+                return SINGULAR, s
+            if not _move_positions(iterate, state, work) > _threshold(schedule, fields):
+                break  # The next one would be of the order of the square.
+        if extra.level > 0:
+            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+            _differentiate(derive, t, problem, iterate, state, values, work)
+            if not _project(problem, extra, work.psi, values.g, work):
+                return SINGULAR, s
+            _move_velocities(iterate, state, work)
+        _form_acceleration(tables, state)
+        if extra.accelerations != 0:
+            work.shifted[:] = 0
+            _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
+            _differentiate(derive, t, problem, iterate, state, values, work)
+            if not _project_accelerations(problem, extra, iterate, state, values, work):
+                return SINGULAR, s
+        _advance(tables, state, iterate, new_past)
+        if compensated:
+            # G, Φ and Φ' at the end of the step, whatever was applied last.
+            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+            if rated:
+                _differentiate(derive, t, problem, iterate, state, values, work)
+                _copy(work.psi, state.psi)
+                _copy(work.r, work.r_old)
+            _carry_over(state, iterate, values, new_past)
+        _copy_all(new_past, past)
+        taken = _keep(state, record, kept, s)
+        if taken != 0 and extra.total != 0:
+            for k in range(multipliers.shape[0]):
+                record.multipliers[kept, k] += state.impulse[k] / extra.acting
+        kept += taken
     return COMPLETED, norms.shape[0]
 
 
@@ -1130,77 +1205,55 @@ def is_compiled(dtype, formulated):
     return (np.dtype(dtype), formulated) in _compiled
 
 
-def march(
-    evaluate, derive, solve, code, problem, tables, static, dense, extra, state, compensated,
-    t_start, h, first, cap, settled_below, absolute, relative, norms, iterations,
-    positions, pivoted, patience, record,
-):  # fmt: skip
-    """Advance ``state`` by ``len(norms)`` steps.
+def march(functions, code, problem, matrices, extra, state, schedule, counts, record):
+    """Advance ``state`` by as many steps as ``counts`` has room for.
 
-    The function is compiled for a problem's function as such, not for one
-    particular function, so that one compilation, kept on disk, serves all.
+    The function is compiled for problems' functions as such, not for particular ones, so that
+    one compilation, kept on disk, serves all.
 
     Args:
-        evaluate: Compiled function of the problem, of :func:`evaluate_type`.
-        derive: Compiled derivatives of its constraints, of :func:`derivatives_type`;
-            None without a formulation.
-        solve: Compiled static elimination, of :func:`solve_type`.
+        functions: Compiled: the problem's, of :func:`evaluate_type`; the derivatives of its
+            constraints, of :func:`derivatives_type`, None for index 3; static elimination, of
+            :func:`solve_type`.
         code: (1,) address of what `specialised` has made of evaluation, assembly and
             elimination for this problem and form; 0 where the functions above serve.
-        problem, tables, state: See the classes; ``state`` is overwritten.  The type of its
-            numbers is the march's.
-        static: What ``solve`` is handed, and the code; without ``structure`` only the code.
-        dense: The dense matrix of what is solved with partial pivoting; without it the
-            march ends where it would be needed.
+        problem: The problem's tables and those of the step, whose numbers have the march's type.
+        matrices: What static elimination is handed, and the code, without ``structure`` only the
+            code; and the dense matrix of what is solved with partial pivoting, without which
+            the march ends where it would be needed.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
-        compensated: Whether the tables relate increments; needs constraints that
-            are quadratic in u and do not depend on time.
-        t_start: Time of step 0 (s).
-        h: Step size (s).
-        first: Steps taken since ``t_start``.
-        cap: Most corrections computed in a step.
-        settled_below: Terminal phase: an increase of the corrections counts
-            once the displacement parts of the correction to be recorded and of
-            the one before it are below this fraction of ‖u‖.
-        absolute, relative: When one is positive, Newton stops at a correction of
-            at most absolute + relative ‖q̄‖ instead.
-        norms: (steps, p + 1) overwritten with the 2-norms of the recorded
-            correction, in the scaled unknowns, blocks as in ``tables.right``; with η,
-            those of the eliminated fields behind them.
-        iterations: (steps,) overwritten with the corrections computed; negative
-            where the step ended above ``settled_below``, or above the tolerance.
-        positions: (steps,) zeros, to which corrections of positions by projections are added.
-        pivoted: (steps,) set to 1 where ``solve`` or the code gave a matrix up.
-        patience: Steps of this kind after which the march halts, for another ``solve``.
-        record: Overwritten with the states after the steps that it names.
+        state, counts, record: Overwritten; see the classes.
+        schedule: When the steps are, and when Newton's iteration ends.
 
     Returns:
         How the march ended (COMPLETED, SINGULAR, DIVERGED, PIVOTING) and the steps done;
         in the last case ``state.past`` and ``state.multipliers`` are those after them.
     """
+    (evaluate, derive, solve), (static, dense) = functions, matrices
+    of_problem, of_step = problem
+    made: Any
     dtype, formulated = state.fields.dtype, extra is not None
-    arguments = (
-        code, problem, tables, static, dense, extra, state, compensated, float(t_start),
-        float(h), first, cap, float(settled_below), float(absolute), float(relative), norms,
-        iterations, positions, pivoted, patience, record,
-    )  # fmt: skip
+    room = _allocate(of_problem, of_step, dense, state, schedule)
     with _compiling:
-        solve = _as_given(solve, solve_type(dtype))
         if code[0] != 0:  # else it may be the user's own
             evaluate = _as_given(evaluate, evaluate_type(dtype))
-        given = evaluate, derive, solve
+        kinds = [evaluate_type(dtype)]
+        if formulated:
+            made, given = _march_formulated, [evaluate, derive]
+            kinds.append(derivatives_type(dtype))
+            work = _allocate_constraining(of_problem, extra, state, counts.norms.shape[1])
+            numbers = (*problem, dense, extra, state, schedule, counts, record, room, work)
+        else:
+            made, given = _march_index_3, [evaluate, _as_given(solve, solve_type(dtype))]
+            kinds.append(solve_type(dtype))
+            numbers = (code, *problem, static, dense, state, schedule, counts, record, room)
         if (dtype, formulated) not in _compiled:
-            made = _compile(_march)
-            functions = (
-                evaluate_type(dtype),
-                derivatives_type(dtype) if formulated else types.none,
-                solve_type(dtype),
-            )
-            made.compile((*functions, *(typeof(a) for a in arguments)))
+            compiled = _compile(made)
+            compiled.compile((*kinds, *(typeof(number) for number in numbers)))
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
-            made.disable_compile()
-            _compiled[dtype, formulated] = made
+            compiled.disable_compile()
+            _compiled[dtype, formulated] = compiled
     # Numba runs Python for each function that it is given, and goes on if that raises.
     with interrupts.after():
-        return _compiled[dtype, formulated](*given, *arguments)
+        return _compiled[dtype, formulated](*given, *numbers)

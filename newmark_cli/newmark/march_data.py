@@ -83,6 +83,29 @@ class State(NamedTuple):
     impulse: np.ndarray  #: (m,) μ of the last projection of velocities
 
 
+class Schedule(NamedTuple):
+    """When the steps of a march are, and when Newton's iteration ends."""
+
+    compensated: bool  #: whether the tables relate increments; Φ is then quadratic in u
+    t_start: float  #: time of step 0 (s)
+    h: float  #: step size (s)
+    first: int  #: steps taken since then
+    cap: int  #: most corrections computed in a step
+    settled_below: float  #: see `newmark_cli.newmark.scheme.Scheme.settled_below`
+    absolute: float  #: where one of these is positive, Newton stops at a correction of at
+    relative: float  #: most absolute + relative ‖q̄‖ instead
+    patience: int  #: steps given up by ``solve`` or the code, after which the march halts
+
+
+class Counts(NamedTuple):
+    """What a march counts and records in each step."""
+
+    norms: np.ndarray  #: (steps, k) 2-norms of the recorded correction's blocks, scaled
+    iterations: np.ndarray  #: (steps,) corrections; negative where they ended too large
+    positions: np.ndarray  #: (steps,) zeros, to which corrections of positions are added
+    pivoted: np.ndarray  #: (steps,) zeros; 1 where ``solve`` or the code gave a matrix up
+
+
 class Record(NamedTuple):
     """States after some steps of a march, in the type of its numbers."""
 

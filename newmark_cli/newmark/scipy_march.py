@@ -4,13 +4,11 @@ It is the reference that the kernel is tested against, and the march of problems
 whose linear systems are not solved by the kernel.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from newmark_cli import algebra
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.newmark.constraints import Constraining, Tangents
+from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.linear.choice import Stagnation
 from newmark_cli.newmark.linear.dense import DenseSystem
@@ -24,103 +22,9 @@ from newmark_cli.newmark.march_data import (
     Record,
     State,
 )
-from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
-
-
-class _Step:
-    """One time step: what is fixed while Newton iterates."""
-
-    def __init__(self, scheme: Scheme, system: LinearSystem, past: Array) -> None:
-        self.scheme = scheme
-        self.system = system
-        self.past = past
-        tables = scheme.tables
-        self.field_history = algebra.product(tables.past_weights, past)
-        self.dynamic_history = system.times_mass(algebra.product(tables.dynamic_past, past))
-        self.row_history = algebra.product(tables.row_past, past)
-
-    def predict(self, moving: Array) -> None:
-        """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
-        moving[:] = algebra.product(self.scheme.tables.predictor, self.past)
-
-    def residual(self, moving: Array, force: Array) -> list[Array]:
-        """Row blocks of b: D and the kept ones of V and K."""
-        tables = self.scheme.tables
-        kept = moving[tables.kept]
-        dynamics = self.system.times_mass(algebra.product(tables.dynamic_weights, kept))
-        return [
-            dynamics + self.dynamic_history - force,
-            *(algebra.product(tables.row_weights, kept) + self.row_history),
-        ]
-
-    def right_hand_side(self, rows: Iterable[Array]) -> Array:
-        """(N,) −D_L b from its row blocks."""
-        blocks = zip(self.scheme.left, rows, strict=True)
-        return np.asarray(-np.concatenate([factor * row for factor, row in blocks]))
-
-    def correct(self, correction: Array, moving: Array, multipliers: Array) -> list[Array]:
-        """Apply the correction (N,); return its blocks, one for each unknown."""
-        tables, right = self.scheme.tables, self.scheme.right
-        blocks = self.blocks(correction)
-        p = len(tables.kept)
-        for source, block, factor in zip(tables.kept, blocks, right, strict=False):
-            moving[source] += factor * block
-        if len(blocks) > p:
-            multipliers += right[p] * blocks[p]
-        return blocks
-
-    def blocks(self, correction: Array) -> list[Array]:
-        """A correction (N,), block by block."""
-        n, m = self.past.shape[1], self.system.problem.m
-        sizes = self.scheme.form.sizes(n, m)
-        return np.split(correction, np.cumsum(sizes)[:-1])
-
-    def recover(self, moving: Array) -> None:
-        """Evaluate the eliminated fields afresh from the kept ones."""
-        tables = self.scheme.tables
-        for field, name in enumerate(FIELDS):
-            if name in self.scheme.form.kept:
-                continue
-            moving[field] = self.field_history[field]
-            for k, source in enumerate(tables.kept):
-                if weight := tables.weights[field, k]:
-                    origin = self.past[source] if tables.differenced[field] else 0.0
-                    moving[field] += weight * (moving[source] - origin)
-
-    def is_small(self, norm: float, norms: Array, state: State) -> bool:
-        """Whether a correction is in the terminal phase, or meets the tolerance.
-
-        Args:
-            norm: Norm of the whole correction.
-            norms: Norms of its blocks, the kept fields first.
-            state: With the correction applied.
-        """
-        scheme = self.scheme
-        if scheme.stop is not None:
-            return norm <= _limit(scheme, scheme.stop, state)
-        p = len(scheme.tables.kept)
-        displacement = algebra.norm(scheme.tables.weights[0] * scheme.right[:p] * norms[:p])
-        threshold = scheme.settled_below * algebra.norm(state.fields[0])
-        return norm == 0 or bool(displacement < threshold)
-
-    def form_acceleration(self, fields: Array) -> None:
-        """Set v', the last of the fields, from the new a and the past."""
-        tables = self.scheme.tables
-        fields[3] = tables.acceleration[0] * fields[2] + algebra.product(
-            tables.acceleration[1:], self.past
-        )
-
-    def advance(self, moving: Array, fields: Array) -> Array:
-        """(P, n) what the past vectors become."""
-        scheme, tables = self.scheme, self.scheme.tables
-        if scheme.compensated:
-            increments = moving[:2]
-        else:
-            u_n, v_n = self.past[:2]
-            increments = np.array([fields[0] - u_n - scheme.h * v_n, fields[1] - v_n])
-        return np.asarray(np.concatenate([fields, increments])[tables.advance])
 
 
 class _Compensated:
@@ -166,8 +70,153 @@ class _Compensated:
             lows[field] = (high - (new_past[field] - of_added)) + (added - of_added)
 
 
-class _Formulated:
-    """A formulation beside index 3, or a projection, while a step is taken.
+class _Index3:
+    """The march of index 3, as the paper has it; t is always a time in s.
+
+    Attributes:
+        moving: (3, n) what Newton iterates on: the fields, or their increments over the step.
+    """
+
+    def __init__(
+        self, problem: Problem, scheme: Scheme, state: State, system: LinearSystem, t: float
+    ) -> None:
+        self.problem, self.scheme, self.state, self.system = problem, scheme, state, system
+        self.carried = _Compensated(problem, state, t, scheme.h) if scheme.compensated else None
+        self.moving = np.empty((3, problem.n)) if self.carried else state.fields[:3]
+
+    def begin_step(self, t: float) -> None:
+        """Collect what the past adds; set u = u_n + h v_n, and v and a to what follows from it."""
+        tables, past = self.scheme.tables, self.state.past
+        self._field_history = algebra.product(tables.past_weights, past)
+        self._dynamic_history = self.system.times_mass(algebra.product(tables.dynamic_past, past))
+        self._row_history = algebra.product(tables.row_past, past)
+        self.moving[:] = algebra.product(tables.predictor, past)
+        self._take()
+        self._previous = np.inf
+
+    def _take(self) -> None:
+        if self.carried:
+            self.carried.take(self.moving)
+
+    def _values(self, t: float, multipliers: Array) -> Values:
+        """The problem at the iterate; compensated: Φ by its increment."""
+        values = self.problem.values(t, self.state.fields[0], self.state.fields[1], multipliers)
+        if self.carried:
+            return values._replace(phi=self.carried.phi(self.moving, values.g))
+        return values
+
+    def linearised(self, t: float) -> tuple[Values, list[Array], Tangents | None]:
+        """The problem at the iterate, the row blocks of b, and what J has of a formulation."""
+        values = self._values(t, self.state.multipliers)
+        return values, [*self._residual(values.force), values.phi], None
+
+    def _residual(self, force: Array) -> list[Array]:
+        """Row blocks of b: D and the kept ones of V and K."""
+        tables = self.scheme.tables
+        kept = self.moving[tables.kept]
+        dynamics = self.system.times_mass(algebra.product(tables.dynamic_weights, kept))
+        return [
+            dynamics + self._dynamic_history - force,
+            *(algebra.product(tables.row_weights, kept) + self._row_history),
+        ]
+
+    def advance(
+        self, correction: Array, t: float, norms: Array, settled: int
+    ) -> tuple[float, Array, bool]:
+        """Apply a correction, unless it does not decrease any more.
+
+        Args:
+            correction: (N,) in the scaled unknowns.
+            t: End of the step.
+            norms: Overwritten with the norms of its blocks where they still decrease.
+            settled: Corrections in a row that were in the terminal phase.
+
+        Returns:
+            Its norm, those of its recorded blocks, and whether the step is over.
+        """
+        norm = algebra.norm(correction)
+        if not np.isfinite(norm) or (settled >= 2 and norm >= self._previous):
+            return norm, norms, True
+        self._previous = norm
+        norms[:] = [algebra.norm(block) for block in self._correct(correction)]
+        self._recover()
+        self._take()
+        return norm, norms, False
+
+    def _blocks(self, correction: Array) -> list[Array]:
+        sizes = self.scheme.form.sizes(self.problem.n, self.problem.m)
+        return np.split(correction, np.cumsum(sizes)[:-1])
+
+    def _correct(self, correction: Array) -> list[Array]:
+        """Apply the correction (N,); return its blocks, one for each unknown."""
+        tables, right = self.scheme.tables, self.scheme.right
+        blocks, p = self._blocks(correction), len(tables.kept)
+        for source, block, factor in zip(tables.kept, blocks, right, strict=False):
+            self.moving[source] += factor * block
+        if len(blocks) > p:
+            self.state.multipliers[:] += right[p] * blocks[p]
+        return blocks
+
+    def _recover(self) -> None:
+        """Evaluate the eliminated fields afresh from the kept ones."""
+        tables, moving = self.scheme.tables, self.moving
+        for field, name in enumerate(FIELDS):
+            if name in self.scheme.form.kept:
+                continue
+            moving[field] = self._field_history[field]
+            for k, source in enumerate(tables.kept):
+                if weight := tables.weights[field, k]:
+                    origin = self.state.past[source] if tables.differenced[field] else 0.0
+                    moving[field] += weight * (moving[source] - origin)
+
+    def is_small(self, norm: float, norms: Array) -> bool:
+        """Whether a correction is in the terminal phase, or meets the tolerance.
+
+        Args:
+            norm: Norm of the whole correction.
+            norms: Norms of its blocks, the kept fields first.
+        """
+        scheme, fields = self.scheme, self.state.fields
+        p, kept = len(scheme.tables.kept), scheme.tables.kept
+        if stop := scheme.stop:
+            of_kept = algebra.norm(fields[kept] / scheme.right[:p, None])
+            size = np.hypot(of_kept, algebra.norm(self.state.multipliers / scheme.right[p]))
+            return norm <= float(stop.absolute + stop.relative * size)
+        displacement = algebra.norm(scheme.tables.weights[0] * scheme.right[:p] * norms[:p])
+        threshold = scheme.settled_below * algebra.norm(fields[0])
+        return norm == 0 or bool(displacement < threshold)
+
+    def finish(self, t: float) -> int:
+        """Set v' once Newton's iteration is over; returns corrections of positions.
+
+        Raises:
+            numpy.linalg.LinAlgError: When the matrix of a projection is singular.
+        """
+        self._form_acceleration()
+        return 0
+
+    def _form_acceleration(self) -> None:
+        """Set v', the last of the fields, from the new a and the past."""
+        weights, fields = self.scheme.tables.acceleration, self.state.fields
+        fields[3] = weights[0] * fields[2] + algebra.product(weights[1:], self.state.past)
+
+    def end_step(self, t: float) -> None:
+        """Set what the past vectors become."""
+        fields, past = self.state.fields, self.state.past
+        if self.carried:
+            increments = self.moving[:2]
+        else:
+            increments = np.array(
+                [fields[0] - past[0] - self.scheme.h * past[1], fields[1] - past[1]]
+            )
+        new_past = np.concatenate([fields, increments])[self.scheme.tables.advance]
+        if self.carried:
+            self.carried.end_step(t, self.moving, new_past)
+        past[:] = new_past
+
+
+class _Formulated(_Index3):
+    """The march of a formulation beside index 3, or with a projection.
 
     Attributes:
         eta: (m,) η.
@@ -175,16 +224,16 @@ class _Formulated:
     """
 
     def __init__(
-        self, constraining: Constraining, state: State, carried: _Compensated | None
+        self, problem: Problem, scheme: Scheme, state: State, system: LinearSystem, t: float
     ) -> None:
-        self.constraining, self.state, self.carried = constraining, state, carried
-        self.problem, self.scheme = constraining.problem, constraining.scheme
-        self._index_1 = Index1(self.problem)
-        self._done = np.zeros(len(self.scheme.recorded), bool)
-        self._last = np.zeros(len(self.scheme.recorded))
+        super().__init__(problem, scheme, state, system, t)
+        assert system.constraining is not None
+        self.constraining, self._index_1 = system.constraining, Index1(problem)
+        self._done = np.zeros(len(scheme.recorded), bool)
+        self._last = np.zeros(len(scheme.recorded))
 
     def begin_step(self, t: float) -> None:
-        """Set η = 0, and P and R to those at the beginning of the step."""
+        """Besides: set η = 0, and P and R to those at the beginning of the step."""
         u, v = self.state.past[:2]
         self.eta = np.zeros(self.problem.m)
         g = self.problem.values(t, u, v, self.state.multipliers).g
@@ -192,124 +241,86 @@ class _Formulated:
         if self.carried and self.constraining.rated:
             self._r_old = self.problem.constraint_rows(t, u, v, self.state.fields[3]).r
         self._phi: Array | None = None
+        super().begin_step(t)
 
     def _push(self) -> Array:
         """(n,) Pη."""
         return self.constraining.pushed(self.directions, self.eta)
 
-    def _constraints(self, t: float, moving: Array, multipliers: Array) -> tuple[Values, Array]:
-        """The problem at the iterate, and Φ as it is evaluated."""
-        u, v = self.state.fields[:2]
-        values = self.problem.values(t, u, v, multipliers)
-        return values, self.carried.phi(moving, values.g) if self.carried else values.phi
-
-    def rate(self, t: float, moving: Array) -> Array:
-        """(m,) Gᵀv + Φ_t; compensated: Ψ_n + ½(G_n + G)ᵀν + ½(R_n + R)Δ."""
+    def _rate_now(self, t: float) -> Array:
+        """(m,) Gᵀv + Φ_t at the iterate."""
         u, v, _, acceleration = self.state.fields
         g = self.problem.values(t, u, v, self.state.multipliers).g
-        found = self.problem.constraint_rows(t, u, v, acceleration)
-        return self._rate(moving, g, found)
+        return self._rate(g, self.problem.constraint_rows(t, u, v, acceleration))
 
-    def _rate(self, moving: Array, g: Array, found: ConstraintRows) -> Array:
+    def _rate(self, g: Array, rows: ConstraintRows) -> Array:
+        """(m,) Gᵀv + Φ_t; compensated: Ψ_n + ½(G_n + G)ᵀν + ½(R_n + R)Δ."""
         along = self.problem.along
         if not self.carried:
-            return found.rate + along(g, self.state.fields[1])
-        change = along(0.5 * (self.carried.g + g), moving[1])
-        change += along(0.5 * (self._r_old + found.r), self.carried.shift(moving))
+            return rows.rate + along(g, self.state.fields[1])
+        change = along(0.5 * (self.carried.g + g), self.moving[1])
+        change += along(0.5 * (self._r_old + rows.r), self.carried.shift(self.moving))
         return np.asarray(self.state.psi + change)
 
-    def linearised(
-        self, step: _Step, t: float, moving: Array
-    ) -> tuple[Values, list[Array], Tangents]:
-        """The problem at the iterate, the row blocks of b, and what J has of the formulation."""
-        constraining, fields, multipliers = (
-            self.constraining,
-            self.state.fields,
-            self.state.multipliers,
-        )
+    def linearised(self, t: float) -> tuple[Values, list[Array], Tangents | None]:
+        """Rows of constraints of the formulation in place of Φ, Pη, and the penalty."""
+        constraining, multipliers = self.constraining, self.state.multipliers
         if constraining.penalty:
             if self._phi is None:
-                _, self._phi = self._constraints(t, moving, multipliers)
+                self._phi = self._values(t, multipliers).phi
             multipliers = multipliers - constraining.penalty * self._phi
-        values, phi = self._constraints(t, moving, multipliers)
-        step.form_acceleration(fields)
-        u, v, _, acceleration = fields
-        rows = step.residual(moving, values.force)
+        values = self._values(t, multipliers)
+        self._form_acceleration()
+        u, v, _, acceleration = self.state.fields
+        rows = self._residual(values.force)
         if constraining.stabilised:
             push = self._push()
-            rows[0] = rows[0] + step.system.times_mass(
+            rows[0] = rows[0] + self.system.times_mass(
                 constraining.inertia * constraining.eta[2] * push
             )
             for k, factor in enumerate(constraining.rows_eta):
                 rows[1 + k] = rows[1 + k] + factor * push
-        first, second, none = np.zeros_like(phi), np.zeros_like(phi), np.zeros_like(values.g)
-        found = ConstraintRows(first, second, none, none)
+        first, second = np.zeros_like(values.phi), np.zeros_like(values.phi)
+        none = np.zeros_like(values.g)
+        terms = ConstraintRows(first, second, none, none)
         if constraining.differentiated:
-            found = self.problem.constraint_rows(t, u, v, acceleration)
-            first = self._rate(moving, values.g, found)
-            second = self.problem.along(values.g, acceleration) + found.curvature
-        rows.extend(constraining.values(phi, first, second))
-        tangents = Tangents(constraining.tangents(values.g, found.r, found.q), self.directions)
-        return values, rows, tangents
+            terms = self.problem.constraint_rows(t, u, v, acceleration)
+            first = self._rate(values.g, terms)
+            second = self.problem.along(values.g, acceleration) + terms.curvature
+        rows.extend(constraining.values(values.phi, first, second))
+        tangents = constraining.tangents(values.g, terms.r, terms.q)
+        return values, rows, Tangents(tangents, self.directions)
 
     def advance(
-        self, step: _Step, correction: Array, t: float, moving: Array, norms: Array, settled: int
-    ) -> tuple[Array, bool]:
+        self, correction: Array, t: float, norms: Array, settled: int
+    ) -> tuple[float, Array, bool]:
         """Apply a correction, unless no block decreases any more.
 
         With a penalty λ follows from Φ after the correction, which is applied then.
-
-        Args:
-            step, t, moving: The step, its end (s) and the iterate.
-            correction: (N,) in the scaled unknowns.
-            norms: Overwritten where a block still decreases.
-            settled: Corrections in a row that were in the terminal phase.
-
-        Returns:
-            Norms of the recorded blocks, and whether the step is over.
         """
-        now = self._norms(step.blocks(correction))
-        if self.constraining.penalty:
-            self._apply(step, correction, moving)
-            _, self._phi = self._constraints(t, moving, self.state.multipliers)
-            update = -self.constraining.penalty * self._phi
+        now = self.constraining.norms(self._blocks(correction), self.directions)
+        penalty = self.constraining.penalty
+        if penalty:
+            self._apply(correction)
+            self._phi = self._values(t, self.state.multipliers).phi
+            update = -penalty * self._phi
             self.state.multipliers[:] += update
             now.append(algebra.norm(update / self.scheme.right[len(now)]))
-        found = np.array(now)
-        over = self._take_norms(found, norms, settled)
-        if not (over or self.constraining.penalty):
-            self._apply(step, correction, moving)
-        return found, over
+        recorded = np.array(now)
+        over = self._take_norms(recorded, norms, settled)
+        if not (over or penalty):
+            self._apply(correction)
+        return algebra.norm(recorded[: len(self.scheme.form.unknowns)]), recorded, over
 
-    def _norms(self, blocks: list[Array]) -> list[float]:
-        """Norms of the blocks; with η, of the corrections of eliminated fields too."""
-        constraining, scheme = self.constraining, self.scheme
-        p = len(scheme.form.kept)
-        now = [algebra.norm(block) for block in blocks]
+    def _apply(self, correction: Array) -> None:
+        constraining, p = self.constraining, len(self.scheme.form.kept)
+        blocks = self._correct(correction)
+        self._recover()
         if constraining.stabilised:
-            pushed = constraining.pushed(self.directions, scheme.right[p + 1] * blocks[p + 1])
-            for field in map(FIELDS.index, scheme.form.eliminated):
-                factors = scheme.elimination.weights[field] * scheme.right[:p]
-                moved = constraining.eta[field] * pushed + algebra.product(
-                    factors, np.array(blocks[:p])
-                )
-                now.append(algebra.norm(moved))
-        return now
-
-    def _apply(self, step: _Step, correction: Array, moving: Array) -> None:
-        constraining, scheme = self.constraining, self.scheme
-        blocks = step.correct(correction, moving, self.state.multipliers)
-        step.recover(moving)
-        if constraining.stabilised:
-            p = len(scheme.form.kept)
-            self.eta += scheme.right[p + 1] * blocks[p + 1]
-            for field in map(FIELDS.index, scheme.form.eliminated):
-                moving[field] += constraining.eta[field] * self._push()
-        self._take(moving)
-
-    def _take(self, moving: Array) -> None:
-        if self.carried:
-            self.carried.take(moving)
+            self.eta += self.scheme.right[p + 1] * blocks[p + 1]
+            for field in map(FIELDS.index, self.scheme.form.eliminated):
+                self.moving[field] += constraining.eta[field] * self._push()
+        self._take()
 
     def _take_norms(self, found: Array, norms: Array, settled: int) -> bool:
         """Record the blocks that still decrease; True when none does any more.
@@ -324,45 +335,40 @@ class _Formulated:
         self._last = found
         return bool(self._done.all())
 
-    def project(self, t: float, moving: Array) -> int:
-        """Project positions and velocities, as far as the scheme asks for it.
-
-        Returns:
-            Corrections of the positions.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix of the projection is singular.
-        """
-        level, state, taken = self.scheme.projection.level, self.state, 0
-        while level > 1 and taken < MOST_POSITIONS:
+    def finish(self, t: float) -> int:
+        """Project positions, velocities and accelerations, as far as the scheme asks for it."""
+        projection, state, taken = self.scheme.projection, self.state, 0
+        while projection.level > 1 and taken < MOST_POSITIONS:
             taken += 1
-            _, phi = self._constraints(t, moving, state.multipliers)
+            phi = self._values(t, state.multipliers).phi
             change, _ = self._index_1.least_change(t, state.fields[0], -phi)
-            moving[0] += change
-            self._take(moving)
+            self.moving[0] += change
+            self._take()
             # The next one would be of the order of the square.
             least = self.scheme.settled_below * algebra.norm(state.fields[0])
             if not algebra.norm(change) > least:
                 break
-        if level > 0:
-            wanted = -self.rate(t, moving)
+        if projection.level > 0:
+            wanted = -self._rate_now(t)
             change, impulse = self._index_1.least_change(t, state.fields[0], wanted)
-            moving[1] += change
+            self.moving[1] += change
             state.impulse[:] = impulse
-            self._take(moving)
+            self._take()
+        self._form_acceleration()
+        if projection.accelerations:
+            implied, _ = self._index_1.accelerations(t, state.fields[0], state.fields[1])
+            # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
+            difference = implied - state.fields[3]
+            state.fields[3] += difference
+            self.moving[2] += difference
+            self._take()
         return taken
 
-    def project_accelerations(self, t: float, moving: Array) -> None:
-        """Set v' to that of the index-1 system, and change a alike.
-
-        a belongs to another time than v' in generalized-α: set to v' it would cost an order.
-        """
-        fields = self.state.fields
-        implied, _ = self._index_1.accelerations(t, fields[0], fields[1])
-        difference = implied - fields[3]
-        fields[3] += difference
-        moving[2] += difference
-        self._take(moving)
+    def end_step(self, t: float) -> None:
+        """Besides: carry Ψ over."""
+        if self.carried and self.constraining.rated:
+            self.state.psi[:] = self._rate_now(t)
+        super().end_step(t)
 
 
 def march(
@@ -376,110 +382,61 @@ def march(
     record: Record | None = None,
     positions: IndexArray | None = None,
 ) -> tuple[int, int]:
-    """Advance ``state`` by ``len(norms)`` steps; the arguments are the kernel's.
+    """Advance ``state`` by ``len(norms)`` steps.
 
     Args:
         problem, scheme: What to march.
         state: Overwritten.
         first: Steps taken since the initial time.
-        norms: (steps, k) overwritten with the norms of the recorded
-            correction's blocks, those of `Scheme.recorded`.
-        iterations: (steps,) overwritten with the corrections computed, negative
-            where the step did not converge, or missed the tolerance.
+        norms, iterations, positions: Overwritten; see `march_data.Counts`.
         system: Linear system of the scheme on the problem; dense when omitted.
         record: Overwritten with the states after the steps that it names.
-        positions: (steps,) overwritten with the corrections of positions by projections.
 
     Returns:
         How the march ended and the steps done.
     """
     system = system or DenseSystem(problem, scheme)
-    fields, multipliers = state.fields, state.multipliers
-    carried = (
-        _Compensated(problem, state, problem.t0 + first * scheme.h, scheme.h)
-        if scheme.compensated
-        else None
-    )
-    extra = _Formulated(system.constraining, state, carried) if system.constraining else None
-    # What Newton iterates on: the fields, or their increments over the step.
-    moving = np.empty((3, problem.n)) if carried else fields[:3]
+    kind = _Formulated if system.constraining else _Index3
+    own = kind(problem, scheme, state, system, problem.t0 + first * scheme.h)
     places = {} if record is None else {int(s): k for k, s in enumerate(record.steps)}
     for s in range(len(norms)):
         t = problem.t0 + (first + s + 1) * scheme.h
-        step = _Step(scheme, system, state.past.copy())
-        if extra:
-            extra.begin_step(problem.t0 + (first + s) * scheme.h)
-        step.predict(moving)
-        if carried:
-            carried.take(moving)
-        previous, settled, solves = np.inf, 0, 0
+        own.begin_step(problem.t0 + (first + s) * scheme.h)
+        settled = solves = 0
         while solves < scheme.iteration_cap:
             # Outside of `try`: errors of the problem's own functions are not the solver's.
-            tangents: Tangents | None = None
-            if extra:
-                values, rows, tangents = extra.linearised(step, t, moving)
-            else:
-                values = problem.values(t, fields[0], fields[1], multipliers)
-                phi = carried.phi(moving, values.g) if carried else values.phi
-                rows = [*step.residual(moving, values.force), phi]
+            values, rows, tangents = own.linearised(t)
+            factors = zip(scheme.left, rows, strict=True)
+            rhs = -np.concatenate([factor * row for factor, row in factors])
             try:
-                correction = system.solve(values, step.right_hand_side(rows), tangents)
+                correction = system.solve(values, rhs, tangents)
             except Stagnation:
                 return STAGNATED, s
             except np.linalg.LinAlgError:
                 return SINGULAR, s
             solves += 1
-            if extra:
-                phase = settled if scheme.stop is None else 0
-                now, over = extra.advance(step, correction, t, moving, norms[s], phase)
-                norm = algebra.norm(now[: len(scheme.form.unknowns)])
-                if not np.isfinite(norm):
-                    return DIVERGED, s
-                if over:
-                    break
-            else:
-                norm = algebra.norm(correction)
-                if not np.isfinite(norm):
-                    return DIVERGED, s
-                if settled >= 2 and norm >= previous and scheme.stop is None:
-                    break
-                previous = norm
-                blocks = step.correct(correction, moving, multipliers)
-                now = norms[s] = np.array([algebra.norm(block) for block in blocks], float)
-                step.recover(moving)
-                if carried:
-                    carried.take(moving)
-            small = step.is_small(norm, now, state)
+            phase = settled if scheme.stop is None else 0
+            norm, now, over = own.advance(correction, t, norms[s], phase)
+            if not np.isfinite(norm):
+                return DIVERGED, s
+            if over:
+                break
+            small = own.is_small(norm, now)
             settled = settled + 1 if small else 0
             if small and (norm == 0 or scheme.stop is not None):
                 break
         iterations[s] = solves if settled else -solves
         try:
-            if extra:
-                projected = extra.project(t, moving)
-                if positions is not None:
-                    positions[s] = projected
-            step.form_acceleration(fields)
-            if extra and scheme.projection.accelerations:
-                extra.project_accelerations(t, moving)
+            projected = own.finish(t)
         except np.linalg.LinAlgError:
             return SINGULAR, s
-        new_past = step.advance(moving, fields)
-        if carried:
-            if extra and extra.constraining.rated:
-                state.psi[:] = extra.rate(t, moving)
-            carried.end_step(t, moving, new_past)
-        state.past[:] = new_past
-        if record is not None and s in places:
-            record.fields[places[s]], record.multipliers[places[s]] = fields, multipliers
+        if positions is not None:
+            positions[s] = projected
+        own.end_step(t)
+        if s in places:
+            assert record is not None
+            record.fields[places[s]] = state.fields
+            record.multipliers[places[s]] = state.multipliers
             if scheme.total:
                 record.multipliers[places[s]] += state.impulse / scheme.acting
     return COMPLETED, len(norms)
-
-
-def _limit(scheme: Scheme, stop: Tolerance, state: State) -> float:
-    """Norm of the scaled correction at which Newton stops."""
-    p = len(scheme.tables.kept)
-    kept = state.fields[scheme.tables.kept] / scheme.right[:p, None]
-    size = np.hypot(algebra.norm(kept), algebra.norm(state.multipliers / scheme.right[p]))
-    return float(stop.absolute + stop.relative * size)
