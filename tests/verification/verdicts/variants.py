@@ -32,8 +32,8 @@ Data = dict[str, Any]
 HERE = Path(__file__).resolve().parent
 #: What `Coordinates` can rewrite of a mechanism.
 KEYS = {
-    "title", "source", "points", "bodies", "body_points", "bars", "sliders", "springs", "dampers", "torques",
-    "motions", "gravity", "assemble", "project_velocities", "dimensions",
+    "title", "source", "points", "bodies", "body_points", "bars", "sliders", "springs", "dampers",
+    "torques", "motions", "gravity", "assemble", "project_velocities", "dimensions",
 }  # fmt: skip
 #: Numbers with a length in them, and its power.
 POWERS = {
