@@ -511,7 +511,7 @@ class _Composer:
         line = event.start_mark.line + 1
         if isinstance(event, yaml.ScalarEvent):
             # Once: it may be long, and referred to very often.
-            value = event.value if event.style else _plain(event.value)
+            value = event.value if event.style else plain(event.value)
             return _Scalar(line, event.value, value)
         children = []
         for child in self._events:
@@ -580,7 +580,8 @@ class _NodeReader:
         return DocumentError(f"{self.name}, line {node.line}: {message}")
 
 
-def _plain(text: str) -> Any:
+def plain(text: str) -> Any:
+    """What plain text of a document means: a number, a constant, or text."""
     if text.lower() in _CONSTANTS:
         return _CONSTANTS[text.lower()]
     if _INTEGER.fullmatch(text) and len(text) < 20:

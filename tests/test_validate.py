@@ -268,12 +268,12 @@ def test_a_comma_in_a_file_name(tmp_path):
              "grow any further; some texts write -alpha for it; for example "
              "{method: hht, alpha: 0.1}"],
         ),
-        (
-            "generalized_alpha",
-            ["must be a mapping such as {method: generalized-alpha, rho: 0.9}, "
-             "given 'generalized_alpha'"],
-        ),
-        ("BDF2", ["must be a mapping such as {method: bdf2}, given 'BDF2'"]),
+        ("generalized_alpha rho=0.9", ["unknown method 'generalized_alpha'; did you mean"]),
+        ("generalized-alpha", ["generalized-alpha needs rho; for example "]),
+        ("BDF2", ["unknown method 'BDF2'; did you mean 'bdf2'?"]),
+        ("hht alpha=x", ["alpha must be a number, given 'x'"]),
+        ("hht 0.1", ["unknown parameter '0.1'; for example {method: generalized-alpha, rho: 0.9}"]),
+        ("3", ["must be the name of a method, or a mapping such as {method: generalized-alpha, "]),
         (
             "{generalized-alpha: {rho: 0.9}}",
             ["generalized-alpha: unknown key; write {method: generalized-alpha, rho: 0.9}"],
@@ -312,10 +312,11 @@ def test_integrators_are_spelled_in_the_answer(given, said):
 @each("method", INTEGRATORS)
 def test_examples_of_integrators_are_right(method):
     """The spelling that errors offer is one that a config accepts."""
-    text = QUICK + f"integrator: {keys._example(method)}\n"
+    text = QUICK + f"integrator: {keys.IntegratorConfig.example(method)}\n"
     cell = config.parse(documents.parse(text, "c.yaml")).cells()[0]
     assert cell.integrator.label.split()[0] == method
     assert parse(cell.integrator.label) == cell.integrator
+    assert keys.read("integrator", cell.integrator.label, keys.IntegratorConfig) == cell.integrator
 
 
 @each("key, given, meant", [

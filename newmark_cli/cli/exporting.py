@@ -138,15 +138,18 @@ def export(
     if steps and every is not None:
         raise click.UsageError("--steps and --every: give one of them, not both")
     from newmark_cli.cli.terminal import Exporting
-    from newmark_cli.newmark.formulation import Formulation
     from newmark_cli.study import collection, keys
 
     choice = collection.Choice(steps, every, all_iterations)
     wanted = {
         "form": form,
         "preconditioning": preconditioning,
-        "integrator": [keys.integrator_named(text).label for text in integrator],
-        "formulation": [Formulation.parse(text).label for text in formulation],
+        "integrator": [
+            keys.read("--integrator", text, keys.IntegratorConfig).label for text in integrator
+        ],
+        "formulation": [
+            keys.read("--formulation", text, keys.FormulationConfig).label for text in formulation
+        ],
         "evaluation": evaluation,
         "h": h,
     }

@@ -209,7 +209,7 @@ def draw(
             f"given {time:g} s"
         )
 
-    integrator = keys.integrator_named(method)
+    integrator = keys.read("--integrator", method, keys.IntegratorConfig)
     places = [subject.u0]
     if time:
         shown = frames if animated else 2
@@ -300,9 +300,9 @@ def _chosen_orders(
 ) -> "list[tuple[str, Preconditioning, str, str]]":
     """Form, scaling, evaluation and formulation that the options of `orders` choose."""
     from newmark_cli.newmark.forms import FORMS, INDEX_3
-    from newmark_cli.newmark.formulation import Formulation
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
     from newmark_cli.spelling import nearest
+    from newmark_cli.study import keys
 
     if file is not None:
         if any(option is not None for option in (form, variant, evaluation, formulation)):
@@ -322,7 +322,7 @@ def _chosen_orders(
         raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
     scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
     names = [form] if form else FORMS
-    label = Formulation.parse(formulation or INDEX_3).label
+    label = keys.read("--formulation", formulation or INDEX_3, keys.FormulationConfig).label
     return [
         (name, scaling, evaluation or "direct", label) for name in names for scaling in scalings
     ]

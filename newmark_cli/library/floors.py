@@ -7,10 +7,10 @@ import numpy as np
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.linearised import require_fit, subject_of
-from newmark_cli.library.scalings import formulation_of, integrator_or_newmark, preconditioning_of
+from newmark_cli.library.scalings import integrator_or_newmark, scheme_of
 from newmark_cli.newmark.floor import Floor, unpredicted
-from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Scheme
+from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.scheme import DIRECT
 
 
 def floor(
@@ -61,17 +61,12 @@ def floor(
         (True, True)
     """
     step = arguments.step_size(h)
-    chosen = formulation_of(formulation)
-    formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
-    scheme = Scheme(
-        integrator_or_newmark(beta, gamma, integrator),
-        formulated,
-        preconditioning_of(preconditioning, "preconditioning").scaling(formulated),
-        step,
-        evaluation=arguments.one_of("evaluation", evaluation, EVALUATIONS),
-        precision=arguments.one_of("precision", precision, PRECISIONS),
-        formulation=chosen,
-    )
+    method = integrator_or_newmark(beta, gamma, integrator)
+    scheme = scheme_of(
+        form, method, formulation, preconditioning, step,
+        evaluation=evaluation, precision=precision, named="preconditioning",
+    )  # fmt: skip
+    chosen = scheme.formulation
     if reason := unpredicted(scheme):
         raise ArgumentError(f"formulation {chosen.label}: {reason}")
     about = subject_of(subject, None if t_end is None else arguments.positive("t_end", t_end))

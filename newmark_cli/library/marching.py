@@ -11,35 +11,33 @@ from typing import Any, Literal, TypedDict, Unpack, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from newmark_cli import documents
 from newmark_cli.algebra import product
 from newmark_cli.arrays import Array
-from newmark_cli.documents import Document
 from newmark_cli.errors import ArgumentError, warn
 from newmark_cli.library import arguments
 from newmark_cli.library.problems import problem as problem_of
-from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
-from newmark_cli.newmark.forms import FORMS, INDEX_3
+from newmark_cli.library.scalings import (
+    integrator_of,
+    krylov_of,
+    projection_of,
+    scheme_of,
+    tolerance_of,
+)
+from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
-    CORRECTED,
     RECOVERED,
     REPORTED,
     STARTS,
-    TOTAL,
     Formulation,
     Projection,
     reported,
 )
-from newmark_cli.newmark.integrator import is_trapezoidal
 from newmark_cli.newmark.kept import KEPT, first_outside, nearest_steps
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
+from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import (
-    COMPENSATED,
-    EVALUATIONS,
-    PRECISIONS,
     Scheme,
     Tolerance,
     steps_until,
@@ -49,6 +47,7 @@ from newmark_cli.newmark.twins import twins as twins_of
 from newmark_cli.problems import starting
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError, is_beyond
+from newmark_cli.study import fitting
 
 #: Most memory that a trajectory may take (bytes).
 MOST_BYTES = 1_000_000_000
@@ -62,6 +61,8 @@ _SAME_H = 1e-12
 _ROUNDING = 10.0
 #: Part of the rounding of u that velocities have in compensated evaluation, at most.
 _COMPENSATED = 1e-3
+#: What of a scheme is asked whether it fits.
+_OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
 #: In place of zero.
 _TINY = np.finfo(float).tiny
 
@@ -363,28 +364,29 @@ def march(
         False
         True
     """
-    chosen = formulation_of(formulation)
-    formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
-    projected = _projection(projection)
-    scheme = Scheme(
+    projected = projection_of(projection)
+    arguments.one_of("multipliers", multipliers, (AUTO, *REPORTED))
+    scheme = scheme_of(
+        form,
         integrator_of(integrator),
-        formulated,
-        preconditioning_of(scaling, "scaling").scaling(formulated),
+        formulation,
+        scaling,
         arguments.positive("h", h, " of seconds"),
-        arguments.count("iteration_cap", iteration_cap, 1),
-        arguments.one_of("evaluation", evaluation, EVALUATIONS),
-        arguments.one_of("precision", precision, PRECISIONS),
-        _tolerance(stop),
-        chosen,
-        projected,
-        _reported(multipliers, projected),
-        arguments.one_of("start", start, STARTS),
+        evaluation=evaluation,
+        precision=precision,
+        iteration_cap=arguments.count("iteration_cap", iteration_cap, 1),
+        stop=tolerance_of(stop),
+        projection=projected,
+        reported=reported(multipliers, projected),
+        start=arguments.one_of("start", start, STARTS),
     )
+    arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS)
+    krylov = krylov_of(krylov)
     keep = arguments.some_of("keep", keep, KEPT)
     given = problem_of(problem)
-    _require_fit(given, scheme, arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS))
+    _require_fit(given, scheme, form, linear_solver, multipliers)
     subject = _started(given, u0, v0, project, state)
-    begun = _begin(subject, given.t0, scheme, linear_solver, _krylov(krylov), state)
+    begun = _begin(subject, given.t0, scheme, linear_solver, krylov, state)
     if not all(np.all(np.isfinite(array)) for array in begun.march.state):
         raise ProblemError(f"{subject.name}: the start leads to numbers that are not finite")
     stepped = steps is True
@@ -416,7 +418,7 @@ def march(
         return taken(begun)
     if stepped or callback is not None or state is not None:
         raise ArgumentError("twins: not with steps=True, callback or state")
-    others = twins_of(subject, scheme, twins, linear_solver, _krylov(krylov))
+    others = twins_of(subject, scheme, twins, linear_solver, krylov)
     each = [cast(Trajectory, taken(_Begun(other, given.t0))) for other in others]
     return replace(cast(Trajectory, taken(begun)), twins=each)
 
@@ -453,55 +455,14 @@ def steps(
 # -- what a march is made of ------------------------------------------------------------------
 
 
-def _tolerance(given: Any) -> Tolerance | None:
-    if given is None or isinstance(given, Tolerance):
-        return given
-    from newmark_cli.study.keys import StopConfig
-
-    return documents.validate(Document.of("stop", given), StopConfig).tolerance()
-
-
-def _projection(given: Any) -> Projection:
-    if isinstance(given, Projection):
-        return given
-    if isinstance(given, str):
-        return Projection.parse(given)
-    from newmark_cli.study.keys import ProjectionConfig
-
-    return documents.validate(Document.of("projection", given), ProjectionConfig).projection()
-
-
-def _reported(given: Any, projection: Projection) -> str:
-    arguments.one_of("multipliers", given, (AUTO, *REPORTED))
-    if given == TOTAL and not projection.level:
-        raise ArgumentError(f"multipliers: {TOTAL!r} needs a projection of velocities")
-    return reported(given, projection)
-
-
-def _krylov(given: Any) -> Krylov | None:
-    if given is None or isinstance(given, Krylov):
-        return given
-    from newmark_cli.study.keys import KrylovConfig
-
-    return documents.validate(Document.of("krylov", given), KrylovConfig).options()
-
-
-def _require_fit(problem: Problem, scheme: Scheme, linear_solver: str) -> None:
+def _require_fit(
+    problem: Problem, scheme: Scheme, form: str, linear_solver: str, multipliers: str
+) -> None:
     """Refuse a scheme that the problem is not fit for."""
-    if scheme.evaluation == COMPENSATED and not problem.quadratic:
-        raise ArgumentError(
-            "evaluation: compensated needs constraints that are quadratic in u and do not "
-            f"depend on time; those of {problem.name} are not, or not declared so"
-        )
-    if scheme.start == CORRECTED and not is_trapezoidal(scheme.integrator):
-        raise ArgumentError(
-            f"start: {CORRECTED!r} is of the trapezoidal rule, given {scheme.integrator.label}"
-        )
-    if scheme.precision != "float64":
-        if not problem.single:
-            raise ArgumentError(f"precision: {problem.name} is computed in float64 only")
-        if choose(linear_solver, problem, scheme.form, scheme.formulated) != DENSE:
-            raise ArgumentError(f"precision: {scheme.precision} needs linear_solver {DENSE!r}")
+    at = {name: getattr(scheme, name) for name in _OF_SCHEME}
+    at |= {"form": form, "linear_solver": linear_solver, "multipliers": multipliers}
+    for key, why in (*fitting.of_each_other(at), *fitting.of_problem(problem, problem, at)):
+        raise ArgumentError(f"{key}: {why}")
     try:
         with np.errstate(all="ignore"):
             factors = np.concatenate([scheme.left, scheme.right]).astype(scheme.dtype)

@@ -4,14 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from newmark_cli import documents
-from newmark_cli.documents import Document
+from newmark_cli.documents import DocumentError
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.formulation import Formulation, FormulationError, Projection
 from newmark_cli.newmark.integrator import Integrator, Newmark
+from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
+from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 
 #: Largest β and γ, and the reciprocal of the smallest.
 _FARTHEST = 1e12
@@ -153,49 +154,91 @@ def preconditioning_of(given: Any, name: str) -> Preconditioning:
     """
     if isinstance(given, Preconditioning):
         return given
-    if isinstance(given, Mapping):
-        from newmark_cli.study.keys import OwnScaling
-
-        return documents.validate(Document.of(name, given), OwnScaling).preconditioning()
-    return Preconditioning(arguments.one_of(name, given, VARIANTS))
+    if not isinstance(given, Mapping):
+        return Preconditioning(arguments.one_of(name, given, VARIANTS))
+    own: Preconditioning = _read(name, given, "OwnScaling")
+    return own
 
 
 def integrator_of(given: Any) -> Integrator:
     """An integrator by its name and parameters, its dict, or itself."""
-    if isinstance(given, str) and given == "trapezoidal":
-        return Newmark()
-    if isinstance(given, str | Mapping):
-        from newmark_cli.study.keys import IntegratorConfig
-
-        data = _spelled(given) if isinstance(given, str) else given
-        return documents.validate(Document.of("integrator", data), IntegratorConfig).integrator()
-    if not (hasattr(given, "relations") and hasattr(given, "symbols")) or isinstance(given, type):
-        raise ArgumentError(
-            "integrator must be text such as 'generalized-alpha rho=0.9', a dict such as "
-            f"{{'method': 'bdf2'}}, or an integrator, given {arguments.shown(given)}"
-        )
-    found: Integrator = given
+    is_it = (
+        hasattr(given, "relations") and hasattr(given, "symbols") and not isinstance(given, type)
+    )
+    found: Integrator = given if is_it else _read("integrator", given, "IntegratorConfig")
     return found
 
 
 def formulation_of(given: Any) -> Formulation:
     """A formulation by its name and parameter, its dict, or itself."""
-    if isinstance(given, Formulation):
-        return given
-    if isinstance(given, str):
-        return Formulation.parse(given)
-    from newmark_cli.study.keys import FormulationConfig
-
-    return documents.validate(Document.of("formulation", given), FormulationConfig).formulation()
+    is_it = isinstance(given, Formulation)
+    found: Formulation = given if is_it else _read("formulation", given, "FormulationConfig")
+    return found
 
 
-def _spelled(text: str) -> dict[str, Any]:
-    """``"hht alpha=0.1"`` as a dict."""
-    method, *pairs = text.split() or [""]
+def projection_of(given: Any) -> Projection:
+    """A projection by its name, its dict, or itself."""
+    is_it = isinstance(given, Projection)
+    found: Projection = given if is_it else _read("projection", given, "ProjectionConfig")
+    return found
+
+
+def tolerance_of(given: Any) -> Tolerance | None:
+    """A tolerance on Newton's correction by its dict, or itself."""
+    is_it = given is None or isinstance(given, Tolerance)
+    found: Tolerance | None = given if is_it else _read("stop", given, "StopConfig")
+    return found
+
+
+def krylov_of(given: Any) -> Krylov | None:
+    """When a Krylov solver stops, by its dict, or itself."""
+    is_it = given is None or isinstance(given, Krylov)
+    found: Krylov | None = given if is_it else _read("krylov", given, "KrylovConfig")
+    return found
+
+
+def _read(name: str, given: Any, model: str) -> Any:
+    """The core's value of what a config may give; see `keys.read`."""
+    from newmark_cli.study import keys  # which imports pydantic
+
     try:
-        parts = [pair.partition("=") for pair in pairs]
-        return {"method": method, **{name: float(value) for name, _, value in parts}}
-    except ValueError:
-        raise ArgumentError(
-            f"integrator {text!r}: parameters are numbers, as in 'generalized-alpha rho=0.9'"
-        ) from None
+        return keys.read(name, given, getattr(keys, model))
+    except DocumentError as error:
+        if isinstance(given, Mapping) or (isinstance(given, str) and name == "integrator"):
+            raise
+        raise (FormulationError if isinstance(given, str) else ArgumentError)(str(error)) from None
+
+
+def scheme_of(
+    form: Any,
+    integrator: Integrator,
+    formulation: Any,
+    scaling: Any,
+    h: float,
+    *,
+    evaluation: Any,
+    precision: Any,
+    named: str = "scaling",
+    **rest: Any,
+) -> Scheme:
+    """The scheme that arguments of public functions describe.
+
+    Args:
+        form, formulation, scaling, evaluation, precision: As of `march`.
+        integrator: The integrator.
+        h: Step size (s).
+        named: Name of the argument ``scaling``.
+        rest: Further attributes of the scheme.
+    """
+    chosen = formulation_of(formulation)
+    formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
+    return Scheme(
+        integrator,
+        formulated,
+        preconditioning_of(scaling, named).scaling(formulated),
+        h,
+        evaluation=arguments.one_of("evaluation", evaluation, EVALUATIONS),
+        precision=arguments.one_of("precision", precision, PRECISIONS),
+        formulation=chosen,
+        **rest,
+    )

@@ -42,6 +42,10 @@ TRAPEZOIDAL = Newmark().label
 SATURATION = "saturation"
 
 
+def _core_value(given: Any) -> Any:
+    return given.value() if hasattr(given, "value") else given
+
+
 @dataclass(frozen=True)
 class Axis:
     """One way in which cells, rows or series differ.
@@ -85,7 +89,7 @@ class Axis:
     about: str = ""
     shows: str = ""
     many: bool = True
-    value: Callable[[Any], Any] = lambda given: given
+    value: Callable[[Any], Any] = _core_value
 
 
 def axis(
@@ -145,7 +149,6 @@ class Cell:
         default=lambda: (_keys().IntegratorConfig(),),
         about="an integrator or a list; default: trapezoidal",
         shows="method and parameters",
-        value=lambda given: given.integrator(),
     )
     form: str = axis(
         since=(0, 0),
@@ -163,7 +166,7 @@ class Cell:
         about="variant, scaling of your own, or a list",
         shows="variant, or a scaling of your own with its factors: "
         "`name[left D=…; right lambda=…]`",
-        value=lambda given: _keys().scaling_of(given),
+        value=lambda given: Preconditioning(given) if isinstance(given, str) else given.value(),
     )
     evaluation: str = axis(
         usual=DIRECT,
@@ -204,7 +207,6 @@ class Cell:
         default=lambda: (_keys().FormulationConfig(),),
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
-        value=lambda given: given.formulation(),
     )
     projection: Projection = axis(
         write=lambda cell: cell.projection.label,
@@ -215,7 +217,6 @@ class Cell:
         default=lambda: (_keys().ProjectionConfig(),),
         about="what is projected after each step, a name or a mapping, or a list",
         shows="what is projected after each step",
-        value=lambda given: given.projection(),
     )
     multipliers: str = axis(
         write=lambda cell: cell.reported,
@@ -245,7 +246,6 @@ class Cell:
         default=None,
         about="tolerance on the scaled correction; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a tolerance",
-        value=lambda given: given.tolerance() if given else None,
     )
     h: float = axis(
         series=False,
@@ -465,7 +465,7 @@ def values(case: Any) -> dict[str, tuple[Any, ...]]:
 
 def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
     """When a Krylov solver stops; None for other solvers, whose cells do not depend on it."""
-    options: Krylov = case.krylov.options()
+    options: Krylov = case.krylov.value()
     return options if linear_solver in (GMRES, MINRES) else None
 
 
@@ -473,7 +473,7 @@ def kept_of(case: Any) -> Kept | None:
     """The part of its marches that a case keeps; None if it measures no trajectory."""
     if "trajectory" not in case.measure:
         return None
-    return Kept() if case.trajectory is None else case.trajectory.kept()
+    return Kept() if case.trajectory is None else case.trajectory.value()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
-from itertools import chain, product
+from itertools import chain, product, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -38,9 +38,7 @@ from newmark_cli.mechanisms.spec import (
     is_code,
     with_problem,
 )
-from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import CORRECTED, TOTAL, is_formulated
-from newmark_cli.newmark.integrator import is_trapezoidal
+from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
     AUTO,
@@ -49,8 +47,6 @@ from newmark_cli.newmark.linear.choice import (
     MINRES,
     SPARSE,
     STATIC,
-    choose,
-    not_static,
 )
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import (
@@ -60,7 +56,7 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.spelling import closest, nearest
-from newmark_cli.study import axes, drawing, expecting
+from newmark_cli.study import axes, drawing, expecting, fitting
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
@@ -70,7 +66,6 @@ from newmark_cli.study.keys import (
     Name,
     Surroundings,
     problem_of,
-    scaling_of,
 )
 from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
 
@@ -126,23 +121,15 @@ class _Rules(StrictModel):
         if len(set(labels)) < len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
             yield misfit("preconditioning", f"given twice: {twice}")
-        for form, variant in product(self.formulated(), self.variants()):
+        for at in self._combinations("form", "formulation", "preconditioning"):
+            variant = at["preconditioning"]
             try:
-                variant.scaling(form)
+                variant.scaling(at["formulation"].applied(FORMS[at["form"]]))
             except ScalingError as error:
                 yield misfit("preconditioning", f"{variant.name}: {error}")
                 return
-        if TOTAL in self.multipliers and any(p.method == "none" for p in self.projection):
-            yield misfit("multipliers", f"{TOTAL} needs a projection of velocities at every cell")
-        if CORRECTED in self.start:
-            for given in self.integrator:
-                if not is_trapezoidal(given.integrator()):
-                    yield misfit(
-                        "start",
-                        f"{CORRECTED} is of the trapezoidal rule; {given.integrator().label} "
-                        "needs no such correction, or another",
-                    )
-                    break
+        for at in self._combinations("integrator", "projection", "multipliers", "start"):
+            yield from starmap(misfit, fitting.of_each_other(at))
         if self.trajectory is not None and TRAJECTORY.name not in self.measure:
             yield misfit("trajectory", f"needs 'measure: {TRAJECTORY.name}'")
         yield from self._unfit()
@@ -192,30 +179,21 @@ class _Rules(StrictModel):
         ):
             return
         looked_at: list[Problem] = []
+        names = ["form", "formulation", "projection", "evaluation", "precision", "linear_solver"]
         for spec in self.problem:
             traits = spec.traits()
-            if COMPENSATED in self.evaluation and not traits.sample.quadratic:
-                yield misfit(
-                    "evaluation",
-                    f"compensated needs constraints that are quadratic in u and do not depend on "
-                    f"time; those of {spec.label} are not, or not declared so",
-                )
-            if STATIC in self.linear_solver and (why := not_static(traits, self._formulated)):
-                yield misfit("linear_solver", why)
-                return
+            for at in self._combinations(*names):
+                yield from starmap(misfit, fitting.of_problem(traits, traits.sample, at))
             # Members of one family have one sample, and there may be a thousand.
             if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
                 looked_at.append(traits.sample)
                 yield from self._asymmetric(spec, traits.sample)
-            if "float32" not in self.precision:
-                continue
-            if not traits.sample.single:
-                yield misfit("precision", f"{spec.label} is computed in float64 only")
-            for form, solver in product(self.formulated(), self.linear_solver):
-                if choose(solver, traits, form) != DENSE:
-                    yield misfit(
-                        "precision", f"float32 needs {DENSE}: {spec.label}, {form.described}"
-                    )
+
+    def _combinations(self, *names: str) -> Iterator[dict[str, Any]]:
+        """Every combination of the values along some axes."""
+        given = axes.values(self)
+        for values in product(*(given[name] for name in names)):
+            yield dict(zip(names, values, strict=True))
 
     def _missed(self) -> Iterator[PydanticCustomError]:
         """Times of a trajectory that a march does not come to."""
@@ -256,13 +234,11 @@ class _Rules(StrictModel):
     def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
         from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
 
-        for form, formulation, variant, integrator in product(
-            self.form, self.formulation, self.variants(), self.integrator
-        ):
-            chosen = formulation.formulation()
-            formulated = chosen.applied(FORMS[form])
+        for at in self._combinations("form", "formulation", "preconditioning", "integrator"):
+            chosen, variant = at["formulation"], at["preconditioning"]
+            formulated = chosen.applied(FORMS[at["form"]])
             scheme = Scheme(
-                integrator.integrator(),
+                at["integrator"],
                 formulated,
                 variant.scaling(formulated),
                 self.h[0],
@@ -287,24 +263,9 @@ class _Rules(StrictModel):
                     f"symmetric; take {GMRES}",
                 )
 
-    @property
-    def _formulated(self) -> bool:
-        """Whether any cell marches anything but index 3."""
-        return any(
-            is_formulated(formulation.formulation(), projection.projection())
-            for formulation, projection in product(self.formulation, self.projection)
-        )
-
-    def formulated(self) -> list[Form]:
-        """Every form in every formulation."""
-        return [
-            formulation.formulation().applied(FORMS[form])
-            for formulation, form in product(self.formulation, self.form)
-        ]
-
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
-        return [scaling_of(given) for given in self.preconditioning]
+        return list(axes.values(self)["preconditioning"])
 
     def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""

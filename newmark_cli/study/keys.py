@@ -1,11 +1,11 @@
 """Types of the keys of a study config, which pydantic checks."""
 
 import re
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -21,11 +21,12 @@ from pydantic import (
     WrapValidator,
     model_validator,
 )
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from newmark_cli import documents
 from newmark_cli.documents import (
     WHOLE,
+    Document,
     Number,
     StrictModel,
     misfit,
@@ -179,7 +180,32 @@ def _blocks(*names: str) -> Shown:
     return Shown(written)
 
 
-class OwnScaling(StrictModel):
+class Valued(StrictModel):
+    """Keys that stand for a value of the core."""
+
+    def value(self) -> Any:
+        """The core's value."""
+        raise NotImplementedError
+
+
+Value = TypeVar("Value", bound=Valued)
+
+
+def read(name: str, given: Any, model: type[Value]) -> Any:
+    """The core's value of what a command line, or a function of the library, is given.
+
+    Args:
+        name: How errors name it.
+        given: What a config may give.
+        model: The model of the config's key.
+
+    Raises:
+        DocumentError: If a config could not give it.
+    """
+    return documents.validate(Document.of(name, given), model).value()
+
+
+class OwnScaling(Valued):
     """A scaling of your own; blocks that are not named keep the factor 1."""
 
     name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
@@ -198,7 +224,7 @@ class OwnScaling(StrictModel):
             raise misfit("name", f"{self.name!r} is a variant of the paper; take another name")
         return self
 
-    def preconditioning(self) -> Preconditioning:
+    def value(self) -> Preconditioning:
         """The core's value."""
         # Without blanks, so that the label in the CSV can be read back.
         left, right = (
@@ -212,59 +238,123 @@ class OwnScaling(StrictModel):
 _EXAMPLES = {"beta": 0.25, "gamma": 0.5, "rho": 0.9, "alpha": 0.1}
 
 
-def _example(method: str) -> str:
-    """How a config spells an integrator."""
-    given = "".join(f", {name}: {_EXAMPLES[name]:g}" for name in parameters(method))
-    return f"{{method: {method}{given}}}"
+class MethodConfig(Valued):
+    """A method and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
+
+    METHODS: ClassVar[Iterable[str]] = ()
+    method: str
+
+    @classmethod
+    def example(cls, method: str = "") -> str:
+        """How a config gives a method."""
+        return f"{{method: {method or next(iter(cls.METHODS))}}}"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_text(cls, data: Any) -> Any:
+        if isinstance(data, str):
+            return cls._split(data)
+        if not isinstance(data, dict | cls):
+            text = f"must be the name of a method, or a mapping such as {cls.example()}"
+            raise PydanticCustomError("method", "{message}", {"message": text})
+        return data
+
+    @classmethod
+    def _split(cls, text: str) -> dict[str, Any]:
+        """Text as a mapping; a word without a value is true."""
+        method, *words = text.split() or [""]
+        given: dict[str, Any] = {"method": method}
+        for word in words:
+            name, equals, value = word.partition("=")
+            given[name] = documents.plain(value) if equals else True
+            why = ""
+            if name not in cls.model_fields:
+                why = f"unknown parameter {name!r}; for example {cls.example()}"
+            elif isinstance(given[name], str):
+                why = f"{name} must be a number, given {value!r}"
+            if why:
+                raise PydanticCustomError("method", "{message}", {"message": why})
+        return given
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        mapping = handler.resolve_ref_schema(handler(schema))
+        # Without its title, by which it would become a definition of the name that this one has.
+        mapping = {key: value for key, value in mapping.items() if key != "title"}
+        text = {"type": "string", "pattern": f"^({'|'.join(cls.METHODS)})( |$)"}
+        return {"anyOf": [{"type": "string", "enum": list(cls.METHODS)}, text, mapping]}
+
+    def parameters(self) -> dict[str, float]:
+        """Those that are given."""
+        given = self.model_dump(exclude={"method"}, exclude_none=True)
+        return {name: float(value) for name, value in given.items()}
+
+    def _refuse_others(self, allowed: Collection[str], owners: Mapping[str, str]) -> None:
+        """Refuse parameters of other methods.
+
+        Args:
+            allowed: Those of this one.
+            owners: Parameter → the method that has it.
+        """
+        has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
+        documents.together(
+            misfit(
+                name,
+                f"is not a parameter of {self.method}, which {has}; it belongs to "
+                f"{owners[name]}: {self.example(owners[name])}",
+            )
+            for name in self.parameters()
+            if name not in allowed
+        )
+
+    @property
+    def label(self) -> str:
+        """As CSVs have it."""
+        return str(self.value().label)
 
 
-class IntegratorConfig(StrictModel):
+class IntegratorConfig(MethodConfig):
     """An integrator of the Newmark family; each method has parameters of its own."""
 
+    METHODS = INTEGRATORS
     method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
     beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
     gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
     rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
     alpha: Number | None = Field(None, description="α of hht, 0 to 1/3")
 
+    @classmethod
+    def example(cls, method: str = "") -> str:
+        """How a config gives a method."""
+        method = method or "generalized-alpha"
+        return (
+            f"{{method: {method}{''.join(f', {n}: {_EXAMPLES[n]:g}' for n in parameters(method))}}}"
+        )
+
     @model_validator(mode="before")
     @classmethod
-    def _spelled(cls, data: Any) -> Any:
-        """Other spellings are refused with the right one."""
-        if isinstance(data, str):
-            method = closest(data, INTEGRATORS) or "generalized-alpha"
-            text = f"must be a mapping such as {_example(method)}, given {data[:60]!r}"
-            raise documents.refused(IntegratorError(text))
-        return data
+    def _by_another_name(cls, data: Any) -> Any:
+        return {} if data == "trapezoidal" else data
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
         """Also where the name of a method stands as a key."""
         method = closest(key, INTEGRATORS)
         if method is not None:
-            return f"unknown key; write {_example(method)}"
+            return f"unknown key; write {cls.example(method)}"
         named = [method for method in INTEGRATORS if closest(key, parameters(method))]
-        example = _example(named[0] if named else "generalized-alpha")
-        return f"{super().unknown_key(key)}; for example {example}"
+        return f"{super().unknown_key(key)}; for example {cls.example(named[0] if named else '')}"
 
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
-        given = self._parameters()
-        allowed = parameters(self.method)
-        example = f"for example {_example(self.method)}"
-        has = f"has {', '.join(allowed)}" if allowed else "has no parameters"
+        allowed, given = parameters(self.method), self.parameters()
         owners = {name: method for method in INTEGRATORS for name in parameters(method)}
-        documents.together(
-            misfit(
-                name,
-                f"is not a parameter of {self.method}, which {has}; it belongs to "
-                f"{owners[name]}: {_example(owners[name])}",
-            )
-            for name in given
-            if name not in allowed
-        )
+        self._refuse_others(allowed, owners)
+        example = f"for example {self.example(self.method)}"
         try:
-            self.integrator()
+            self.value()
         except TypeError:
             missing = [name for name in allowed if name not in given]
             raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
@@ -272,30 +362,16 @@ class IntegratorConfig(StrictModel):
             raise misfit(str(error).split()[0], f"{error}; {example}") from None
         return self
 
-    def _parameters(self) -> dict[str, float]:
-        given = self.model_dump(exclude={"method"}, exclude_none=True)
-        return {name: float(value) for name, value in given.items()}
-
-    def integrator(self) -> Integrator:
+    def value(self) -> Integrator:
         """The core's value."""
-        integrator: Integrator = INTEGRATORS[self.method](**self._parameters())
+        integrator: Integrator = INTEGRATORS[self.method](**self.parameters())
         return integrator
 
 
-def _method_alone(data: Any) -> Any:
-    """The name of a method in place of a mapping."""
-    return {"method": data} if isinstance(data, str) else data
-
-
-def _or_method(methods: Iterable[str], schema: JsonSchema) -> JsonSchema:
-    # Without its title, by which it would become a definition of the name that this one has.
-    mapping = {key: value for key, value in schema.items() if key != "title"}
-    return {"anyOf": [{"type": "string", "enum": list(methods)}, mapping]}
-
-
-class FormulationConfig(StrictModel):
+class FormulationConfig(MethodConfig):
     """Which constraint rows are solved; a name, or a mapping with the method's parameter."""
 
+    METHODS = METHODS
     method: Annotated[str, _Known("formulation", tuple(METHODS))] = INDEX_3
     rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
     rate_h: Positive | None = Field(
@@ -310,57 +386,27 @@ class FormulationConfig(StrictModel):
         None, description="penalty of augmented-lagrangian itself, in place of factor"
     )
 
-    _spelled = model_validator(mode="before")(_method_alone)
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        return _or_method(METHODS, handler.resolve_ref_schema(handler(schema)))
-
-    @property
-    def _parameters(self) -> dict[str, float]:
-        given = self.model_dump(exclude={"method"}, exclude_none=True)
-        return {name: float(value) for name, value in given.items()}
-
     @model_validator(mode="after")
     def _usable(self) -> "FormulationConfig":
-        allowed, found = METHODS[self.method].parameters, self._parameters
-        has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
-        documents.together(
-            misfit(name, f"is not a parameter of {self.method}, which {has}")
-            for name in found
-            if name not in allowed
-        )
-        if len(found) > 1:
-            raise misfit(list(found)[-1], f"give either {' or '.join(found)}, not both")
+        owners = {name: method for method, kind in METHODS.items() for name in kind.parameters}
+        self._refuse_others(METHODS[self.method].parameters, owners)
+        if len(given := list(self.parameters())) > 1:
+            raise misfit(given[-1], f"give either {' or '.join(given)}, not both")
         return self
 
-    @property
-    def label(self) -> str:
-        """As CSVs have it."""
-        return self.formulation().label
-
-    def formulation(self) -> Formulation:
+    def value(self) -> Formulation:
         """The core's value."""
-        return Formulation(self.method, next(iter(self._parameters.items()), None))
+        return Formulation(self.method, next(iter(self.parameters().items()), None))
 
 
-class ProjectionConfig(StrictModel):
+class ProjectionConfig(MethodConfig):
     """What is projected after each step; a name, or a mapping."""
 
+    METHODS = PROJECTIONS
     method: Annotated[str, _Known("projection", tuple(PROJECTIONS))] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
     )
-
-    _spelled = model_validator(mode="before")(_method_alone)
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        return _or_method(PROJECTIONS, handler.resolve_ref_schema(handler(schema)))
 
     @model_validator(mode="after")
     def _usable(self) -> "ProjectionConfig":
@@ -368,17 +414,12 @@ class ProjectionConfig(StrictModel):
             raise misfit("accelerations", "needs a projection of velocities, given method none")
         return self
 
-    @property
-    def label(self) -> str:
-        """As CSVs have it."""
-        return self.projection().label
-
-    def projection(self) -> Projection:
+    def value(self) -> Projection:
         """The core's value."""
         return Projection(self.method, self.accelerations)
 
 
-class StopConfig(StrictModel):
+class StopConfig(Valued):
     """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
 
     absolute: Positive | None = Field(None, description="bound of the scaled correction")
@@ -390,12 +431,12 @@ class StopConfig(StrictModel):
             raise ValueError("needs absolute or relative")
         return self
 
-    def tolerance(self) -> Tolerance:
+    def value(self) -> Tolerance:
         """The core's value."""
         return Tolerance(self.absolute or 0.0, self.relative or 0.0)
 
 
-class KrylovConfig(StrictModel):
+class KrylovConfig(Valued):
     """How far GMRES and MINRES go."""
 
     tolerance: Positive = Field(
@@ -405,7 +446,7 @@ class KrylovConfig(StrictModel):
         Krylov().limit, description="most iterations of one solve"
     )
 
-    def options(self) -> Krylov:
+    def value(self) -> Krylov:
         """The core's value."""
         return Krylov(self.tolerance, self.limit)
 
@@ -577,7 +618,7 @@ def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonS
     }
 
 
-class TrajectoryConfig(StrictModel):
+class TrajectoryConfig(Valued):
     """What `measure: trajectory` keeps: every k-th step, or those nearest to some times."""
 
     every: Annotated[int, Strict(), Field(ge=1, le=MOST_STEPS), WHOLE] | None = Field(
@@ -598,7 +639,7 @@ class TrajectoryConfig(StrictModel):
             raise misfit("at", "give either every or at, not both")
         return self
 
-    def kept(self) -> Kept:
+    def value(self) -> Kept:
         """The core's value."""
         times = tuple(sorted({float(t) for t in self.at or ()}))
         return Kept(self.every or 1, times, self.keep)
@@ -709,35 +750,3 @@ Figures = Annotated[
 Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
 TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
 StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
-
-
-def scaling_of(given: str | OwnScaling) -> Preconditioning:
-    """The core's value of a variant or a scaling of one's own."""
-    return given.preconditioning() if isinstance(given, OwnScaling) else Preconditioning(given)
-
-
-class _OneIntegrator(StrictModel):
-    integrator: IntegratorConfig
-
-
-def integrator_named(text: str) -> Integrator:
-    """Integrator that a command line names: a method and its parameters.
-
-    Args:
-        text: Such as ``bdf2`` or ``newmark beta=0.3 gamma=0.6``.
-
-    Raises:
-        DocumentError: When there is none, or a parameter does not fit.
-    """
-    method, *given = text.split() or [""]
-    pairs = [part.partition("=") for part in given]
-    try:
-        parameters = {name: float(value) for name, _, value in pairs}
-    except ValueError:
-        raise documents.DocumentError(
-            f"command line: integrator {text!r}: parameters are numbers, "
-            "as in 'generalized-alpha rho=0.9'"
-        ) from None
-    data = {"integrator": {"method": method, **parameters}}
-    document = documents.Document.of("command line", data)
-    return documents.validate(document, _OneIntegrator).integrator.integrator()
