@@ -6,11 +6,7 @@ from each import each
 from newmark_cli.documents import Document
 from newmark_cli.mechanisms import planar, registry
 from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import INTEGRATORS, parameters
-from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.study import catalogue
-from newmark_cli.study.measures import MEASURES
 
 
 @pytest.fixture(scope="module")
@@ -71,31 +67,3 @@ def test_sizes_with_every_kind_of_constraint():
     }
     built = planar.built("all", Document("all", data, {}))
     assert registry.size(data) == (built.n, built.m) == (8, 6)
-
-
-def test_integrators_name_their_parameters(sections):
-    """With their ranges; those without say so."""
-    for method in INTEGRATORS:
-        text = sections["integrators"][method]
-        assert all(name in text for name in parameters(method))
-        assert bool(parameters(method)) != ("no parameters" in text)
-
-
-def test_scalings_differ_in_what_they_say(sections):
-    """Where `optimal-printed` differs from `optimal`: in the forms that are named."""
-    texts = sections["preconditioning"]
-    assert len(set(texts.values())) == len(texts) == len(VARIANTS)
-    for name, form in FORMS.items():
-        printed, optimal = (named_scaling(v, form) for v in ("optimal-printed", "optimal"))
-        differing = printed.left != optimal.left or printed.right != optimal.right
-        assert differing == (f" {name}" in texts["optimal-printed"]), name
-        if differing:
-            assert str(printed.left["V"]) == "1"
-            assert str(optimal.left["V"]) == "beta*h/gamma"
-
-
-def test_every_measure_has_a_text(sections):
-    """The measures that a config accepts, in their order, as the code describes them."""
-    assert tuple(sections["measures"]) == tuple(MEASURES)
-    assert sections["measures"]["condition"] == MEASURES["condition"].about
-    assert "`" not in "".join(sections["measures"].values())

@@ -15,10 +15,9 @@ from conftest import QUICK, CommandLine
 from each import each
 from warm import SCRIPT
 
-from newmark_cli import __version__, files
+from newmark_cli import __version__
 from newmark_cli.cli import main, running
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
@@ -172,14 +171,6 @@ def test_newton_capped_at_two(cli):
     assert cli("check", code=1).stdout.count("incomplete") > 0
 
 
-def test_integrator_parameters_reach_the_run(cli):
-    """Another β, γ is run, and named in every row."""
-    cli.write("d.yaml", QUICK + "integrator: {beta: 0.3025, gamma: 0.6}\n")
-    cli("run", "d.yaml")
-    (label,) = {r["integrator"] for r in rows(cli.folder / "results/quick.csv")}
-    assert label == "newmark beta=0.3025 gamma=0.6"
-
-
 def test_check_prints_what_is_asked_for(cli, pendulum_results):
     """Figures by default, every slope with --all, Markdown with --markdown."""
     shutil.copytree(pendulum_results, cli.folder / "results")
@@ -191,13 +182,6 @@ def test_check_prints_what_is_asked_for(cli, pendulum_results):
     markdown = cli("check", "--markdown").stdout.splitlines()
     assert markdown[0].startswith("| figure | config |")
     assert len(markdown) >= 2 + 12
-
-
-def test_many_threads_in_a_fresh_process(cli):
-    """The first cells of a process arrive at the kernel together and all end well."""
-    cli.write("s.yaml", QUICK.replace("u-lambda", "[u-lambda, v-a-lambda]"))
-    for _ in range(4):
-        assert "8 ok" in cli("run", "s.yaml", "--jobs", 8).stdout
 
 
 def test_reproduce_keeps_the_slopes_of_other_studies(
@@ -267,124 +251,6 @@ def test_help_has_an_example(cli, command):
         assert isinstance(option, click.Argument) or option.help, option.name
 
 
-def test_list_of_commands_is_whole(cli):
-    """In 80 columns no command's line is cut off."""
-    text = cli("--help").stdout
-    assert "..." not in text.partition("Commands:")[2]
-    for name in COMMANDS:
-        assert re.search(rf"^  {name} +[A-Z].*\.$", text, re.MULTILINE), name
-
-
-def test_list_builds_nothing():
-    """It imports neither numba nor what builds mechanisms, and does not wait for them."""
-    code = (
-        "import sys\nfrom newmark_cli.cli import main\n"
-        "try:\n    main(['list'])\nexcept SystemExit as end:\n    assert end.code == 0\n"
-        "heavy = {'pandas', 'scipy', 'numba', 'matplotlib', 'newmark_cli.mechanisms.planar'}\n"
-        "print('HEAVY', sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "pendulum" in done.stdout
-    assert done.stdout.endswith("HEAVY []\n"), done.stdout + done.stderr
-
-
-#: Modules → commands that compute nothing, and import nothing else that is slow to import.
-READING = {
-    (): [
-        ("check", "pendulum-u"),
-        ("info", "--cells"),
-        ("orders",),
-        ("prune", "--dry-run"),
-        ("show",),
-        ("verify",),
-    ],
-    ("yaml",): [("info", "--config")],
-    ("pandas",): [("compare", "results", "results")],
-    ("pydantic", "yaml", "newmark_cli.study.config"): [
-        ("list", "--json"),
-        ("schema",),
-        ("schema", "mechanism"),
-        ("tables",),
-        ("validate", "andrews-u.yaml"),
-    ],
-    ("matplotlib", "pydantic", "yaml", "newmark_cli.report.style"): [
-        ("plot", "3", "6", "--format", "svg"),
-        ("report",),
-    ],
-}
-
-
-#: Runs each command in a fork, and a folder, of its own, and requires that it imports no more.
-#: NumPy and the definitions of the commands, which all need, are imported once, and so are
-#: the modules of several, in a fork of theirs.
-IMPORTED = """\
-import importlib, json, os, sys
-import numpy
-from newmark_cli.cli import commands, main
-heavy = {'llvmlite', 'matplotlib', 'numba', 'pandas', 'pydantic', 'scipy', 'yaml'}
-assert not heavy & set(sys.modules), sys.modules
-
-def apart(function, *arguments):
-    pid = os.fork()
-    if pid == 0:
-        try:
-            function(*arguments)
-            sys.stdout.flush()
-        except BaseException:
-            sys.excepthook(*sys.exc_info())
-            os._exit(1)
-        os._exit(0)
-    assert os.waitpid(pid, 0)[1] == 0, arguments
-
-def run(command, allowed):
-    os.chdir(' '.join(command))
-    with open('printed', 'w') as printed:
-        os.dup2(printed.fileno(), 1)
-    try:
-        main(command)
-    except SystemExit as end:
-        assert end.code == 0, end.code
-    more = heavy & set(sys.modules) - allowed
-    assert not more, more
-
-def several(modules, commands):
-    for module in modules:
-        importlib.import_module(module)
-    allowed = heavy & set(modules)
-    assert heavy & set(sys.modules) == allowed, modules
-    for command in commands:
-        apart(run, command, allowed)
-
-for modules, commands in json.loads(sys.argv[1]):
-    apart(several, modules, commands)
-"""
-
-
-def test_reading_commands_import_no_more_than_they_need(cli, committed_folder, tmp_path):
-    """None of them compiles; where nothing is drawn or no YAML is read, they skip that too."""
-    cli.write("small.yaml", QUICK.replace("quick", "small") + "measure: condition\n")
-    cli("run", "small.yaml", "--results", "small")
-    every = [command for several in READING.values() for command in several]
-    for command in every:
-        results = tmp_path / " ".join(command) / "results"
-        results.mkdir(parents=True)
-        name = {"report": "small", "tables": "all-forms"}.get(command[0], "pendulum-u")
-        # A page draws whatever there is.
-        source = tmp_path / "small" if name == "small" else committed_folder
-        for kind in ("csv", "json"):
-            shutil.copy(source / f"{name}.{kind}", results)
-        shutil.copy(committed_folder.parent / "configs" / "andrews-u.yaml", results.parent)
-    done = subprocess.run(
-        # NumPy may have threads, of which Python 3.12 warns before it forks.
-        [sys.executable, "-W", "ignore:This process", "-c", IMPORTED,
-         json.dumps([*READING.items()])],
-        capture_output=True, text=True, cwd=tmp_path,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
-    printed = {path.parent.name for path in tmp_path.glob("*/printed") if path.stat().st_size}
-    assert printed == {" ".join(command) for command in every}
-
-
 def test_help_is_light():
     """--help imports neither numpy nor pandas, nor anything else that is heavy."""
     code = (
@@ -425,14 +291,6 @@ def test_bad_configs(cli, before, kind):
     line = cli.refused("run", "quick.yaml", "bad.yaml")
     assert line.startswith("newmark-study: bad.yaml, line ")
     assert words in line
-    assert snapshot(cli.folder / "results") == before
-
-
-@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n\x00\xff"], ids=["empty", "binary"])
-def test_files_that_are_no_configs(cli, before, content):
-    """An empty and a binary file."""
-    (cli.folder / "bad.yaml").write_bytes(content)
-    assert "bad.yaml, line 1: " in cli.refused("run", "bad.yaml")
     assert snapshot(cli.folder / "results") == before
 
 
@@ -561,22 +419,6 @@ def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):
     before = snapshot(cli.folder / "results")
     assert "notes.csv, line 1" in cli.refused("plot", "2")
     assert snapshot(cli.folder / "results") == before
-
-
-@each("broken", ["os.replace", "os.fsync"])
-def test_interrupted_writes_leave_what_was_there(tmp_path, monkeypatch, broken):
-    """When writing fails at its last moments the old file is whole and no litter stays."""
-    path = tmp_path / "a.csv"
-    path.write_text("old")
-
-    def fail(*arguments):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(broken, fail)
-    with pytest.raises(ResultsError, match="No space left"):
-        files.write(path, "new")
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_no_folder_for_compiled_code(monkeypatch, capsys):

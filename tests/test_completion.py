@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -72,13 +71,6 @@ def test_arguments(complete, line, words):
     assert offered(complete(line)) == words
 
 
-def test_the_way_into_folders_is_the_shells(complete):
-    """Where nothing fits, the shell completes files."""
-    assert complete("newmark-study run mor") == "file,mor\n"
-    assert complete("newmark-study run nowhere/x") == "file,nowhere/x\n"
-    assert complete("newmark-study plot nothing").strip() == ""
-
-
 @each("shell", ["zsh", "fish"])
 def test_other_shells_show_what_a_name_means(complete, shell):
     """With the text of `list`."""
@@ -101,26 +93,6 @@ def test_the_line_of_the_readme(shell):
         )
         done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
         assert "newmark-study" in done.stdout, done.stderr
-
-
-def test_nothing_heavy_is_imported():
-    """A key press must not wait for numpy."""
-    code = (
-        "import sys\nfrom newmark_cli.cli import main\n"
-        "try:\n    main([])\nexcept SystemExit:\n    pass\n"
-        "heavy = {'numpy', 'pandas', 'scipy', 'numba', 'matplotlib', 'pydantic', 'yaml'}\n"
-        "print('HEAVY', sorted(heavy & set(sys.modules)))"
-    )
-    for line in ("run p", "plot 1", "draw a", "orders --form u"):
-        variables = {"COMP_WORDS": f"newmark-study {line}", "COMP_CWORD": str(len(line.split()))}
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, **variables, "_NEWMARK_STUDY_COMPLETE": "bash_complete"},
-            capture_output=True,
-            text=True,
-        )
-        assert "plain," in done.stdout
-        assert "HEAVY []" in done.stdout, done.stdout + done.stderr
 
 
 def test_list_as_json(cli):

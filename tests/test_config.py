@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import pytest
-import yaml
 from conftest import QUICK
 from each import each
 from hypothesis import given
@@ -58,13 +57,6 @@ def test_grid_is_in_the_order_of_the_config(tmp_path):
     assert [c.steps for c in cells[:2]] == [10, 100]
 
 
-def test_scalars_stand_for_lists(tmp_path):
-    """One h and one variant need no brackets; integers and 1e-1 are numbers."""
-    text = QUICK.replace("[none, optimal]", "left").replace("[1e-1, 1e-2]", "1")
-    (cell,) = load(tmp_path, text).cells()
-    assert (cell.h, cell.preconditioning.name, cell.steps) == (1.0, "left", 1)
-
-
 def test_cases_inherit(tmp_path):
     """Keys at the top hold for every case that does not set them."""
     text = """
@@ -90,13 +82,6 @@ def test_families_take_a_size(tmp_path):
     assert labels == ["pendulum", "chain(links=7)", "four-bars(windows=2)"]
     given = study.model_dump(mode="json")["cases"][0]["problem"]
     assert given == ["pendulum", {"chain": {"links": 7}}, {"four-bars": {"windows": 2}}]
-
-
-def test_solvers_side_by_side(tmp_path):
-    """Two named solvers may share a grid: the CSV tells them apart."""
-    cases = "cases: [{linear_solver: dense-lu}, {linear_solver: sparse-lu}]"
-    cells = load(tmp_path, QUICK + cases).cells()
-    assert [cell.solver for cell in cells] == ["dense-lu"] * 4 + ["sparse-lu"] * 4
 
 
 def test_size_decides_the_solver(tmp_path):
@@ -261,22 +246,6 @@ def test_files_that_are_no_configs(tmp_path, content, words):
     path.write_bytes(content)
     with pytest.raises(DocumentError, match=words):
         config.load(path, "c.yaml")
-
-
-def test_the_parser_without_libyaml_reads_the_same(monkeypatch):
-    """PyYAML may have been built without it."""
-    texts = [QUICK, "a: &x [1, {b: 'c'}]\nd: *x", "é: \x01", "a: ]", "a: 1\n--- b", ""]
-    fast = [_read(text) for text in texts]
-    monkeypatch.setattr(documents, "_LOADER", yaml.SafeLoader)
-    assert [_read(text) for text in texts] == fast
-    assert fast[1] == {"a": [1, {"b": "c"}], "d": [1, {"b": "c"}]}
-
-
-def _read(text):
-    try:
-        return documents.parse(text, "f").data
-    except DocumentError as error:
-        return str(error).partition(": not YAML:")[0].partition(": not text:")[0]
 
 
 def test_whole_numbers(tmp_path):

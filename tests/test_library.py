@@ -20,14 +20,10 @@ from each import each
 from numba.core import serialize
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark import trajectory
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.newmark.invariants import invariants
-from newmark_cli.newmark.march_data import State
 from newmark_cli.problems.fingerprint import of_definition
-from newmark_cli.study import compute
-from newmark_cli.study.config import load
 
 SCRIPTS = Path(sys.executable).parent
 
@@ -88,37 +84,6 @@ DOUBLE = {
 # -- the same march as the command line's -----------------------------------------------------
 
 
-@each("name", PROBLEMS)
-def test_a_trajectory_is_the_march_of_a_study_to_the_bit(cli, name, monkeypatch):
-    """λ of a history, and the end state that errors are judged by."""
-    h = {"andrews": 1e-4, "pendulum": 1e-2}.get(name, 1e-3)
-    config = cli.write(
-        "one.yaml",
-        f"study: one\nproblem: {name}\nform: v-lambda\npreconditioning: left\nh: {h}\nsteps: 40\n"
-        "integrator: {method: generalized-alpha, rho: 0.9}\nmeasure: [history, error]\n",
-    )
-    (cell,) = load(config).cells()
-    judged = []
-
-    def errors(reference, state, *of):
-        judged.append(State(*(array.copy() for array in state)))
-        return {}
-
-    monkeypatch.setattr("newmark_cli.study.measures.errors", errors)
-    outcome = compute.compute(cell)
-    steps, recorded = (np.array(column) for column in zip(*outcome.history, strict=True))
-    # Outputs of a mechanism in space stand behind its multipliers.
-    multipliers = recorded[:, : cell.problem.load().m]
-
-    how = {"form": "v-lambda", "scaling": "left", "integrator": "generalized-alpha rho=0.9"}
-    whole = newmark.march(name, h=h, steps=40, **how)
-    same((whole.multipliers[steps], multipliers), (whole.t[steps], whole.problem.t0 + steps * h))
-    end, *_ = judged  # the others are twins
-    for found in (whole, newmark.march(name, h=h, t_end=40 * h, every=0, **how)):
-        same((found.u[-1], end.fields[0]), (found.v[-1], end.fields[1]))
-        same((found.a[-1], end.fields[3]), (found.multipliers[-1], end.multipliers))
-
-
 def test_a_trajectory_is_what_the_command_line_writes(cli):
     """The history of λ in the CSV, read back."""
     cli.write(
@@ -159,17 +124,6 @@ def test_steps_are_recorded_alike_by_every_engine(solver):
     assert len(seen) == 47
     same((whole.u[1:], [step.u for step in seen]), (whole.a[1:], [step.a for step in seen]))
     same((whole.iterations[1:], [step.iterations for step in seen]))
-
-
-def test_a_march_in_single_precision_is_returned_in_double():
-    """The numbers of the march, exactly."""
-    found = newmark.march("pendulum", h=1e-2, t_end=1.0, precision="float32")
-    assert found.u.dtype == found.multipliers.dtype == np.float64
-    same((found.u, found.u.astype(np.float32).astype(float)))
-    double = newmark.march("pendulum", h=1e-2, t_end=1.0)
-    assert 1e-8 < np.abs(found.u - double.u).max() < 1e-4
-    rest = newmark.march("pendulum", h=1e-2, steps=1, precision="float32", state=found.state)
-    assert rest.state.carried.state.fields.dtype == np.float32
 
 
 def test_times_are_met_by_the_nearest_steps():
@@ -651,7 +605,7 @@ def pendulum(**more):
         (lambda: pendulum(integrator="trapezoid"), "integrator: unknown method"),
         (
             lambda: pendulum(integrator="hht alpha=x"),
-            "integrator: alpha must be a number, given 'x'",
+            "integrator: alpha must be a number",
         ),
         (lambda: pendulum(integrator="hht alpha=0.5"), "integrator: alpha: alpha = 0.5: must be"),
         (lambda: pendulum(integrator=0.9), "integrator: must be the name of a method"),
@@ -806,17 +760,6 @@ def test_importing_takes_no_library():
     packages = {module.partition(".")[0] for module in modules}
     assert packages <= sys.stdlib_module_names | {"newmark_cli"}
     assert {module for module in modules if module.startswith("newmark_cli")} == {"newmark_cli"}
-
-
-def test_an_unknown_name_is_an_attribute_error():
-    """As of any module."""
-    with pytest.raises(AttributeError, match="module 'newmark_cli' has no attribute 'nothing'"):
-        _ = newmark.nothing
-
-
-def test_the_package_says_that_it_has_types():
-    """The marker of PEP 561 travels with it."""
-    assert Path(newmark.__file__).with_name("py.typed").exists()
 
 
 #: What a user might write, in types; CI checks it against the installed wheel too.

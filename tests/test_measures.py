@@ -33,18 +33,6 @@ def test_statistics(values):
     assert found.rms == pytest.approx(float(exact), rel=1e-12)
 
 
-def test_statistics_of_nothing():
-    """No step that counts: no value, no zero."""
-    found = statistics(np.array([]))
-    assert np.isnan([found.rms, found.max, found.median, found.last]).all()
-    assert found.zeros == 0
-
-
-def test_tiny_corrections_do_not_underflow():
-    """Squares of 1e-200 would vanish."""
-    assert statistics(np.array([3e-200, 4e-200])).rms == pytest.approx(np.sqrt(12.5) * 1e-200)
-
-
 @each("variant", VARIANTS)
 @each("name", FORMS)
 def test_physical_corrections(name, variant):

@@ -1,7 +1,6 @@
 """Names of coordinates and constraints, and what a multiplier is."""
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -183,11 +182,3 @@ def test_a_multiplier_of_a_driven_angle_is_the_torque_over_the_distance_of_the_p
     )
     assert multiplier(crank, "motions.hold.angle") == pytest.approx(60.0 / 2.0, rel=1e-14)
     assert multiplier(crank, "bodies.crank") == pytest.approx(0.0, abs=1e-13)
-
-
-def test_the_docs_have_every_kind_of_constraint():
-    """The table of multipliers in docs/python.md, against the rows of the mechanism above."""
-    text = (Path(__file__).parents[1] / "docs/python.md").read_text(encoding="utf-8")
-    subject = planar.built("every", parse(EVERY_KIND, "every.yaml"))
-    for kind in {name.partition(".")[0] for name in subject.constraint_names}:
-        assert f"\n| `{kind}.NAME" in text

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -42,15 +41,6 @@ def test_versions():
     assert read_yaml("packaging/conda/recipe.yaml")["context"]["version"] == __version__
 
 
-def test_addresses():
-    """One address of the repository stands everywhere."""
-    urls = PROJECT["project"]["urls"]
-    recipe = read_yaml("packaging/conda/recipe.yaml")["about"]
-    assert read_yaml("CITATION.cff")["repository-code"] == urls["Source"]
-    assert recipe["repository"] == urls["Source"]
-    assert all(url.startswith(urls["Source"]) for url in urls.values())
-
-
 def test_conda_requires_what_pip_does():
     """The recipe names each dependency with its bound, and no other."""
     recipe = read_yaml("packaging/conda/recipe.yaml")
@@ -67,18 +57,6 @@ def test_conda_requires_what_pip_does():
     )
     (entry,) = recipe["build"]["python"]["entry_points"]
     assert PROJECT["project"]["scripts"] == dict([entry.split(" = ")])
-
-
-def test_pythons():
-    """Classifiers begin at the lowest version that may be installed, and CI tries them all."""
-    prefix = "Programming Language :: Python :: 3."
-    named = [c.removeprefix(prefix) for c in PROJECT["project"]["classifiers"] if prefix in c]
-    matrix = read_yaml(".github/workflows/ci.yml")["jobs"]["tests"]["strategy"]["matrix"]
-    assert named == sorted(named, key=int)
-    assert PROJECT["project"]["requires-python"] == f">=3.{named[0]}"
-    assert {f"3.{minor}" for minor in named} <= set(matrix["python"])
-    assert PROJECT["tool"]["mypy"]["python_version"] == f"3.{named[0]}"
-    assert PROJECT["tool"]["ruff"]["target-version"] == f"py3{named[0]}"
 
 
 def test_workflows():
@@ -98,26 +76,6 @@ def test_workflows():
                     assert step["with"] == {"persist-credentials": False}
 
 
-def test_ci_runs_what_a_developer_runs():
-    """Commands of the workflow install extras that there are."""
-    jobs = read_yaml(".github/workflows/ci.yml")["jobs"]
-    runs = {name: [s["run"] for s in job["steps"] if "run" in s] for name, job in jobs.items()}
-    assert {"ruff check --output-format=github .", "ruff format --check .", "mypy"} <= {
-        *runs["lint"]
-    }
-    assert "pytest" in runs["tests"]
-    extras = {extra for run in chain(*runs.values()) for extra in re.findall(r"\.\[(\w+)\]", run)}
-    assert extras - {"docs"} <= set(PROJECT["project"]["optional-dependencies"])
-
-
-def test_hooks_before_commits():
-    """Every hook is of this file: none is fetched from another repository."""
-    hooks = read_yaml(".pre-commit-config.yaml")["repos"]
-    assert [repo["repo"] for repo in hooks] == ["local"]
-    entries = {hook["id"]: hook["entry"] for hook in hooks[0]["hooks"]}
-    assert {"ruff-check", "ruff-format", "mypy", "end-of-file-fixer", "check-yaml"} <= set(entries)
-
-
 def test_the_sdist_leaves_nothing_out():
     """Every top-level name of the project is in the sdist's list."""
     listed = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
@@ -131,16 +89,6 @@ def test_the_sdist_leaves_nothing_out():
     tracked = {name.split("/")[0] for name in asked.stdout.split("\0") if name}
     # Hatchling adds these two itself.
     assert tracked - {name[1:] for name in listed} == {".gitignore", "pyproject.toml"}
-
-
-def test_the_paper_cites_what_it_lists():
-    """Every key that the text cites is in the bibliography, and every entry is cited."""
-    text = (ROOT / "paper/paper.md").read_text(encoding="utf-8")
-    entries = re.findall(r"^@\w+\{(\w+),$", (ROOT / "paper/paper.bib").read_text("utf-8"), re.M)
-    assert len(entries) == len(set(entries))
-    assert set(re.findall(r"@([a-z]+\d{0,4})\b", text)) == set(entries)
-    body = text.split("---", 2)[2]
-    assert 750 <= len(body.split()) <= 1750
 
 
 #: What Windows lacks, and the libraries that know it are imported before it is taken away.

@@ -413,7 +413,7 @@ def test_what_it_cannot_solve_is_refused():
     for how in ({"formulation": "index-2"}, {"projection": "velocity"}):
         with pytest.raises(InputError, match="static-lu solves index 3 without a projection"):
             newmark.march("pendulum", h=1e-2, steps=1, linear_solver=STATIC, **how)
-    with pytest.raises(InputError, match="float32 needs dense-lu|index 3 without"):
+    with pytest.raises(InputError, match="float32 needs dense-lu"):
         newmark.march("pendulum", h=1e-2, steps=1, linear_solver=STATIC, precision="float32")
 
 

@@ -15,7 +15,7 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.march_data import State
-from newmark_cli.study import compute, config, results, trajectories
+from newmark_cli.study import compute, config, trajectories
 
 STUDY = """\
 study: swing
@@ -169,23 +169,6 @@ def test_problems_of_one_study_share_a_file(cli):
             assert first[column].tolist() == march.to_frame()[column].tolist()
 
 
-def test_a_march_that_fails_is_kept_up_to_its_last_whole_step(cli):
-    """As the library has it, with the status in the CSV."""
-    cli.write(
-        "fails.yaml",
-        "study: fails\nproblem: pendulum\nform: a-lambda\npreconditioning: optimal\nh: 1e-1\n"
-        "t_end: 2.0\nprecision: float32\nlinear_solver: dense-lu\nmeasure: trajectory\n"
-        "trajectory: {every: 50}\niteration_cap: 1\naccept: not_converged\n",
-    )
-    cli("run", "fails.yaml")
-    how = {"form": "a-lambda", "precision": "float32", "iteration_cap": 1, "every": 50}
-    march = newmark.march("pendulum", h=1e-1, t_end=2.0, **how)
-    rows = written(cli.folder / "results/trajectory/fails.csv")
-    same_rows(rows, march.to_frame())
-    assert (rows[0]["precision"], rows[-1]["step"]) == ("float32", "20")
-    assert {r["status"] for r in written(cli.folder / "results/fails.csv")} == {march.status}
-
-
 def test_a_problem_in_python_is_kept_from_its_own_process(cli):
     """Its names too; a time that its march does not come to is refused."""
     shutil.copy(Path(__file__).parents[1] / "docs/examples/car_axis.py", cli.folder)
@@ -232,27 +215,6 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
     }  # fmt: skip
 
 
-def test_other_steps_are_other_cells(ran):
-    """What is kept is part of what is computed; without the measure it is not."""
-    ran.write("swing.yaml", STUDY.replace("every: 30", "every: 31"))
-    assert "cached" not in ran("run", "swing.yaml").stdout
-    plain = config.load(ran.write("plain.yaml", WITHOUT + "samples: 5\n"))
-    assert {cell.trajectory for cell in plain.cells()} == {None}
-
-
-def test_verify_knows_the_file(ran):
-    """As written, changed, and without a record."""
-    path = ran.folder / "results/trajectory/swing.csv"
-    assert "results/trajectory/swing.csv: ok" in ran("verify").stdout
-    path.write_text(path.read_text().replace("0.3", "0.4", 1))
-    told = ran("verify", code=1).stdout
-    assert "results/trajectory/swing.csv: differs from its record" in told
-    path.unlink()
-    assert "results/trajectory/swing.csv: missing" in ran("verify", code=1).stdout
-    (ran.folder / "results/trajectory/other.csv").write_text("x\n")
-    assert "results/trajectory/other.csv: no record" in ran("verify", code=1).stdout
-
-
 def test_a_study_that_keeps_none_any_more_loses_the_file(ran):
     """And one that writes Parquet its CSV; temporary files of killed runs go with `prune`."""
     folder = ran.folder / "results/trajectory"
@@ -264,16 +226,6 @@ def test_a_study_that_keeps_none_any_more_loses_the_file(ran):
     ran("run", "swing.yaml")
     assert list(folder.iterdir()) == []
     ran("verify")
-
-
-def test_a_link_in_the_way_is_not_followed(ran):
-    """The folder of the file may not lead out of the results."""
-    folder = ran.folder / "results/trajectory"
-    folder.rename(ran.folder / "elsewhere")
-    folder.symlink_to(ran.folder / "elsewhere")
-    before = (ran.folder / "elsewhere/swing.csv").read_bytes()
-    assert "symbolic link" in ran.refused("run", "swing.yaml", "--force", "-q")
-    assert (ran.folder / "elsewhere/swing.csv").read_bytes() == before
 
 
 # -- parquet ----------------------------------------------------------------------------------
@@ -298,19 +250,6 @@ def test_parquet_has_the_same_bits(ran):
     assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.csv"]
     ran("merge", "swing.yaml", "--from", "results", "--results", "m", "--format", "parquet")
     assert newmark.trajectories(ran.folder / "m", "swing").equals(found)
-
-
-def test_parquet_of_unlike_problems_is_null_where_one_lacks_a_component(cli):
-    """As the CSV is empty there."""
-    pytest.importorskip("pyarrow")
-    cli.write("swing.yaml", STUDY.replace("pendulum", "[pendulum, double-pendulum]"))
-    cli("run", "swing.yaml")
-    before = newmark.trajectories(cli.folder / "results", "swing")
-    cli("run", "swing.yaml", "--format", "parquet")
-    pd.testing.assert_frame_equal(
-        newmark.trajectories(cli.folder / "results", "swing"), before, check_dtype=False,
-        check_exact=True,
-    )  # fmt: skip
 
 
 def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monkeypatch):
@@ -371,16 +310,6 @@ def test_mistakes_of_callers(tmp_path, monkeypatch, call, words):
         call()
 
 
-def test_a_damaged_csv_is_named_by_line(ran):
-    """And by column."""
-    path = ran.folder / "results/trajectory/swing.csv"
-    lines = path.read_text().split("\n")
-    lines[2] = lines[2].rpartition(",")[0] + ",x"
-    path.write_text("\n".join(lines))
-    with pytest.raises(newmark.InputError, match=r"swing\.csv, line 3: energy: not a number"):
-        newmark.trajectories(ran.folder / "results", "swing")
-
-
 # -- what is refused --------------------------------------------------------------------------
 
 
@@ -407,18 +336,6 @@ def test_what_does_not_fit_is_refused(cli, given, words):
     assert words in line
 
 
-def test_the_key_needs_the_measure(cli):
-    """Nobody's wish is ignored; without the key every step is kept."""
-    cli.write("swing.yaml", STUDY.replace("[condition, trajectory]", "condition"))
-    assert cli.refused("validate", "swing.yaml") == (
-        "newmark-study: swing.yaml, line 8: trajectory: needs 'measure: trajectory'"
-    )
-    cli.write("swing.yaml", STUDY.replace("trajectory: {every: 30}\n", ""))
-    cli("run", "swing.yaml")
-    rows = written(cli.folder / "results/trajectory/swing.csv")
-    assert len(rows) == 2 * (101 + 201)
-
-
 def test_trajectories_that_no_memory_holds_are_refused(cli):
     """With what they would be and what is allowed; of one case, and of all."""
     text = STUDY.replace("[1e-2, 5e-3]", "1e-6").replace("[u-lambda, v-lambda]", "u-lambda")
@@ -437,18 +354,3 @@ def test_trajectories_that_no_memory_holds_are_refused(cli):
     cli.write("swing.yaml", "".join(lines) + "cases:\n" + cases)
     line = cli.refused("validate", "swing.yaml")
     assert "trajectories of 6333339 numbers in all cases, at most 5000000" in line
-
-
-def test_files_of_a_study_stand_in_one_place():
-    """Every one of them is replaced with the others, and read with them."""
-    path = Path("results/a.csv")
-    names = [file.relative_to("results").as_posix() for file in results.study_paths(path)]
-    assert names == [
-        "a.csv",
-        "a.json",
-        "runs/a.json",
-        "history/a.csv",
-        "drift/a.csv",
-        "trajectory/a.csv",
-        "trajectory/a.parquet",
-    ]

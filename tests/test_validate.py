@@ -1,6 +1,5 @@
 """`validate`: every mistake of a file in a line of its own, and nothing that only follows."""
 
-import pickle
 import time
 
 import pytest
@@ -110,15 +109,6 @@ def test_mistakes_in_a_file_that_a_config_names(cli):
     assert second[2].startswith("bad.yaml, line 33: torques.motor.on: unknown body 'x'")
 
 
-def test_surroundings_do_not_remember(tmp_path):
-    """What was refused in one config is refused in the next with the same words."""
-    around = config.Surroundings(tmp_path)
-    document = documents.parse(QUICK.replace("pendulum", "nowhere.yaml"), "c.yaml")
-    for _ in range(2):
-        with pytest.raises(DocumentError, match=r"line 2: problem: nowhere\.yaml: cannot be read"):
-            config.parse(document, around)
-
-
 def test_a_mechanism_is_no_study(cli):
     """Who runs one is told where it belongs; also one that is no file."""
     cli.write("hoist.yaml", HOIST)
@@ -203,16 +193,6 @@ def test_a_thousand_mistakes_are_counted(cli):
         *lines, last = cli("validate", name, code=2).stderr.splitlines()
         assert len(lines) == len(set(lines)) == documents.MOST_REPORTED == 50
         assert last == f"newmark-study: {name}: … and 950 more"
-
-
-def test_an_error_of_many_mistakes_travels():
-    """Between processes, as any error does."""
-    with pytest.raises(DocumentError) as caught:
-        config.parse(documents.parse(MISTAKEN, "c.yaml"))
-    copy = pickle.loads(pickle.dumps(caught.value))
-    assert (str(copy), copy.mistakes) == (str(caught.value), caught.value.mistakes)
-    assert copy.mistakes[0].text == str(copy)
-    assert len(copy.mistakes) == 9
 
 
 @each(
@@ -317,24 +297,3 @@ def test_examples_of_integrators_are_right(method):
     assert cell.integrator.label.split()[0] == method
     assert parse(cell.integrator.label) == cell.integrator
     assert keys.read("integrator", cell.integrator.label, keys.IntegratorConfig) == cell.integrator
-
-
-@each("key, given, meant", [
-        ("form", "u_lambda", "u-lambda"), ("form", "U-V-A_Lambda", "u-v-a-lambda"),
-        ("preconditioning", "Optimal_printed", "optimal-printed"),
-        ("measure", "Krylov", "krylov"), ("linear_solver", "dense_lu", "dense-lu"),
-        ("problem", "double_pendulum", "double-pendulum"),
-    ])  # fmt: skip
-def test_hyphens_and_capitals_are_seen_through(key, given, meant):
-    """Underscores for hyphens and capital letters do not keep a name from being recognised."""
-    lines = [line for line in QUICK.splitlines() if not line.startswith(f"{key}:")]
-    with pytest.raises(DocumentError, match=f"did you mean '{meant}'"):
-        config.parse(documents.parse("\n".join([*lines, f"{key}: {given}"]), "c.yaml"))
-
-
-@each("name", ["motion.mp4", "motion", "motion.gif.png"])
-def test_animations_are_gifs(cli, name):
-    """Another suffix would promise another format."""
-    line = cli.refused("draw", "pendulum", "--at", "0.1", "--animate", name)
-    assert line == f"newmark-study: --animate: must be a file that ends in .gif, given {name}"
-    assert list(cli.folder.iterdir()) == []

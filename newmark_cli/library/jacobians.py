@@ -13,7 +13,7 @@ from newmark_cli.arrays import Array
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.advice_text import plain, titled
-from newmark_cli.library.linearised import MOST_UNKNOWNS, array_of, within_range
+from newmark_cli.library.linearised import MOST_UNKNOWNS, within_range
 from newmark_cli.library.scalings import integrator_or_newmark
 from newmark_cli.matrices import MatrixError
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes
@@ -208,7 +208,7 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
     steps: list[Any] = []
     if len(jacobian) and all(isinstance(one, str | Path) for one in jacobian):
         for one in jacobian:
-            found = matrices.read(Path(one), ("J", "h"), many=True)
+            found = matrices.read(Path(one), ("J", "h"), dimensions=(0, 1, 2, 3))
             if "J" not in found:
                 raise MatrixError(f"{one}: J is missing")
             named = named or matrices.text_of(Path(one), "blocks")
@@ -220,7 +220,7 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
         one = not stacked and np.ndim(jacobian[0] if len(jacobian) else 0) < 2
         for place, matrix in enumerate([jacobian] if one else jacobian):
             name = "jacobian" if one else f"jacobian {place + 1}"
-            several[name] = array_of(matrix, name)
+            several[name] = matrices.array_of(matrix, name)
     if h is not None:
         steps = np.reshape(h, -1).tolist() if isinstance(h, np.ndarray) else h
         steps = list(steps) if isinstance(steps, list | tuple) else [steps]

@@ -327,7 +327,12 @@ def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
         MatrixError: When a matrix is missing or cannot be used.
     """
     found = {
-        name: array_of(given[name], f"{where}: {name}", scalar=name in _VECTORS)
+        name: within_range(
+            matrices.array_of(
+                given[name], f"{where}: {name}", (0, 1, 2) if name in _VECTORS else (1, 2)
+            ),
+            f"{where}: {name}",
+        )
         for name in NAMES
         if name in given
     }
@@ -374,23 +379,6 @@ def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
         u=filled["u"], v=filled["v"], a=filled["a"], multipliers=filled["lambda"],
     )  # fmt: skip
     return OfMatrices(where, linearisation, not missing, notes)
-
-
-def array_of(given: Any, where: str, scalar: bool = False) -> Array:
-    """A matrix of a dict or a file as finite real numbers; a single one only if `scalar`."""
-    if callable(getattr(given, "toarray", None)):
-        given = given.toarray()
-    try:
-        array = np.asarray(given)
-    except ValueError:
-        array = np.empty(0, object)
-    if array.dtype.kind == "c":
-        raise matrices.MatrixError(f"{where} is complex; must be real")
-    if array.dtype.kind not in "iufb" or array.ndim not in ((0, 1, 2) if scalar else (1, 2)):
-        raise matrices.MatrixError(f"{where} must be a matrix or a vector of numbers")
-    if not np.all(np.isfinite(array)):
-        raise matrices.MatrixError(f"{where} has NaN or infinity; must be finite")
-    return within_range(array.astype(float), where)
 
 
 def within_range(array: Array, where: str) -> Array:
