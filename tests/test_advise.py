@@ -65,8 +65,7 @@ def without_noise(monkeypatch):
 @pytest.fixture
 def without_floors(monkeypatch):
     """Advice without noise and tolerances, for what J alone tells."""
-    for subject in (linearised.OfMatrices, linearised.OfProblem):
-        monkeypatch.setattr(subject, "floors", lambda *given, **options: [])
+    monkeypatch.setattr(linearised.Subject, "floors", lambda *given, **options: [])
 
 
 @pytest.fixture
@@ -842,7 +841,7 @@ def test_an_inverse_is_not_taken_for_a_jacobian(form, scaling):
         own_mechanisms.slider_crank(), own_mechanisms.heavy_top(), own_mechanisms.space_double()
     ):  # fmt: skip
         problem = newmark.problem(mechanism)
-        about = linearised.OfProblem(problem, [problem], "", [])
+        about = linearised.Subject(problem, [problem], "", [])
         for h in (1e-1, 1e-5):
             scheme = schemes_of(form, scaling=scaling).at(h)
             counts = scheme.form.sizes(problem.n, problem.m)

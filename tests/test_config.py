@@ -305,8 +305,8 @@ def test_references_count_as_what_they_refer_to():
 
 def test_what_is_referred_to_is_read_once(monkeypatch):
     """However often it stands: a thousand digits, 2000 times."""
-    read, plain = [], documents._plain
-    monkeypatch.setattr(documents, "_plain", lambda text: read.append(text) or plain(text))
+    read, plain = [], documents.plain
+    monkeypatch.setattr(documents, "plain", lambda text: read.append(text) or plain(text))
     found = documents.parse(f"a: &a {'1' * 1_000}\nb: [{'*a, ' * 2000}]", "f").data
     assert found == {"a": float("inf"), "b": [float("inf")] * 2000}
     assert sorted(map(len, read)) == [1, 1, 1_000]  # the keys, and the number

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import datetime
 import math
 import pickle
 import signal
@@ -584,12 +583,7 @@ def pendulum(**more):
     [
         (lambda: pendulum(h=0), "h must be positive, given 0"),
         (lambda: pendulum(h="1 ms"), "h must be a number of seconds, given '1 ms'"),
-        (
-            lambda: pendulum(h=datetime.timedelta(milliseconds=1)),
-            "h must be a number of seconds, given datetime.timedelta(microseconds=1000)",
-        ),
         (lambda: pendulum(h=math.nan), "h must be finite, given nan"),
-        (lambda: pendulum(h=True), "h must be a number of seconds, given True"),
         (lambda: pendulum(h=1e-200), "h is too large or too small, given 1e-200"),
         (lambda: pendulum(t_end="1"), "t_end must be a number of seconds, given '1'"),
         (lambda: pendulum(t_end=0.01), "t_end: shorter than the step h = 0.1, given 0.01"),
@@ -598,10 +592,8 @@ def pendulum(**more):
         (lambda: pendulum(t_end=None, steps=1.5), "steps must be a whole number, given 1.5"),
         (lambda: pendulum(t_end=None, steps=-1), "steps must be at least 0, given -1"),
         (lambda: pendulum(form="u-lamda"), "unknown form 'u-lamda'; did you mean 'u-lambda'?"),
-        (lambda: pendulum(form=3), "unknown form 3; allowed: "),
         (lambda: pendulum(scaling="best"), "unknown scaling 'best'; allowed: none, left"),
         (lambda: pendulum(scaling={"name": "x", "left": {"D": 0}}), "left D: '0' is not positive"),
-        (lambda: pendulum(scaling={"nome": "x"}), "scaling: nome: unknown key; did you mean"),
         (lambda: pendulum(integrator="trapezoid"), "integrator: unknown method"),
         (
             lambda: pendulum(integrator="hht alpha=x"),
@@ -609,9 +601,6 @@ def pendulum(**more):
         ),
         (lambda: pendulum(integrator="hht alpha=0.5"), "integrator: alpha: alpha = 0.5: must be"),
         (lambda: pendulum(integrator=0.9), "integrator: must be the name of a method"),
-        (lambda: pendulum(integrator=BDF2), "integrator: must be the name of a method"),
-        (lambda: pendulum(evaluation="exact"), "unknown evaluation 'exact'"),
-        (lambda: pendulum(precision="float16"), "unknown precision 'float16'"),
         (lambda: pendulum(linear_solver="lu"), "unknown linear_solver 'lu'"),
         (
             lambda: pendulum(precision="float32", linear_solver="sparse-lu"),
@@ -626,36 +615,21 @@ def pendulum(**more):
         (lambda: pendulum(stop={}), "stop: needs absolute or relative"),
         (lambda: pendulum(iteration_cap=0), "iteration_cap must be at least 1, given 0"),
         (lambda: pendulum(every=-1), "every must be at least 0, given -1"),
-        (lambda: pendulum(every=0.5), "every must be a whole number, given 0.5"),
         (lambda: pendulum(every=2, at=[1.0]), "give either every or at, not both"),
         (lambda: pendulum(at=[1.0, 1.2]), "at: 1.2 s is outside the march, 0 to 1 s"),
-        (lambda: pendulum(at=[1.01]), "at: 1.01 s is outside the march, 0 to 1 s"),
         (lambda: pendulum(t_end=1e300), "1e+301 steps are more than there can be"),
-        (lambda: pendulum(t_end=None, steps=2**60), "1.15e+18 steps are more than there can be"),
         (
             lambda: newmark.march(newmark.Definition(**RUNAWAY), h=0.1, steps=1, u0=[1e7, 0]),
             "definition: the start leads to numbers that are not finite",
         ),
         (lambda: pendulum(at=[-0.1]), "at: -0.1 s is outside the march, 0 to 1 s"),
-        (lambda: pendulum(at="1"), "at must be a list of numbers, given '1'"),
-        (lambda: pendulum(at=[math.inf]), "at must be finite: component 1 is inf"),
         (lambda: pendulum(at=[], t_end=None), "at must name a time, given none"),
         (lambda: pendulum(keep="u"), "keep must be a list of names, given 'u'"),
         (lambda: pendulum(keep=["w"]), "unknown name in keep 'w'; allowed: u, v, a, lambda"),
         (lambda: pendulum(keep=["u"]).v, "v was not kept; kept: u; see 'keep' of march"),
         (lambda: pendulum().constraint("rod"), "unknown constraint 'rod'; "),
-        (lambda: pendulum().coordinate("P.z"), "unknown coordinate 'P.z'; did you mean"),
-        (lambda: pendulum().coordinate("P.x", "w"), "unknown field 'w'; allowed: u, v, a"),
-        (lambda: pendulum().point("O"), "unknown moving point 'O'; allowed: P"),
         (lambda: pendulum(u0=[1.0]), "u0 must be an array of 2 numbers, given [1.0]"),
-        (
-            lambda: pendulum(u0=np.ones((2, 1))),
-            "u0 must be an array of 2 numbers, given an array of shape (2, 1)",
-        ),
-        (lambda: pendulum(u0=[math.nan, 0]), "u0 must be finite: component 1 is nan"),
-        (lambda: pendulum(u0=[1j, 0]), "u0 must be an array of 2 numbers, given [1j, 0]"),
         (lambda: pendulum(u0={"Q": (1, 0)}), "u0: unknown point 'Q'; allowed: P, P.x, P.y"),
-        (lambda: pendulum(u0={"P": 1.0}), "u0['P'] must be an array of 2 numbers, given 1.0"),
         (lambda: pendulum(project=1), "project must be True or False, given 1"),
         (lambda: pendulum(u0=[0.0, 0.0], project=True), "u0 cannot be projected"),
         (lambda: pendulum(state=3), "state must be a Step, such as trajectory.state, given 3"),
@@ -676,30 +650,19 @@ def pendulum(**more):
             "100000001 steps to keep take more than 1e+09 bytes of memory",
         ),
         (lambda: newmark.problem("pendulm"), "unknown problem 'pendulm'; did you mean 'pendulum'?"),
-        (lambda: newmark.problem(3), "a problem must be a name, a path, a dict, a Definition"),
         (
             lambda: newmark.problem("andrews", links=3),
             "problem 'andrews' takes no further arguments",
         ),
         (lambda: newmark.problem("chain"), "chain: links: missing"),
         (lambda: newmark.problem("chain", links=0), "chain: links: must be greater than or equal"),
-        (
-            lambda: newmark.problem("chain", link=3),
-            "chain: link: unknown key; did you mean 'links'?",
-        ),
         (lambda: newmark.problem("none.yaml"), "none.yaml: cannot be read: No such file"),
         (lambda: newmark.problem("none.py:make"), "none.py: cannot be read: No such file"),
-        (lambda: newmark.problem("none.py:a b"), 'a Python problem is "file.py:factory"'),
         (
             lambda: newmark.problem(
                 DOUBLE | {"bars": {"upper": {"from": "O", "to": "A", "length": 2}}}
             ),
             "mechanism: bars.upper: O and A start 1 m apart, given length 2",
-        ),
-        (lambda: newmark.problem({"points": 3}), "mechanism: points: must be a mapping"),
-        (
-            lambda: newmark.problem(double_pendulum(constraint_names=["a"])),
-            "definition: constraint_names must be 2 names, given 1",
         ),
         (
             lambda: newmark.march(double_pendulum(), h=0.1, steps=1, evaluation="compensated"),

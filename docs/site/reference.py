@@ -59,17 +59,21 @@ def _as_yaml(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def _model(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The mapping that a definition is, by itself or besides text; empty if it is none."""
+    return next((one for one in (found, *found.get("anyOf", ())) if "properties" in one), {})
+
+
 class _Keys:
     """Tables of the keys of one JSON Schema, a section for each model."""
 
     def __init__(self, document: Mapping[str, Any]) -> None:
         self.document = document
         self.definitions: Mapping[str, Any] = document["$defs"]
-        self.sections = [name for name, found in self.definitions.items() if self._is_model(found)]
-
-    @staticmethod
-    def _is_model(found: Mapping[str, Any]) -> bool:
-        return "properties" in found and found.get("type") == "object"
+        # What several keys share is in small letters, and no model.
+        self.sections = [
+            name for name, found in self.definitions.items() if name[0].isupper() and _model(found)
+        ]
 
     def resolved(self, part: Mapping[str, Any]) -> Mapping[str, Any]:
         """A property with what its reference to another property says."""
@@ -159,7 +163,7 @@ class _Keys:
 
     def section(self, name: str, title: str = "") -> str:
         """A model as a section with its table."""
-        model = self.definitions[name]
+        model = _model(self.definitions[name])
         about = inspect.cleandoc(model.get("description", "")).partition("\n\n")[0]
         heads = ("key", "meaning", "allowed", "default")
         return f"## {title or name}\n\n{about}\n\n{table(heads, self.rows(model))}\n"

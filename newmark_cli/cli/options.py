@@ -60,6 +60,30 @@ formulation_option = click.option(
 )
 
 
+#: Axis → metavar and words for the options by which `show` and `plot` choose series.
+_CHOSEN = {
+    "measure": ("M", "Measure, such as correction or, to `plot`, work-precision", ()),
+    "quantity": ("Q", "Quantity, such as u or lambda", ()),
+    "form": ("F", "Form", ("forms",)),
+    "problem": ("P", "Problem", ("problems",)),
+    "preconditioning": ("V", "Variant of preconditioning", ("preconditioning",)),
+    "integrator": ("I", "Integrator, with or without its parameters", ("integrators",)),
+}
+
+
+def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Options of the commands that choose among the series of studies; each may be repeated."""
+    for name, (metavar, text, sections) in reversed(_CHOSEN.items()):
+        command = click.option(
+            f"--{name}",
+            multiple=True,
+            metavar=metavar,
+            shell_complete=complete(*sections),
+            help=f"{text}; may be repeated.",
+        )(command)
+    return command
+
+
 format_option = click.option(
     "--format",
     "kind",

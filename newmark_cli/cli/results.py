@@ -3,15 +3,15 @@
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import as_json_text, results_folder, studies_argument
+from newmark_cli.cli.options import as_json_text, choosing_options, results_folder, studies_argument
 from newmark_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,12 +46,6 @@ def _size(
     return float(match[1]), float(match[2])
 
 
-def _chooser(axis: str, metavar: str, about: str) -> Callable[[Callable[..., int]], Any]:
-    return click.option(
-        f"--{axis}", multiple=True, metavar=metavar, help=f"Draw {about} only; may be repeated."
-    )
-
-
 @click.command()
 @click.argument(
     "names", nargs=-1, metavar="[FIGURE|STUDY...]", shell_complete=complete("figures", "configs")
@@ -74,12 +68,7 @@ def _chooser(axis: str, metavar: str, about: str) -> Callable[[Callable[..., int
     metavar="FILE",
     help="Style file of matplotlib, applied over the project's style.",
 )
-@_chooser("measure", "NAME", "this measure, or work-precision,")
-@_chooser("quantity", "NAME", "this quantity")
-@_chooser("form", "NAME", "this form")
-@_chooser("problem", "NAME", "this problem")
-@_chooser("preconditioning", "NAME", "this scaling")
-@_chooser("integrator", "NAME", "this integrator")
+@choosing_options
 @click.option(
     "--cost",
     type=click.Choice(["operations", "wall-time"]),

@@ -1,36 +1,16 @@
 """The command that shows measured values in the terminal."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import as_json_text, results_folder, studies_argument
-
-
-def _chooser(
-    name: str, metavar: str, text: str, *sections: str
-) -> Callable[..., Callable[..., int]]:
-    return click.option(
-        f"--{name}",
-        name,
-        multiple=True,
-        metavar=metavar,
-        shell_complete=complete(*sections),
-        help=f"{text}; may be repeated.",
-    )
+from newmark_cli.cli.options import as_json_text, choosing_options, results_folder, studies_argument
 
 
 @click.command()
 @studies_argument
-@_chooser("measure", "M", "Measure, such as correction or condition")
-@_chooser("quantity", "Q", "Quantity, such as u or lambda")
-@_chooser("form", "F", "Form", "forms")
-@_chooser("problem", "P", "Problem", "problems")
-@_chooser("preconditioning", "V", "Variant of preconditioning", "preconditioning")
-@_chooser("integrator", "I", "Integrator, with or without its parameters", "integrators")
+@choosing_options
 @results_folder
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[str, ...]) -> int:

@@ -453,7 +453,7 @@ def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
         if index_3 and not schemes.integrator.damped:
             both = schemes.but(evaluation=COMPENSATED, integrator=damping)
             tried[f"{_DAMPING}, compensated"] = both
-    if about.formulations:
+    if not about.of_matrices:
         for name in ("index-2", "ggl", "index-1"):
             if schemes.formulation.method != name:
                 tried[f"{name} in form a-lambda"] = schemes.but(

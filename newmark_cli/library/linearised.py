@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from newmark_cli.newmark.noise import multiplier_noise, violations
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.linear import linear_problem
-from newmark_cli.problems.problem import Problem, ProblemError, Terms
+from newmark_cli.problems.problem import Problem, ProblemError
 
 #: Names of the matrices and vectors that a file or a dict may have.
 NAMES = ("M", "G", "X", "Y", "u", "v", "a", "lambda")
@@ -58,130 +58,32 @@ _LATER = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 _AT_REST = 1e6
 
 
-class Linearisation(NamedTuple):
-    """Matrices of the equations of motion, M v' = f + G λ, 0 = Φ, and a state.
-
-    With n coordinates and m constraints; all dense.
-    """
-
-    M: Array
-    X: Array  #: −∂(f + Gλ)/∂u
-    Y: Array  #: −∂f/∂v
-    G: Array
-    u: Array
-    v: Array
-    a: Array
-    multipliers: Array
-
-
 @dataclass(frozen=True, eq=False)
-class OfMatrices:
-    """Matrices and, if it is known, one state.
+class Subject:
+    """What advice is about: a problem at states of its motion, or matrices at one state.
 
     Attributes:
-        name: How texts name it.
-        given: The matrices; the state is 0 where it is not known.
-        has_state: Whether it is known.
-        notes: What was assumed.
-        quadratic: Whether Φ is at most quadratic in u without t, which nobody knows.
-        formulations: Whether other formulations than index 3 are known.
-    """
-
-    name: str
-    given: Linearisation
-    has_state: bool
-    notes: Sequence[str]
-    quadratic: bool | None = None
-    formulations: bool = False
-
-    @property
-    def where(self) -> str:
-        """At which state, in words."""
-        return "at the state given" if self.has_state else "without a state"
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return int(self.given.G.shape[0])
-
-    @property
-    def m(self) -> int:
-        """Number of constraints."""
-        return int(self.given.G.shape[1])
-
-    @property
-    def multipliers(self) -> float | None:
-        """Root mean square of ‖λ‖ over the states."""
-        return float(np.linalg.norm(self.given.multipliers)) if self.has_state else None
-
-    @property
-    def terms(self) -> tuple[Array, Array, Array, Array]:
-        """M, X, Y, G at the first state."""
-        return self.given.M, self.given.X, self.given.Y, self.given.G
-
-    def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
-        """J, unscaled."""
-        require_fit(self, scheme.formulation, scheme.evaluation)
-        mass, x, y, g = self.terms
-        terms = Terms(np.zeros(self.n), np.zeros(self.m), x, y, g)
-        return np.asarray(np.block(form_blocks(scheme, terms, mass)))
-
-    def unknowns(self, scheme: Scheme) -> Array:
-        """Unknowns where ‖λ‖ is typical."""
-        given = self.given
-        return _unknowns(scheme, (given.u, given.v, given.a), given.multipliers)
-
-    def multiplier_noise(self, scheme: Scheme) -> float:
-        """Rms of the noise of ‖λ‖ in one step of the (u, λ) form."""
-        given = self.given
-        violated = violations(self._problem, scheme, 0.0, given.u, given.v)
-        return multiplier_noise(self.jacobian(scheme), scheme, violated)
-
-    def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
-        """Floors at the state, from fewer draws if `roughly`; empty without one."""
-        if unpredicted(scheme) or not self.has_state:
-            return []
-        given = self.given
-        fields = np.array([given.u, given.v, given.a, given.a])
-        none, dtype = np.zeros(self.m), scheme.dtype
-        state = State(
-            fields.astype(dtype),
-            (scheme.relations.start @ fields[:3]).astype(dtype),
-            given.multipliers.astype(dtype),
-            np.zeros((2, self.n), dtype),
-            *(none.astype(dtype) for _ in range(3)),
-        )
-        samples = _ALONE * (_ROUGHLY if roughly else _SAMPLES)
-        return [floor(self._problem, scheme, 0.0, state, samples=samples)]
-
-    @cached_property
-    def _problem(self) -> Problem:
-        given = self.given
-        state = (given.u, given.v, given.a, given.multipliers)
-        return linear_problem(self.name, self.terms, state)
-
-
-@dataclass(frozen=True, eq=False)
-class OfProblem:
-    """A problem at its start and at states of its motion.
-
-    Attributes:
-        problem: The problem.
+        problem: The problem; of matrices the linear one that has them.
         states: The same with other starts: the states.
         where: Which states these are, in words.
         notes: What was assumed.
-        formulations: Whether other formulations than index 3 are known.
+        given: Accelerations and multipliers at the states, where they are given and not computed.
+        has_state: Whether a state is known.
+        of_matrices: Whether matrices are all that is known: neither whether Φ is quadratic, nor
+            the rate of G, which other formulations than index 3 need.
     """
 
     problem: Problem
     states: Sequence[Problem]
     where: str
     notes: Sequence[str]
-    formulations: bool = True
+    given: Sequence[tuple[Array, Array]] = ()
+    has_state: bool = True
+    of_matrices: bool = False
 
     @property
     def name(self) -> str:
-        """Name of the problem."""
+        """Name of the problem, or the file of the matrices."""
         return self.problem.name
 
     @property
@@ -195,17 +97,19 @@ class OfProblem:
         return self.problem.m
 
     @property
-    def quadratic(self) -> bool:
-        """Whether Φ is at most quadratic in u without t."""
-        return self.problem.quadratic
+    def quadratic(self) -> bool | None:
+        """Whether Φ is at most quadratic in u without t; None where nobody knows."""
+        return None if self.of_matrices else self.problem.quadratic
 
     @cached_property
-    def _accelerations(self) -> list[tuple[Array, Array]]:
-        return [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
+    def _accelerations(self) -> Sequence[tuple[Array, Array]]:
+        return self.given or [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
 
     @property
-    def multipliers(self) -> float:
-        """Root mean square of ‖λ‖ over the states."""
+    def multipliers(self) -> float | None:
+        """Root mean square of ‖λ‖ over the states; None without one."""
+        if not self.has_state:
+            return None
         return math.sqrt(np.mean([np.sum(found**2) for _, found in self._accelerations]))
 
     @property
@@ -219,10 +123,11 @@ class OfProblem:
     def _typical(self) -> int:
         """State where ‖λ‖ is nearest to its root mean square."""
         sizes = [np.linalg.norm(found) for _, found in self._accelerations]
-        return int(np.argmin(np.abs(np.array(sizes) - self.multipliers)))
+        return int(np.argmin(np.abs(np.array(sizes) - (self.multipliers or 0.0))))
 
     def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
         """J, unscaled, at the first state, or where ‖λ‖ is typical."""
+        require_fit(self, scheme.formulation, scheme.evaluation)
         return self._jacobian(scheme, self._typical if typical else 0)
 
     def _jacobian(self, scheme: Scheme, place: int) -> Array:
@@ -250,18 +155,24 @@ class OfProblem:
         return math.sqrt(np.mean(np.square(each)))
 
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
-        """Floors at the states; from fewer draws at some of them if `roughly`."""
-        if unpredicted(scheme):
+        """Floors at the states, none without one; from fewer draws at some if `roughly`."""
+        if unpredicted(scheme) or not self.has_state:
             return []
         samples = (_ROUGHLY if roughly else _SAMPLES) * (1 if len(self.states) > 1 else _ALONE)
         return [
-            floor(at, scheme, at.t0, initial_state(at, scheme), samples=samples)
+            floor(at, scheme, at.t0, self._start(at, scheme), samples=samples)
             for at in self.states[:: _ALONE if roughly else 1]
         ]
 
-
-#: What advice is given about.
-Subject = OfMatrices | OfProblem
+    def _start(self, at: Problem, scheme: Scheme) -> State:
+        """The state in which a march of the scheme would begin."""
+        if not self.given:
+            return initial_state(at, scheme)
+        ((a, multipliers),) = self.given
+        fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.m)
+        past = scheme.relations.start @ fields[:3]
+        parts = (fields, past, multipliers, np.zeros((2, self.n)), none, none, none)
+        return State(*(part.astype(scheme.dtype) for part in parts))
 
 
 def _unknowns(scheme: Scheme, fields: Sequence[Array], multipliers: Array) -> Array:
@@ -280,7 +191,7 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
         ArgumentError: For a formulation that matrices do not tell enough of, and for
             compensated evaluation of constraints that are not quadratic.
     """
-    if not about.formulations and formulation.method != INDEX_3:
+    if about.of_matrices and formulation.method != INDEX_3:
         raise ArgumentError(
             f"formulation {formulation.label}: needs the rate of G, which matrices do not tell; "
             "allowed: index-3"
@@ -315,7 +226,7 @@ def is_path_of_matrices(path: Path) -> bool:
     return path.suffix.lower() in (".npz", ".mtx") or path.is_dir()
 
 
-def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
+def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
     """Matrices of the equations of motion by their names; see `NAMES`.
 
     Args:
@@ -374,11 +285,12 @@ def of_matrices(given: Mapping[str, Any], where: str) -> OfMatrices:
         notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
     shapes = {**square, **vector, "lambda": (m,)}
     filled = {name: found.get(name, np.zeros(shape)) for name, shape in shapes.items()}
-    linearisation = Linearisation(
-        M=mass, X=filled["X"], Y=filled["Y"], G=gradient,
-        u=filled["u"], v=filled["v"], a=filled["a"], multipliers=filled["lambda"],
-    )  # fmt: skip
-    return OfMatrices(where, linearisation, not missing, notes)
+    x, y, u, v, a, multipliers = (filled[name] for name in ("X", "Y", "u", "v", "a", "lambda"))
+    problem = linear_problem(where, (mass, x, y, gradient), (u, v, a, multipliers))
+    at = "without a state" if missing else "at the state given"
+    return Subject(
+        problem, [problem], at, notes, [(a, multipliers)], has_state=not missing, of_matrices=True
+    )
 
 
 def within_range(array: Array, where: str) -> Array:
@@ -425,7 +337,7 @@ def _require_usable(mass: Array, gradient: Array, where: str) -> None:
         )
 
 
-def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
+def _of_problem(problem: Problem, t_end: float | None) -> Subject:
     if problem.n + problem.m > MOST_UNKNOWNS:
         raise ArgumentError(
             f"{problem.name}: n + m = {problem.n + problem.m}; advice is for at most "
@@ -440,9 +352,9 @@ def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
         ) from None
     length = _MOTIONS * _time_of_a_motion(problem) if t_end is None else t_end
     if problem.n + problem.m > _MOST_MARCHED:
-        return OfProblem(problem, [problem], "at the start", [])
+        return Subject(problem, [problem], "at the start", [])
     if not math.isfinite(length):
-        return OfProblem(
+        return Subject(
             problem, [problem], "at the start",
             ["it is at rest, and nothing moves it: rounding is less there than in a motion"],
         )  # fmt: skip
@@ -455,7 +367,7 @@ def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
     except InputError:
         motion = None
     if motion is None or motion.status != "ok":
-        return OfProblem(
+        return Subject(
             problem, [problem], "at the start",
             [f"the motion to t = {length:.3g} s could not be marched: advice is for the start"],
         )  # fmt: skip
@@ -464,7 +376,7 @@ def _of_problem(problem: Problem, t_end: float | None) -> OfProblem:
         for t, u, v in zip(motion.t, motion.u, motion.v, strict=True)
     ]
     where = f"at {len(states)} states of its motion to t = {motion.t[-1]:.3g} s"
-    return OfProblem(problem, states, where, [])
+    return Subject(problem, states, where, [])
 
 
 def _time_of_a_motion(problem: Problem) -> float:

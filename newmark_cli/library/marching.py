@@ -334,35 +334,11 @@ def march(
         >>> swing.constraint("bodies.K1").shape
         (4,)
 
-        Velocities kept on the constraints, and multipliers of order 2 without damping:
-
-        >>> ggl = newmark.march(
-        ...     "andrews", h=1e-4, t_end=0.03, every=0, form="a-lambda", formulation="ggl"
-        ... )
-        >>> f"{ggl.multipliers[-1, 0]:.3g}", f"{swing.multipliers[-1, 0]:.3g}"
-        ('-9.93e+04', '-2.42e+05')
-
         Go on from where it ended, with less in memory:
 
         >>> later = newmark.march("andrews", h=1e-4, t_end=0.04, state=swing.state, every=0)
         >>> later.t.round(3).tolist(), later.u.shape
         ([0.04], (1, 8))
-
-        A start of your own, brought onto the constraints:
-
-        >>> thrown = newmark.march(
-        ...     "pendulum", h=1e-2, t_end=1.0, u0={"P": (2.0, 0.0)}, v0=[0.5, 1.0], project=True
-        ... )
-        >>> thrown.u[0].round(12).tolist(), thrown.v[0].round(12).tolist()
-        ([1.0, 0.0], [0.0, 1.0])
-
-        What rounding alone changes at the end, of multipliers ever more as h falls:
-
-        >>> for h in (1e-2, 1e-4):
-        ...     fine = newmark.march("pendulum", h=h, t_end=1.0, every=0, twins=3)
-        ...     print(bool(fine.rounding["lambda"].max() > 1e-6))
-        False
-        True
     """
     projected = projection_of(projection)
     arguments.one_of("multipliers", multipliers, (AUTO, *REPORTED))

@@ -8,7 +8,13 @@ from newmark_cli.documents import DocumentError
 from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.formulation import Formulation, FormulationError, Projection
+from newmark_cli.newmark.formulation import (
+    CONSTRAINTS,
+    UNPROJECTED,
+    Formulation,
+    FormulationError,
+    Projection,
+)
 from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
@@ -16,6 +22,8 @@ from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Toleranc
 
 #: Largest β and γ, and the reciprocal of the smallest.
 _FARTHEST = 1e12
+#: Defaults of `march`, for which nothing needs to be imported.
+_USUAL = {"trapezoidal": Newmark(), INDEX_3: CONSTRAINTS, UNPROJECTED.label: UNPROJECTED}
 
 
 @dataclass(frozen=True)
@@ -199,6 +207,8 @@ def krylov_of(given: Any) -> Krylov | None:
 
 def _read(name: str, given: Any, model: str) -> Any:
     """The core's value of what a config may give; see `keys.read`."""
+    if isinstance(given, str) and given in _USUAL:
+        return _USUAL[given]
     from newmark_cli.study import keys  # which imports pydantic
 
     try:

@@ -316,7 +316,7 @@ class MethodConfig(Valued):
 
 
 class IntegratorConfig(MethodConfig):
-    """An integrator of the Newmark family; each method has parameters of its own."""
+    """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     METHODS = INTEGRATORS
     method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
@@ -369,7 +369,7 @@ class IntegratorConfig(MethodConfig):
 
 
 class FormulationConfig(MethodConfig):
-    """Which constraint rows are solved; a name, or a mapping with the method's parameter."""
+    """Which constraint rows are solved: a mapping, or text such as ``baumgarte rate=100``."""
 
     METHODS = METHODS
     method: Annotated[str, _Known("formulation", tuple(METHODS))] = INDEX_3
@@ -400,7 +400,7 @@ class FormulationConfig(MethodConfig):
 
 
 class ProjectionConfig(MethodConfig):
-    """What is projected after each step; a name, or a mapping."""
+    """What is projected after each step: a mapping, or text such as ``velocity``."""
 
     METHODS = PROJECTIONS
     method: Annotated[str, _Known("projection", tuple(PROJECTIONS))] = "none"

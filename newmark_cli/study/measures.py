@@ -213,7 +213,8 @@ class Measure:
         reference: Whether it needs the solution at the end.
         twins: Whether twins of the march tell the rounding of its rows.
         rows: Measure, quantity, role and row block of every row that a cell of a form has
-            of it, in their order; None where that is not known beforehand.
+            of it, in their order; of all quantities of its records if omitted, and None where
+            these have none.
         may_lack: Quantities of which there are rows for some problems only.
     """
 
@@ -230,11 +231,10 @@ class Measure:
     rows: Callable[[Form], Sequence[RowName]] | None = None
     may_lack: tuple[str, ...] = ()
 
-
-def _primary(*rows: tuple[str, str]) -> Callable[[Form], Sequence[RowName]]:
-    """Rows, by measure and quantity, that are the same in every form."""
-    names = tuple((measure, quantity, "primary", "") for measure, quantity in rows)
-    return lambda form: names
+    def __post_init__(self) -> None:
+        names = tuple((one.name, q, "primary", "") for one in self.records for q in one.quantities)
+        if self.rows is None and names:
+            object.__setattr__(self, "rows", lambda form: names)
 
 
 def sample_steps(steps: int, samples: int) -> IndexArray:
@@ -466,7 +466,6 @@ CONDITION = Measure(
     ),
     _Conditions,
     along_steps=False,
-    rows=_primary(("condition", "jacobian")),
 )
 
 
@@ -664,7 +663,6 @@ ERROR = Measure(
     at_end=True,
     reference=True,
     twins=True,
-    rows=_primary(*(("error", quantity) for quantity in ("u", "v", "lambda", *OF_OUTPUTS))),
     may_lack=tuple(OF_OUTPUTS),
 )
 
@@ -733,9 +731,6 @@ INVARIANT = Measure(
     ),
     _Invariants,
     twins=True,
-    rows=_primary(
-        *(("invariant", name) for name in ("position", "velocity", "multiplier", "energy"))
-    ),
     may_lack=("energy",),
 )
 
@@ -790,7 +785,6 @@ DRIFT = Measure(
     ),
     _Drift,
     twins=True,
-    rows=_primary(*(("drift", name) for name in DRIFTS)),
 )
 
 
@@ -841,7 +835,6 @@ KRYLOV = Measure(
     ),
     _Krylov,
     solvers=(GMRES, MINRES),
-    rows=_primary(("krylov_iterations", "jacobian"), ("krylov_residual", "jacobian")),
 )
 
 
@@ -879,7 +872,6 @@ TOLERANCE = Measure(
     ),
     _Iterations,
     stop=True,
-    rows=_primary(("tolerance", "newton")),
 )
 
 
@@ -957,7 +949,6 @@ HISTORY = Measure(
         ),
     ),
     _History,
-    rows=_primary(*(("history", quantity) for quantity in ("lambda", *OF_OUTPUTS, ENERGY))),
     may_lack=(*OF_OUTPUTS, ENERGY),
 )
 
@@ -1032,7 +1023,6 @@ TRAJECTORY = Measure(
         ),
     ),
     _Trajectories,
-    rows=_primary(*(("trajectory", name) for name in (*KEPT, ENERGY, OUTPUT))),
     may_lack=(*KEPT, ENERGY, OUTPUT),
 )
 
