@@ -141,7 +141,7 @@ def test_histories_of_all_cases_count(cli):
     text = text.replace("samples: 3000", "samples: 2000")
     cli.write("long.yaml", text + "cases:\n" + case.format("1e-5") + case.format("2e-5"))
     assert cli.refused("validate", "long.yaml") == (
-        "newmark-study: long.yaml, line 7: cases: history of 8000000 multipliers in all cases, "
+        "newmark-study: long.yaml, line 7: cases: history of 8000000 numbers in all cases, "
         "at most 5000000; lower samples"
     )
 

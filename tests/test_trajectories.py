@@ -343,7 +343,7 @@ def test_trajectories_that_no_memory_holds_are_refused(cli):
     # Step, time, two components of u, v and a, one of λ, the energy; both ends.
     count = (1_000_000 + 1) * (2 + 3 * 2 + 1 + 1)
     assert cli.refused("run", "swing.yaml") == (
-        f"newmark-study: swing.yaml, line 8: trajectory: {count} numbers to keep, at most "
+        f"newmark-study: swing.yaml, line 8: trajectory: trajectory of {count} numbers, at most "
         "5000000; keep fewer steps, or less of each"
     )
     assert not (cli.folder / "results").exists()
@@ -353,4 +353,4 @@ def test_trajectories_that_no_memory_holds_are_refused(cli):
     lines = [line for line in text.splitlines(True) if line[:2] not in ("h:", "tr")]
     cli.write("swing.yaml", "".join(lines) + "cases:\n" + cases)
     line = cli.refused("validate", "swing.yaml")
-    assert "trajectories of 6333339 numbers in all cases, at most 5000000" in line
+    assert "trajectory of 6333339 numbers in all cases, at most 5000000" in line

@@ -11,6 +11,7 @@ from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
+    axis_option,
     evaluation_option,
     formulation_option,
 )
@@ -83,16 +84,12 @@ def _tolerances(
     metavar="H",
     help="Step size (s); several with commas, or repeated.  Only a study brings its own.",
 )
-@click.option(
-    "--form",
-    metavar="FORM",
-    shell_complete=complete("forms"),
-    help="Form; u-lambda, or that of the study, by default.",
-)
-@click.option(
-    "--integrator",
-    metavar="METHOD",
-    help="Method and parameters, such as 'generalized-alpha rho=0.9'; trapezoidal by default.",
+@axis_option("form", "FORM", "Form; u-lambda, or that of the study, by default.", "forms")
+@axis_option(
+    "integrator",
+    "METHOD",
+    "Method and parameters, such as 'generalized-alpha rho=0.9'; trapezoidal by default.",
+    "integrators",
 )
 @click.option("--beta", type=float, metavar="BETA", help="Parameter of Newmark's scheme.")
 @click.option("--gamma", type=float, metavar="GAMMA", help="Parameter of Newmark's scheme.")
@@ -103,12 +100,7 @@ def _tolerances(
     type=click.Choice(["float64", "float32"]),
     help="Arithmetic, for the noise of λ and the diagnosis; float64 by default.",
 )
-@click.option(
-    "--scaling",
-    metavar="VARIANT",
-    shell_complete=complete("preconditioning"),
-    help="Scaling in your code; optimal by default.",
-)
+@axis_option("scaling", "VARIANT", "Scaling in your code; optimal by default.", "preconditioning")
 @click.option(
     "--tolerance",
     multiple=True,

@@ -8,7 +8,7 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import allow_code_option
+from newmark_cli.cli.options import allow_code_option, axis_option
 
 
 def _steps(context: click.Context, option: click.Parameter, given: str | None) -> tuple[int, ...]:
@@ -73,32 +73,33 @@ def _sizes(
     metavar="H",
     help="Step size (s); may be repeated.  1e-3, 1e-5 and 1e-7 for a problem, or the study's.",
 )
-@click.option(
-    "--form",
+@axis_option(
+    "form",
+    "FORM",
+    "Form; may be repeated.  u-lambda for a problem, or the study's.",
+    "forms",
     multiple=True,
-    metavar="FORM",
-    shell_complete=complete("forms"),
-    help="Form; may be repeated.  u-lambda for a problem, or the study's.",
 )
-@click.option(
-    "--preconditioning",
+@axis_option(
+    "preconditioning",
+    "VARIANT",
+    "Scaling; may be repeated.  none and optimal for a problem, or the study's.",
+    "preconditioning",
     multiple=True,
-    metavar="VARIANT",
-    shell_complete=complete("preconditioning"),
-    help="Scaling; may be repeated.  none and optimal for a problem, or the study's.",
 )
-@click.option(
-    "--integrator",
+@axis_option(
+    "integrator",
+    "METHOD",
+    "Such as 'generalized-alpha rho=0.9'; may be repeated.",
+    "integrators",
     multiple=True,
-    metavar="METHOD",
-    help="Such as 'generalized-alpha rho=0.9'; may be repeated.",
 )
-@click.option(
-    "--formulation",
+@axis_option(
+    "formulation",
+    "FORMULATION",
+    "Such as ggl or 'baumgarte rate_h=1'; may be repeated.",
+    "formulations",
     multiple=True,
-    metavar="FORMULATION",
-    shell_complete=complete("formulations"),
-    help="Such as ggl or 'baumgarte rate_h=1'; may be repeated.",
 )
 @click.option(
     "--evaluation",

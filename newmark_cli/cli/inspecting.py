@@ -14,6 +14,7 @@ from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
+    axis_option,
     complete_config,
     evaluation_option,
     formulation_option,
@@ -26,19 +27,9 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option(
-    "--form",
-    "form",
-    metavar="FORM",
-    shell_complete=complete("forms"),
-    help="One form; all seven by default.",
-)
-@click.option(
-    "--preconditioning",
-    "variant",
-    metavar="VARIANT",
-    shell_complete=complete("preconditioning"),
-    help="One scaling; the paper's four by default.",
+@axis_option("form", "FORM", "One form; all seven by default.", "forms")
+@axis_option(
+    "preconditioning", "VARIANT", "One scaling; the paper's four by default.", "preconditioning"
 )
 @evaluation_option
 @formulation_option
@@ -54,7 +45,7 @@ if TYPE_CHECKING:
 @allow_code_option
 def orders(
     form: str | None,
-    variant: str | None,
+    preconditioning: str | None,
     evaluation: str | None,
     formulation: str | None,
     file: str | None,
@@ -74,7 +65,7 @@ def orders(
     """
     from newmark_cli.report import theory
 
-    chosen = _chosen_orders(form, variant, evaluation, formulation, file, allow_code)
+    chosen = _chosen_orders(form, preconditioning, evaluation, formulation, file, allow_code)
     if derive:
         forms = dict.fromkeys((name, kind) for name, _, _, kind in chosen)
         found = [theory.derive(*one) for one in forms]

@@ -45,6 +45,24 @@ allow_code_option = click.option(
 )
 
 
+def axis_option(
+    name: str, metavar: str, text: str, *sections: str, multiple: bool = False
+) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """An option for values of an axis of studies.
+
+    Args:
+        name: Of the option.
+        metavar: What stands for its value.
+        text: What it means.
+        sections: Sections of `newmark-study list` whose names complete it.
+        multiple: Whether it may be repeated.
+    """
+    return click.option(
+        f"--{name}", multiple=multiple, metavar=metavar, shell_complete=complete(*sections),
+        help=text,
+    )  # fmt: skip
+
+
 evaluation_option = click.option(
     "--evaluation",
     type=click.Choice(["direct", "compensated"]),
@@ -52,11 +70,11 @@ evaluation_option = click.option(
 )
 
 
-formulation_option = click.option(
-    "--formulation",
-    metavar="FORMULATION",
-    shell_complete=complete("formulations"),
-    help="Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
+formulation_option = axis_option(
+    "formulation",
+    "FORMULATION",
+    "Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
+    "formulations",
 )
 
 
@@ -74,13 +92,8 @@ _CHOSEN = {
 def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
     """Options of the commands that choose among the series of studies; each may be repeated."""
     for name, (metavar, text, sections) in reversed(_CHOSEN.items()):
-        command = click.option(
-            f"--{name}",
-            multiple=True,
-            metavar=metavar,
-            shell_complete=complete(*sections),
-            help=f"{text}; may be repeated.",
-        )(command)
+        text += "; may be repeated."
+        command = axis_option(name, metavar, text, *sections, multiple=True)(command)
     return command
 
 

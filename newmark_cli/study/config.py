@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
@@ -85,6 +86,12 @@ _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 # Multipliers in the time series of a study, and numbers in its trajectories: up to 200 MB of
 # CSV each, 150 MB of kept cells, 1 GB of memory.
 _MOST_RECORDED = 5_000_000
+#: Measure that records over time → key that bounds how much, and how.
+_RECORDED = {
+    HISTORY.name: ("samples", "lower samples"),
+    DRIFT.name: ("samples", "lower samples"),
+    TRAJECTORY.name: ("trajectory", "keep fewer steps, or less of each"),
+}
 
 
 class _Rules(StrictModel):
@@ -152,24 +159,10 @@ class _Rules(StrictModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """Errors for problems that a study cannot use; loads problems only where it matters."""
-        if HISTORY.name in self.measure and self.recorded > _MOST_RECORDED:
-            yield misfit(
-                "samples",
-                f"history of {self.recorded} multipliers, at most {_MOST_RECORDED}; lower "
-                f"samples, given {self.samples}",
-            )
-        if self.drifted > _MOST_RECORDED:
-            yield misfit(
-                "samples",
-                f"drift of {self.drifted} numbers, at most {_MOST_RECORDED}; lower samples, given "
-                f"{self.samples}",
-            )
-        if self.kept_numbers > _MOST_RECORDED:
-            yield misfit(
-                "trajectory",
-                f"{self.kept_numbers} numbers to keep, at most {_MOST_RECORDED}; keep fewer "
-                "steps, or less of each",
-            )
+        for name, numbers in self.recorded().items():
+            key, mend = _RECORDED[name]
+            if numbers > _MOST_RECORDED:
+                yield misfit(key, f"{name} of {numbers} numbers, at most {_MOST_RECORDED}; {mend}")
         yield from self._missed()
         yield from self._beyond()
         if not (
@@ -284,39 +277,27 @@ class _Rules(StrictModel):
             len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
         )
 
-    @property
-    def recorded(self) -> int:
-        """Numbers in the time series: multipliers, and outputs; 0 where none is measured."""
-        if HISTORY.name not in self.measure or (self.t_end is None and self.steps is None):
-            return 0
-        lengths = (
-            round(min(self.t_end / h, MOST_STEPS)) if self.steps is None else self.steps
-            for h in self.h
-        )
-        pairs = sum(min(steps, 2 * min(steps, self.samples)) for steps in lengths)
-        numbers = sum(
-            traits.m + _outputs(traits) for traits in (spec.traits() for spec in self.problem)
-        )
+    def recorded(self) -> dict[str, int]:
+        """Measure that records over time → most numbers in its file."""
+        found, steps = {}, [last for _, last in self._lengths()]
         others = self.count // (len(self.h) * len(self.problem))
-        return int(pairs * numbers * others)
-
-    @property
-    def drifted(self) -> int:
-        """Most numbers in the file of drifts; 0 where none is measured."""
-        return 2 * self.count * self.samples if DRIFT.name in self.measure else 0
-
-    @property
-    def kept_numbers(self) -> int:
-        """Numbers in the trajectories, steps and times included; 0 where none is measured."""
-        if (kept := axes.kept_of(self)) is None:
-            return 0
-        steps = sum(len(kept.at) or -(-last // kept.every) + 1 for _, last in self._lengths())
-        width = 0
-        for spec in self.problem:
-            traits = spec.traits()
-            sizes = {"lambda": traits.m, ENERGY: 1, OUTPUT: _outputs(traits)}
-            width += 2 + sum(sizes.get(name, traits.n) for name in kept.keep)
-        return steps * width * (self.count // (len(self.h) * len(self.problem)))
+        needed = not set(_RECORDED).isdisjoint(self.measure)
+        traits = [spec.traits() for spec in self.problem] if needed else []
+        if HISTORY.name in self.measure:
+            pairs = sum(min(last, 2 * min(last, self.samples)) for last in steps)
+            width = sum(each.m + _outputs(each) for each in traits)
+            found[HISTORY.name] = pairs * width * others
+        if DRIFT.name in self.measure:
+            found[DRIFT.name] = 2 * self.count * self.samples
+        if (kept := axes.kept_of(self)) is not None:
+            sizes = [
+                {"lambda": each.m, ENERGY: 1, OUTPUT: _outputs(each)} | dict.fromkeys("uva", each.n)
+                for each in traits
+            ]
+            width = sum(2 + sum(size[name] for name in kept.keep) for size in sizes)
+            looks = sum(len(kept.at) or -(-last // kept.every) + 1 for last in steps)
+            found[TRAJECTORY.name] = looks * width * others
+        return found
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -535,20 +516,16 @@ def _outputs(traits: Traits) -> int:
 
 
 def _refuse_long_series(document: Document, cases: Mapping[int, Case]) -> None:
-    recorded = sum(case.recorded for case in cases.values())
-    if recorded > _MOST_RECORDED:
-        raise document.error(
-            ("cases",),
-            f"history of {recorded} multipliers in all cases, at most {_MOST_RECORDED}; "
-            "lower samples",
-        )
-    kept = sum(case.kept_numbers for case in cases.values())
-    if kept > _MOST_RECORDED:
-        raise document.error(
-            ("cases",),
-            f"trajectories of {kept} numbers in all cases, at most {_MOST_RECORDED}; keep fewer "
-            "steps, or less of each",
-        )
+    recorded: Counter[str] = Counter()
+    for case in cases.values():
+        recorded.update(case.recorded())
+    for name, numbers in recorded.items():
+        if numbers > _MOST_RECORDED:
+            raise document.error(
+                ("cases",),
+                f"{name} of {numbers} numbers in all cases, at most {_MOST_RECORDED}; "
+                f"{_RECORDED[name][1]}",
+            )
 
 
 def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:
