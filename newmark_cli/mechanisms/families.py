@@ -63,12 +63,14 @@ class Family:
     Attributes:
         title: One line.
         size: Its parameters, whole numbers.
+        counts: How many coordinates and constraints follow from them.
         mechanism: Sizes, by name → data of a mechanism.
         linked: Sizes, by name → the same as arrays; None where they are built from the data.
     """
 
     title: str
     size: type[StrictModel]
+    counts: str
     mechanism: Callable[..., dict[str, Any]]
     linked: Callable[..., Linked | Bars] | None = None
 
@@ -361,30 +363,35 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
         "chain": Family(
             "point masses on massless bars, falling from a straight line",
             ChainSize,
+            "n = 2 links, m = links",
             chain,
             _chain_linked,
         ),
         "random-chain": Family(
             "random point masses on massless bars in random directions, falling",
             ChainSize,
+            "n = 2 links, m = links",
             random_chain,
             _random_chain_linked,
         ),
         "four-bars": Family(
             "four-bar linkages side by side, falling through a singular position",
             FourBarsSize,
+            "n = 2 windows + 2, m = 2 windows + 1",
             four_bars,
             _four_bars_linked,
         ),
         "spatial-chain": Family(
             "bars on spherical joints, falling in space",
             SpatialChainSize,
+            "n = 12 bodies, m = 9 bodies",
             spatial_chain,
             _spatial_chain_bars,
         ),
         "spatial-grid": Family(
             "a net of bars on spherical joints, falling in space",
             SpatialGridSize,
+            "n = 24 rows columns - 12 rows, m = 21 rows columns - 12 rows",
             spatial_grid,
             _spatial_grid_bars,
         ),

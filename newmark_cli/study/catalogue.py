@@ -3,9 +3,6 @@
 Nothing is built or compiled: of mechanisms and configs only the files are read.
 """
 
-from collections.abc import Mapping
-from itertools import combinations
-
 from newmark_cli import documents
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.families import FAMILIES, Family
@@ -40,36 +37,7 @@ def _problem(name: str) -> str:
 
 
 def _family(family: Family) -> str:
-    """Title, parameters, and n and m, which are linear in each of the parameters by itself."""
-    names = family.parameters
-    subsets = [of for k in range(len(names), -1, -1) for of in combinations(names, k)]
-    at = {
-        of: registry.size(family.mechanism(**dict.fromkeys(names, 1) | dict.fromkeys(of, 2)))
-        for of in subsets
-    }
-    counts = []
-    for i, symbol in enumerate(("n", "m")):
-        factors: dict[tuple[str, ...], int] = {}
-        for of in subsets:  # products of many parameters first
-            signed = (
-                (-1) ** (len(of) - k) * at[part][i]
-                for k in range(len(of) + 1)
-                for part in combinations(of, k)
-            )
-            factors[of] = sum(signed) - sum(k for other, k in factors.items() if {*of} < {*other})
-        counts.append(f"{symbol} = {_polynomial(factors)}")
-    return f"{family.title}; size: {', '.join(family.parameters)}; {', '.join(counts)}"
-
-
-def _polynomial(factors: Mapping[tuple[str, ...], int]) -> str:
-    """A sum of products, such as ``24 rows columns - 12 rows``."""
-    text = ""
-    for names, factor in factors.items():
-        if factor:
-            sign = " - " if factor < 0 else " + "
-            number = [str(abs(factor))] if abs(factor) != 1 or not names else []
-            text += sign + " ".join([*number, *names])
-    return text.removeprefix(" + ")
+    return f"{family.title}; size: {', '.join(family.parameters)}; {family.counts}"
 
 
 def _form(form: Form) -> str:
