@@ -38,7 +38,7 @@ def test_cells_come_in_the_order_of_the_csv():
     found = [(c.integrator.label, c.form, c.preconditioning.label, c.h) for c in study.cells()]
     (case,) = study.cases[:1]
     expected = [
-        (i.integrator().label, form, v.label, h)
+        (i.label, form, v.label, h)
         for i in case.integrator for form in case.form for v in case.variants() for h in case.h
     ]  # fmt: skip
     assert found[: len(expected)] == expected
