@@ -151,7 +151,6 @@ def noise(u, size):
 NODES = np.linspace(-2, 2, 41)
 HEIGHTS = 4 * np.sin(3 * NODES)
 SPLINE = CubicSpline(np.linspace(0, 0.2, 9), np.cos(np.linspace(0, 0.2, 9)))
-SINGLE = np.float32
 
 
 def slope_of_table(x):
@@ -168,19 +167,13 @@ def of_spline(t, order=0):
 RIGHT = {
     "double": double(),
     "crank": crank(),
-    "crank in mm, far away": crank(1e3, (1e5, -5e4)),
     "crank, fast": crank(speed=1e4),
-    "crank, slow": crank(speed=1e-5),
-    "in mm": shifted(),
     "small and far away": shifted(1e-3, root=True),
     "coordinates of very different size": pendulum(
         u0=np.array([1e6, 0.0]), mass_matrix=np.diag([1e-12, 1e12]),
         force=lambda u, v, t: np.array([0.0, -1e6]),
         constraints=lambda u, t: np.array([((u[0] / 1e6) ** 2 + (u[1] / 1e-6) ** 2 - 1) / 2]),
         gradient=lambda u, t: np.array([[u[0] / 1e12], [u[1] / 1e-12]]),
-    ),
-    "a length for a distance": pendulum(
-        constraints=lambda u, t: np.array([np.hypot(*u) - 1]), gradient=lambda u, t: u[:, None]
     ),
     "dry friction": against_v(lambda v: -0.5 * np.sign(v), lambda v: 0 * v),
     "sharp friction": against_v(
@@ -189,14 +182,7 @@ RIGHT = {
     "drag": against_v(lambda v: -v * np.abs(v), lambda v: 2 * np.abs(v)),
     "kink": along_x(lambda x: -5 * abs(x), np.sign, at=0.0) | {"v0": np.array([1.0, 0.0])}
     | {"stiffness": lambda u, v, r, t: np.diag([5 * np.sign(u[0]), 0]) - r[0] * I2},
-    "potential with a kink": along_x(
-        lambda x: -5 * np.sign(x), lambda x: 0.0, 1e-6,
-        energy=lambda u, v, t: v @ v / 2 + 9.81 * u[1] + 5 * abs(u[0]),
-    ),
     "stop": along_x(lambda x: 1e4 * max(0.99 - x, 0.0), lambda x: 1e4 * (x < 0.99)),
-    "contact of Hertz": along_x(
-        lambda x: 1e4 * max(1 - x, 0.0) ** 1.5, lambda x: 1.5e4 * max(1 - x, 0.0) ** 0.5
-    ),
     **{
         f"play at {at:g}": along_x(
             lambda x: -300 * (x - np.clip(x, -1e-6, 1e-6)),
@@ -217,18 +203,13 @@ RIGHT = {
         )
         for size in (1e-12, 1e-9, 1e-6)
     },
-    "float32": along_x(lambda x: float(SINGLE(100) * np.cos(SINGLE(x))), lambda x: 100 * np.sin(x)),
     "no table before the start": moved(
         of_spline, lambda t: of_spline(t, 1), lambda t: of_spline(t, 2)
-    ),
-    "pushed off": moved(
-        lambda t: 1 + max(t, 0) ** 2 / 2, lambda t: max(t, 0.0), lambda t: 1.0 * (t >= 0)
     ),
     "stopped": moved(
         lambda t: 1 - min(t - 0.08, 0) ** 2 / 2, lambda t: max(0.08 - t, 0.0),
         lambda t: -1.0 * (t < 0.08),
     ),
-    "starts late": moved(lambda t: 1.0, lambda t: 0.0, lambda t: 0.0, t0=1e6),
     "edge of a domain": pendulum(
         constraints=lambda u, t: np.array([u[0] - np.sqrt(1 - u[1] ** 2)]),
         gradient=lambda u, t: np.array([[1.0], [u[1] / np.sqrt(1 - u[1] ** 2)]]),
@@ -237,22 +218,10 @@ RIGHT = {
         load=lambda u, v, t: -50 * (u - [1, 0]) * (1 - 0.1 / max(np.hypot(*(u - [1, 0])), 1e-300)),
         v0=np.array([0.0, 0.5]),
     ),
-    "cosine of a right angle": pendulum(
-        constraints=lambda u, t: np.array([np.cos(np.pi / 2) * u[0] + u[1]]),
-        gradient=lambda u, t: np.array([[0.0], [1.0]]), u0=np.array([1.0, 0.0]),
-    ),
     "magnet": pendulum(
         load=lambda u, v, t: 3 * np.array([-v[1], v[0]]), v0=np.array([0.0, 1.0]),
         damping=lambda u, v, t: 3 * np.array([[0.0, 1.0], [-1.0, 0.0]]),
         energy=lambda u, v, t: v @ v / 2 + 9.81 * u[1],
-    ),
-    "driven by a force": pendulum(
-        load=lambda u, v, t: np.array([np.sin(9 * t), 0.0]),
-        energy=lambda u, v, t: v @ v / 2 + 9.81 * u[1],
-    ),
-    "at the origin": pendulum(
-        u0=np.zeros(2), constraints=lambda u, t: np.array([u[1] - u[0] ** 2]),
-        gradient=lambda u, t: np.array([[-2 * u[0]], [1.0]]),
     ),
 }  # fmt: skip
 
@@ -264,7 +233,7 @@ def test_right_problems_are_not_refused(name):
         found = newmark.march(newmark.Definition(**RIGHT[name]), h=1e-2, steps=16)
     assert found.status in ("ok", "not_converged", "diverged")
     assert found.status == "ok" or name in (
-        "small and far away", "sharp friction", "potential with a kink", "edge of a domain"
+        "small and far away", "sharp friction", "edge of a domain"
     )  # fmt: skip
 
 

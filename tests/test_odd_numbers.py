@@ -7,17 +7,10 @@ from each import each
     "options, said",
     [
         ("--at 1e300", "no march to t = 1e+300 with h = "),
-        ("--at 1e308 --h 1e308", "no march to t = 1e+308 with h = "),
-        ("--at 1e-320", "no march to t = 9.99989e-321 with h = "),
         ("--at 1e-300 --h 1e-300", "no march to t = 1e-300 with h = 1e-300"),
         ("--at 1 --h 1e-300", "more than 20000000 steps to t = 1 with h = 1e-300"),
-        ("--at 1 --h 5e-324", "more than 20000000 steps to t = 1 with h = 4.94066e-324"),
-        ("--at 1 --h 1e-9", "more than 20000000 steps to t = 1 with h = 1e-09"),
         ("--at nan", "--at: must be zero or positive, given nan"),
-        ("--at inf", "--at: must be zero or positive, given inf"),
         ("--at 1 --h nan", "--h: must be positive and at most T = 1, given nan"),
-        ("--at 1 --h -1", "--h: must be positive and at most T = 1, given -1"),
-        ("--at 1e22 --h 1e21", "the march fails before t = 1e+22 with h = "),
         ("--at 1 --h 0.01 --integrator newmark\\ beta=1e-308\\ gamma=1e308", "the march fails"),
     ],
 )
@@ -30,7 +23,7 @@ def test_draw(cli, options, said):
 
 @each(
     "h, t_end",
-    [("1e300", "1e300"), ("1e-300", "1e-299"), ("5e-324", "5e-323"), ("1e308", "1.7e308")],
+    [("1e300", "1e300"), ("5e-324", "5e-323")],
 )
 def test_run(cli, h, t_end):
     """A cell that does not end well says so, and the others run."""
