@@ -1,26 +1,22 @@
-"""Reading and writing files of which nobody knows where they come from.
+"""Reading and writing files of a results folder, which may be somebody else's.
 
-A results folder may be somebody else's, with links that lead out of it, pipes that never
-end, or JSON that is none.  Only regular files of bounded size are read, no link in a results
-folder is followed, and a file is replaced whole or stays as it was.
-
-Files that belong together, such as a CSV and its record, are replaced together: their new
-contents are written under temporary names, a journal says which name each is to have, and
-then they are renamed.  Who reads while the journal is there takes the temporary files, so
-that readers see all of the old contents or all of the new, whenever a writer is killed.
+Only regular files of bounded size are read, no link within a results folder is followed, and
+a file is replaced whole or stays as it was.  Files that belong together, such as a CSV and its
+record, are all written under temporary names before the first of them gets its own: a full disk
+leaves all of them as they were.  If a run is killed between two names, the checksums in the
+record show it, and the next run writes them again.
 """
 
 import contextlib
 import errno
-import glob
 import json
 import os
 import re
 import shutil
 import stat
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,13 +41,8 @@ _NO_LINK = _flags("O_NOFOLLOW")
 
 #: Largest file of results that is read (bytes).
 MOST = 1 << 30
-#: Levels of lists and mappings in JSON.
-_DEEPEST = 64
 #: A file under its temporary name: that of the target, and what `tempfile` adds.
 _TEMPORARY = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
-_JOURNAL = ".replacing-"
-#: Seconds that a reader waits for a writer to pause.
-_PATIENCE = 5.0
 
 
 def read(path: Path, most: int = MOST, links: bool = False) -> bytes:
@@ -63,8 +54,8 @@ def read(path: Path, most: int = MOST, links: bool = False) -> bytes:
         links: Whether the file may be a symbolic link.
 
     Raises:
-        OSError: The file is missing, cannot be read, is too large or is none; ``strerror``
-            says so in words.
+        OSError: The file is missing, cannot be read, is too large, or is not a regular
+            file; ``strerror`` says so in words.
     """
     try:
         descriptor = _open(path, os.O_RDONLY | _NO_WAIT, links)
@@ -152,41 +143,31 @@ def lock(descriptor: int, shared: bool = False) -> None:
 
 
 def parse_json(content: bytes) -> Any:
-    """JSON of bounded depth, whose text can be written again.
+    """A JSON document.
 
     Raises:
-        ValueError: It is none; says why.
+        ValueError: It is not JSON; says why.
     """
     try:
-        value = json.loads(content.decode("utf-8"))
+        return json.loads(content.decode("utf-8"))
     except RecursionError:
         raise ValueError("nested too deeply") from None
     except UnicodeDecodeError:
         raise ValueError("not text in UTF-8") from None
-    level = [value]
-    for _ in range(_DEEPEST):
-        if not level:
-            break
-        level = [
-            child
-            for node in level
-            if isinstance(node, list | dict)
-            for child in (node if isinstance(node, list) else node.values())
-            if isinstance(child, list | dict)
-        ]
-    else:
-        raise ValueError("nested too deeply")
-    if b"\\u" in content:
-        try:
-            json.dumps(value, ensure_ascii=False).encode()
-        except UnicodeEncodeError:
-            raise ValueError("a text with half a character") from None
-    return value
 
 
 def read_json(path: Path, most: int = MOST) -> Any:
     """`read` and `parse_json`; raises what they raise."""
     return parse_json(read(path, most))
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """A JSON object; empty if the file is missing or holds something else."""
+    try:
+        value = read_json(path)
+    except (OSError, ValueError):
+        return {}
+    return value if isinstance(value, dict) else {}
 
 
 def write(path: Path, content: str | bytes, within: Path | None = None) -> None:
@@ -203,7 +184,7 @@ def write(path: Path, content: str | bytes, within: Path | None = None) -> None:
     Raises:
         ResultsError: The file cannot be written.
     """
-    with _told(path, "cannot be written"):
+    with _as_results_error(path, "cannot be written"):
         require_within(path.parent, within or path.parent)
         temporary = _temporary(path, content)
         try:
@@ -232,7 +213,7 @@ def write_output(path: Path, content: str | bytes) -> None:
     Raises:
         ResultsError: The file cannot be written.
     """
-    with _told(path, "cannot be written"):
+    with _as_results_error(path, "cannot be written"):
         target = Path(os.path.realpath(path))
         with contextlib.suppress(FileNotFoundError):
             if not stat.S_ISREG(mode := target.stat().st_mode) and not stat.S_ISDIR(mode):
@@ -249,7 +230,7 @@ def write_new(path: Path, content: str | bytes) -> None:
     Raises:
         ResultsError: The file is there, or cannot be written.
     """
-    with _told(path, "cannot be written"):
+    with _as_results_error(path, "cannot be written"):
         descriptor = _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
         with open(descriptor, "wb") as file:
             file.write(_bytes(content))
@@ -259,15 +240,14 @@ def write_new(path: Path, content: str | bytes) -> None:
 def new_folder(
     target: Path, last: str, is_ours: Callable[[Path], bool], force: bool = False
 ) -> Iterator[Path]:
-    """A folder to be filled, which takes the place of another when the context ends well.
+    """A folder to be filled, whose entries replace those of another when the context ends well.
 
     Until then it stands next to the other under a temporary name; after an exception it is
-    removed, and the other is as it was.  What a process that was killed has left of such a
-    folder goes when another takes its place.
+    removed, and the other is as it was.
 
     Args:
         target: The folder: not there, empty, or of entries that may be replaced.
-        last: Its entry that says that it is whole.
+        last: The entry that says that the folder is complete.
         is_ours: Whether an entry of ``target`` may be replaced.
         force: Whether ``target`` may have other entries, too, which stay as they are.
 
@@ -275,99 +255,50 @@ def new_folder(
         The folder to be filled.
 
     Raises:
-        ResultsError: The target is no folder, has other entries, or cannot be written.
+        ResultsError: The target is not a folder, has other entries, or cannot be written.
     """
     place = Path(os.path.abspath(target))
-    with _told(target, "cannot be written"):
+    with _as_results_error(target, "cannot be written"):
         place.parent.mkdir(parents=True, exist_ok=True)
-        _not_ours(place, is_ours, force)
+        _require_ours(place, is_ours, force)
         folder = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
-    held = _held(folder)
+    remove = partial(shutil.rmtree, folder, ignore_errors=True)
     try:
-        with _told(target, "cannot be written"):
-            os.chmod(folder, 0o777 & ~_umask())
-        yield folder
-        with interrupts.postponed(), _told(target, "cannot be replaced"):
-            if _not_ours(place, is_ours, force):
-                _merge(folder, place, last, is_ours)
-            else:
-                _swap(folder, place)
-            _remove_left(place, is_ours)
+        with interrupts.before_end(remove):
+            yield folder
+        with interrupts.postponed(), _as_results_error(target, "cannot be replaced"):
+            _require_ours(place, is_ours, force)
+            _move_entries(folder, place, last, is_ours)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if held is not None:
-            os.close(held)
+        remove()
 
 
-def _not_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> list[Path]:
-    """Entries of a folder that may not be replaced; OSError unless they are to stay."""
+def _require_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> None:
+    """Refuse a folder with entries that may not be replaced, unless they are to stay."""
     try:
         mode = target.lstat().st_mode
     except FileNotFoundError:
-        return []
+        return
     if not stat.S_ISDIR(mode):
         what = "it is a symbolic link" if stat.S_ISLNK(mode) else "it is not a folder"
         raise OSError(errno.ENOTDIR, what, str(target))
-    theirs = sorted(entry for entry in target.iterdir() if not is_ours(entry))
-    if theirs and not force:
+    others = sorted(entry for entry in target.iterdir() if not is_ours(entry))
+    if others and not force:
         raise OSError(
             errno.ENOTEMPTY,
-            f"{theirs[0].name!r} in it is not of an export; name another folder, or give "
+            f"{others[0].name!r} in it is not of an export; name another folder, or give "
             "--force to leave what is there and add to it",
         )
-    return theirs
 
 
-def _held(folder: Path) -> int | None:
-    """Descriptor that tells others that a folder is in use; None where it is, or none can tell."""
-    try:
-        descriptor = _open(folder, os.O_RDONLY | _flags("O_DIRECTORY"))
-    except OSError:  # Windows opens no folders
-        return None
-    try:
-        lock(descriptor)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
-
-
-def _remove_left(target: Path, is_ours: Callable[[Path], bool]) -> None:
-    """Remove what processes that were killed have left next to a folder."""
-    for folder in sorted(target.parent.glob(f".{glob.escape(target.name)}.*")):
-        match = _TEMPORARY.fullmatch(folder.name)
-        if not (match and match[1] == target.name) or (held := _held(folder)) is None:
-            continue
-        with contextlib.suppress(OSError):
-            if all(map(is_ours, folder.iterdir())):
-                shutil.rmtree(folder)
-        os.close(held)
-
-
-def _swap(folder: Path, target: Path) -> None:
-    """A folder in the place of another, if there is one, which is removed."""
-    if not target.is_dir():
-        os.rename(folder, target)
-        return
-    before = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-    if os.name == "nt":  # where an empty folder is not replaced
-        before.rmdir()
-    os.rename(target, before)
-    try:
-        os.rename(folder, target)
-    except BaseException:
-        os.rename(before, target)
-        raise
-    shutil.rmtree(before, ignore_errors=True)
-
-
-def _merge(folder: Path, target: Path, last: str, is_ours: Callable[[Path], bool]) -> None:
-    """Entries of a folder in place of those of another that may be replaced."""
+def _move_entries(folder: Path, target: Path, last: str, is_ours: Callable[[Path], bool]) -> None:
+    """Move the entries of a folder to another, in place of those that may be replaced."""
     entries = sorted(folder.iterdir(), key=lambda entry: (entry.name == last, entry.name))
     for entry in entries:
         place = target / entry.name
         if os.path.lexists(place) and not is_ours(place):
             raise OSError(errno.EEXIST, f"{entry.name!r} in it is not of an export", str(place))
+    target.mkdir(exist_ok=True)
     ours = [entry for entry in target.iterdir() if is_ours(entry)]
     for entry in sorted(ours, key=lambda entry: (entry.name != last, entry.name)):
         if entry.is_dir():
@@ -384,7 +315,7 @@ def require_replaceable(path: Path) -> None:
     Raises:
         ResultsError: There is one.
     """
-    with _told(path, "cannot be written"):
+    with _as_results_error(path, "cannot be written"):
         if path.is_dir() and not path.is_symlink():
             raise IsADirectoryError(errno.EISDIR, "it is a folder; remove it")
 
@@ -401,7 +332,7 @@ def make_folder(folder: Path, within: Path, parents: bool = False) -> None:
     Raises:
         ResultsError: It cannot be made, or is a link.
     """
-    with _told(folder, "cannot be made"):
+    with _as_results_error(folder, "cannot be made"):
         if parents:
             within.mkdir(parents=True, exist_ok=True)
         require_within(folder.parent, within)
@@ -418,7 +349,7 @@ def require_within(folder: Path, within: Path) -> None:
         within: Results folder, which may be a link.
 
     Raises:
-        OSError: Between the two stands what is no folder.
+        OSError: There is a link, or something else than a folder, between the two.
     """
     for part in (folder, *folder.parents):
         if part == within:
@@ -428,141 +359,41 @@ def require_within(folder: Path, within: Path) -> None:
             raise OSError(errno.ENOTDIR, f"{part} is {what}", str(part))
 
 
-def replace_together(
-    folder: Path, name: str, contents: Mapping[Path, str | bytes | None], within: Path
-) -> None:
+def replace_together(contents: Mapping[Path, str | bytes | None], within: Path) -> None:
     """Replace files that belong together; see the module.
 
     Args:
-        folder: Holds the journal.
-        name: Of the journal.
-        contents: File → what it is to hold; None for one that is to go.
+        contents: File → what it is to hold; None for one that is to be removed.
         within: Results folder.
 
     Raises:
-        ResultsError: They cannot be written; all are as they were, unless the disk
-            failed between two renames.
+        ResultsError: They cannot be written.
     """
     temporaries: dict[Path, Path] = {}
     try:
         for path, content in contents.items():
-            if content is not None:
-                with _told(path, "cannot be written"):
-                    require_within(path.parent, within)
+            with _as_results_error(path, "cannot be written"):
+                require_within(path.parent, within)
+                if content is not None:
                     temporaries[path] = _temporary(path, content)
-        journal = {path.relative_to(folder).as_posix(): "" for path in contents}
-        for path, temporary in temporaries.items():
-            journal[path.relative_to(folder).as_posix()] = temporary.name
-        write_json(folder / f"{_JOURNAL}{name}", journal)
+        for path in contents:
+            with _as_results_error(path, "cannot be written"):
+                if path in temporaries:
+                    os.replace(temporaries[path], path)
+                else:
+                    path.unlink(missing_ok=True)
     except BaseException:
         for temporary in temporaries.values():
             temporary.unlink(missing_ok=True)
         raise
-    _finish(folder, name, journal)
-
-
-def settle(folder: Path) -> None:
-    """Finish what writers that were killed had begun to replace; who calls holds the folder.
-
-    Raises:
-        ResultsError: A file cannot be renamed.
-    """
-    for file in sorted(folder.glob(f"{_JOURNAL}*")):
-        name = file.name.removeprefix(_JOURNAL)
-        _finish(folder, name, _journal(folder, name))
-
-
-def read_together(paths: Sequence[Path], folder: Path, name: str) -> dict[Path, bytes | OSError]:
-    """Contents of files that are replaced together, all old or all new.
-
-    Args:
-        paths: The files.
-        folder: Holds the journal.
-        name: Of the journal.
-
-    Returns:
-        File → content, or why it cannot be read.
-    """
-    until = time.monotonic() + _PATIENCE
-    while True:
-        before = _identities(paths, folder, name)
-        journal = _journal(folder, name)
-        found: dict[Path, bytes | OSError] = {}
-        for path in paths:
-            temporary = journal.get(path.relative_to(folder).as_posix())
-            try:
-                require_within(path.parent, folder)
-                if temporary == "":
-                    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-                there = temporary is not None and (path.parent / temporary).exists()
-                found[path] = read(path.parent / str(temporary) if there else path)
-            except OSError as error:
-                found[path] = error
-        # A writer that was at work between the two may have shown old and new.
-        if before == _identities(paths, folder, name) or time.monotonic() > until:
-            return found
-        time.sleep(0.001)
 
 
 def temporaries(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Files below a folder that have a temporary name and no journal; each with its target."""
-    kept = {
-        temporary
-        for file in folder.glob(f"{_JOURNAL}*")
-        for temporary in _journal(folder, file.name.removeprefix(_JOURNAL)).values()
-    }
+    """Files below a folder that have a temporary name, each with the name of its target."""
     for file in sorted(folder.rglob(".*")):
         match = _TEMPORARY.fullmatch(file.name)
-        regular = match and not file.is_symlink() and file.is_file()
-        if match and regular and file.name not in kept:
+        if match and not file.is_symlink() and file.is_file():
             yield file, match[1]
-
-
-def _finish(folder: Path, name: str, journal: Mapping[str, str]) -> None:
-    for target, temporary in journal.items():
-        path = folder / target
-        with _told(path, "cannot be written"):
-            require_within(path.parent, folder)
-            if not temporary:
-                path.unlink(missing_ok=True)
-                continue
-            with contextlib.suppress(FileNotFoundError):  # has been renamed already
-                os.replace(path.parent / temporary, path)
-    file = folder / f"{_JOURNAL}{name}"
-    with _told(file, "cannot be removed"):
-        file.unlink(missing_ok=True)
-
-
-def _journal(folder: Path, name: str) -> dict[str, str]:
-    """Target, relative to the folder, → name of its temporary file; empty without a journal.
-
-    What a journal may rename is a file of the same folder, to the name that it begins with.
-    """
-    try:
-        found = read_json(folder / f"{_JOURNAL}{name}", 1 << 20)
-    except (OSError, ValueError):
-        return {}
-    journal = {}
-    for target, temporary in found.items() if isinstance(found, dict) else ():
-        path = Path(target)
-        match = _TEMPORARY.fullmatch(temporary) if isinstance(temporary, str) else None
-        ours = match is not None and match[1] == path.name and "/" not in temporary
-        below = not path.is_absolute() and ".." not in path.parts
-        if path.stem == name and below and (ours or temporary == ""):
-            journal[path.as_posix()] = temporary
-    return journal
-
-
-def _identities(paths: Sequence[Path], folder: Path, name: str) -> list[tuple[int, ...] | None]:
-    found: list[tuple[int, ...] | None] = []
-    for path in (folder / f"{_JOURNAL}{name}", *paths):
-        try:
-            status = path.lstat()
-        except OSError:
-            found.append(None)
-        else:
-            found.append((status.st_ino, status.st_mtime_ns, status.st_size))
-    return found
 
 
 def _temporary(path: Path, content: str | bytes) -> Path:
@@ -605,7 +436,7 @@ def _umask() -> int:
 
 
 @contextlib.contextmanager
-def _told(path: Path, what: str) -> Iterator[None]:
+def _as_results_error(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except ResultsError:

@@ -493,27 +493,8 @@ def test_an_interrupted_export_leaves_what_was(cli):
     assert [entry.name for entry in cli.folder.iterdir()] == ["out"]
 
 
-def test_what_a_killed_export_left_goes_with_the_next(tmp_path):
-    """Unless somebody is at work in it, or has put something there."""
-
-    def export(entries=()):
-        with files.new_folder(tmp_path / "out", "ours", lambda e: e.name == "ours") as new:
-            files.write_new(new / "ours", "text")
-            for name, entry in entries:
-                (tmp_path / name).mkdir()
-                (tmp_path / name / entry).write_text("left")
-            if entries:  # while this one is at work
-                export()
-
-    names = (".out.abcdefgh", ".out.hgfedcba", ".outer.abcdefgh", ".out.short")
-    export([*zip(names, ("ours", "theirs", "ours", "ours"), strict=True)])
-    left = {entry.name for entry in tmp_path.iterdir()}
-    assert left == {"out", ".out.hgfedcba", ".outer.abcdefgh", ".out.short"}
-    assert (tmp_path / "out/ours").read_text() == "text"
-
-
 def test_a_full_disk_leaves_what_was(tmp_path, monkeypatch):
-    """In one line; and a folder that cannot be put in its place leaves the old one there."""
+    """In one line."""
 
     def export(text):
         with files.new_folder(tmp_path / "out", "last", lambda entry: True) as new:
@@ -524,18 +505,6 @@ def test_a_full_disk_leaves_what_was(tmp_path, monkeypatch):
         patch.setattr(files, "_bytes", lambda content: full())
         with pytest.raises(ResultsError, match="last: cannot be written: No space left on device"):
             export("new")
-    rename, calls = os.rename, []
-
-    def once(source, target):
-        calls.append(target)
-        if len(calls) == 2:  # the old one is away, the new one is to come
-            full()
-        rename(source, target)
-
-    monkeypatch.setattr(os, "rename", once)
-    with pytest.raises(ResultsError, match="out: cannot be replaced: No space left on device"):
-        export("new")
-    assert len(calls) == 3
     assert (tmp_path / "out/last").read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
 

@@ -1,6 +1,5 @@
 """Ctrl-C, SIGTERM and SIGHUP: when they come, what they leave, and what is said of them."""
 
-import itertools
 import os
 import pty
 import re
@@ -73,7 +72,7 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
             if name == {module!r}:
                 os.kill(os.getpid(), signal.SIGTERM)
     sys.meta_path.insert(0, Finder)
-    from newmark_cli.cli import main
+    from newmark_cli.console import main
     sys.argv[1:] = ["run", "pendulum-u"]
     main()
     """
@@ -82,41 +81,14 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
     assert not list(tmp_path.iterdir())
 
 
-@each(
-    "module, ending",
-    zip(
-        ["newmark_cli.cli", "newmark_cli.interrupts", "signal", "click"],
-        itertools.cycle(ENDINGS),
-        strict=False,
-    ),
-)
-def test_the_console_script_answers_from_its_first_import(tmp_path, module, ending):
-    """Before `signal` itself is imported, to say nothing of the commands."""
-    code = f"""
-    import os, sys
-    class Finder:
-        def find_spec(name, path, target=None):
-            if name == {module!r}:
-                os.kill(os.getpid(), {int(ending)})
-    from newmark_cli.console import main
-    assert "signal" not in sys.modules and "typing" not in sys.modules
-    sys.meta_path.insert(0, Finder)
-    sys.argv[1:] = ["run", "pendulum-u"]
-    main()
-    """
-    # Without site, which may import anything.
-    run = [sys.executable, "-S", "-c", "import sys\nsys.path += sys.argv.pop().split(':')\n"]
-    run[-1] += textwrap.dedent(code)
-    done = subprocess.run(
-        [*run, ":".join(filter(None, sys.path))], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert done.stderr == f"newmark-study: {ENDINGS[ending]}\n"
-    assert done.returncode == 128 + ending
-
-
-def test_the_console_script_is_the_installed_one():
-    """It begins where signals are answered first."""
+def test_the_console_script_answers_before_it_imports():
+    """It begins in `console`, which imports nothing of the commands."""
     assert "from newmark_cli.console import main" in SCRIPT.read_text()
+    done = python("""
+    from newmark_cli import console
+    assert "click" not in sys.modules and "newmark_cli.cli" not in sys.modules
+    """)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @each("where", ["module", "factory"])
@@ -142,103 +114,38 @@ def test_interrupts_that_are_no_signals(cli):
     assert line.endswith("one.yaml, line 2: problem: mine.py, line 1: KeyboardInterrupt")
 
 
-def test_an_interrupt_as_a_message_is_written():
-    """It comes when the bytes are out and Python is not back: the line stands there once."""
-    done = python("""
-    from newmark_cli.cli import streams
-    def arrives(frame, event, argument):
-        if event == "c_return" and argument.__name__ == "write":
-            sys.setprofile(None)
-            signal.raise_signal(signal.SIGINT)
-    interrupts.catch()
-    streams.prepare()
-    sys.setprofile(arrives)
-    try:
-        print("once", file=sys.stderr, flush=True)
-        time.sleep(30)
-    except interrupts.Interrupt:
-        sys.exit(interrupts.answer())
-    """)
-    assert (done.returncode, done.stderr) == (130, "once\nnewmark-study: interrupted\n")
-
-
-def test_an_interrupt_that_python_swallows_comes_again():
-    """In a finalizer nothing can be raised: a moment later it is, and nothing else is said."""
-    done = python("""
-    class Swallows:
-        def __del__(self):
-            signal.raise_signal(signal.SIGINT)
-            for _ in range(1000):
-                pass
-    interrupts.catch()
-    try:
-        Swallows()
-        print("lost")
-        time.sleep(30)
-        print("never here")
-    except interrupts.Interrupt:
-        sys.exit(interrupts.answer())
-    """)
-    assert (done.returncode, done.stdout) == (130, "lost\n")
-    assert done.stderr == "newmark-study: interrupted\n"
-
-
-def test_what_closes_is_not_interrupted():
-    """Cleaning up takes as long as it takes; interrupts that come in it change nothing."""
-    done = python("""
-    interrupts.catch()
-    try:
-        try:
-            signal.raise_signal(signal.SIGTERM)
-            time.sleep(30)
-        finally:
-            try:
-                raise OSError
-            except OSError:
-                signal.raise_signal(signal.SIGINT)
-                time.sleep(0.5)
-            print("closed")
-    except interrupts.Interrupt:
-        code = interrupts.answer()
-        time.sleep(0.3)
-        sys.exit(code)
-    """)
-    assert (done.returncode, done.stdout) == (143, "closed\n")
-    assert done.stderr == "newmark-study: terminated\n"
-
-
-def test_who_signals_twice_does_not_wait():
-    """A second signal, a second later, ends a command that does not come to its end."""
+def test_postponed_interrupts_wait():
+    """What is begun is completed first, whatever is nested in it; then the process ends."""
     done = python("""
     interrupts.catch()
     interrupts.note(lambda: "; 3 cells")
     try:
-        signal.raise_signal(signal.SIGTERM)
-        time.sleep(30)
-    finally:
-        time.sleep(1.2)
-        signal.raise_signal(signal.SIGINT)
-        print("never here", flush=True)
-    """)
-    assert (done.returncode, done.stdout) == (143, "")
-    assert done.stderr == "newmark-study: terminated; 3 cells\n"
-
-
-def test_postponed_interrupts_wait():
-    """What is begun is completed first, whatever is nested in it."""
-    done = python("""
-    interrupts.catch()
-    try:
         with interrupts.postponed():
             with interrupts.postponed():
                 signal.raise_signal(signal.SIGINT)
-            time.sleep(0.3)
             print("completed")
         print("never here")
-    except interrupts.Interrupt:
-        sys.exit(interrupts.answer())
+    finally:
+        print("nor here")
     """)
     assert (done.returncode, done.stdout) == (130, "completed\n")
+    assert done.stderr == "newmark-study: interrupted; 3 cells\n"
+
+
+def test_what_must_be_closed_is():
+    """Functions that were registered, and contexts of libraries; a second signal does not wait."""
+    done = python("""
+    interrupts.catch()
+    with interrupts.before_end(lambda: print("cleaned")), interrupts.raising():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            print("closed")
+            signal.raise_signal(signal.SIGINT)
+            print("never here")
+    """)
+    assert (done.returncode, done.stdout) == (130, "closed\ncleaned\n")
+    assert done.stderr == "newmark-study: interrupted\n"
 
 
 def test_after_the_end_nothing_changes():
@@ -254,7 +161,7 @@ def test_after_the_end_nothing_changes():
 
 
 def test_callers_in_python_keep_their_handlers():
-    """`main` with arguments gives handlers back, and runs in any thread."""
+    """`main` with arguments leaves handlers alone, and runs in any thread."""
     handlers = [signal.getsignal(number) for number in ENDINGS]
     from newmark_cli.cli import main
 
@@ -310,54 +217,6 @@ def test_reproduce_tells_too(cli):
     cells = sum(config.load_shipped(name).count for name in config.REPRODUCED)
     require_ended(run, signal.SIGTERM, errors, kept(cli), cells)
     assert errors.count("\n") == 1
-
-
-def test_an_interrupt_does_not_wait_for_threads():
-    """Such as one that compiles: the processes are ended, nothing else is said, and the code."""
-    done = python("""
-    import threading
-    from newmark_cli.running import executors
-    from newmark_cli.study import config
-
-    inside = threading.Event()
-
-    def endless(task, timeout, on_steps):
-        inside.set()
-        while True:
-            time.sleep(0.01)
-
-    def command(arguments):
-        cells = config.load_shipped("pendulum-u").cells()
-        tasks = {i: executors.Task(cell) for i, cell in enumerate(cells)}
-        executors.perform, executors._PATIENCE = endless, 0.2
-        with executors.local(tasks, 2, None, print):
-            inside.wait()
-            print("begun")
-            signal.raise_signal(signal.SIGTERM)
-
-    import newmark_cli.cli.commands
-    newmark_cli.cli.commands.run = command
-    from newmark_cli.cli import main
-    main()
-    """)
-    assert (done.returncode, done.stdout) == (143, "begun\n")
-    assert done.stderr == "newmark-study: terminated\n"
-
-
-def test_llvm_is_not_interrupted():
-    """Between taking memory from LLVM and noting it, or giving it back: after that."""
-    done = python("""
-    code = "def work(then):\\n    then()\\n    print('completed')\\n"
-    binding = {"__name__": "llvmlite.binding.ffi"}
-    exec(code, binding)
-    interrupts.catch()
-    try:
-        binding["work"](lambda: signal.raise_signal(signal.SIGINT))
-        time.sleep(30)
-    except interrupts.Interrupt:
-        sys.exit(interrupts.answer())
-    """)
-    assert (done.returncode, done.stdout) == (130, "completed\n")
 
 
 def test_the_cursor_comes_back(cli):

@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import math
 import pickle
-import signal
 import subprocess
 import sys
 import time
@@ -16,7 +15,6 @@ import oracles
 import pandas as pd
 import pytest
 from each import each
-from numba.core import serialize
 
 import newmark_cli as newmark
 from newmark_cli.newmark import trajectory
@@ -367,26 +365,6 @@ def test_an_interrupt_leaves_a_usable_trajectory(cli):
     """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
     done = cli.warm.run([], cli.folder, cli.write("interrupted.py", INTERRUPTED))
     assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
-
-
-def test_an_interrupt_while_numba_takes_a_function(monkeypatch):
-    """Where a handler raises then, numba goes on and fails with something else: it runs later."""
-
-    class Memo(dict):
-        def __getitem__(self, key):
-            signal.raise_signal(signal.SIGINT)
-            return super().__getitem__(key)
-
-    newmark.march("pendulum", h=1e-6, steps=10)
-    monkeypatch.setattr(serialize, "_unpickled_memo", Memo(serialize._unpickled_memo))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt) as caught:
-            newmark.march("pendulum", h=1e-6, steps=20_000)
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert caught.value.trajectory.status == "interrupted"
 
 
 def test_an_interrupt_while_steps_are_kept(monkeypatch):

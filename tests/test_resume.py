@@ -29,7 +29,7 @@ from hypothesis import strategies as st
 
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
-from newmark_cli.running import sealed, store
+from newmark_cli.running import store
 from newmark_cli.study import config, results, trajectories
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
@@ -105,13 +105,9 @@ def test_dry_runs_say_why(cli):
             file.unlink()
             file = file.with_name("-".join([*parts[:2], "0" * 16]) + ".json")
         if change == "outcome":
-            record["outcome"]["measurements"][0]["statistics"]["rms"] *= 2
-        if change in ("cut", "outcome"):
-            text = json.dumps(record)
-            file.write_text(text[:100] if change == "cut" else text)
-        else:
-            record.pop("sha256")
-            sealed.write(file, record)
+            del record["outcome"]["measurements"][0]["statistics"]["rms"]
+        text = json.dumps(record)
+        file.write_text(text[:100] if change == "cut" else text)
     found = sorted(reasons(cli)[0])
     assert found[:2] == ["to run: cached result is damaged"] * 2
     assert found[2].startswith("to run: numba 0.1 -> ")

@@ -13,42 +13,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     itself), 141 (nobody reads the output), or 128 plus the number of the signal that ended
     the command: 130 after Ctrl-C, 143 after SIGTERM.
     """
-    try:
-        try:
-            # First of all: the imports of a command take time, in which Ctrl-C may come.
-            interrupts.catch()
-            code = _code(arguments)
-        except interrupts.Interrupt:
-            code = interrupts.answer()
-        if arguments is None:
-            interrupts.end(code)
-        sys.exit(code)
-    finally:
-        # The console script's process ends here; another caller's goes on.
-        if arguments is not None:
-            interrupts.release()
+    own_process = arguments is None
+    if own_process:
+        interrupts.catch()
+    code = _code(arguments, own_process)
+    if own_process:
+        interrupts.ignore()
+    sys.exit(code)
 
 
-def _code(arguments: Sequence[str] | None) -> int:
+def _code(arguments: Sequence[str] | None, own_process: bool) -> int:
     """Run a command, whatever goes wrong; its exit code."""
     try:
-        if arguments is None:
+        if own_process:
             from newmark_cli.cli import streams
 
             streams.prepare()
         from newmark_cli.cli.commands import run
 
-        code = run(arguments)
-        interrupts.settle()
+        return run(arguments)
     except BaseException as error:
-        if interrupts.received():
-            return interrupts.answer()
-        interrupts.settle()
         from newmark_cli.cli import last_resort
 
-        code = last_resort.told(error)
-    if arguments is None:
-        from newmark_cli.cli import last_resort
-
-        last_resort.silence()
-    return code
+        return last_resort.report(error)

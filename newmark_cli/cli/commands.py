@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from newmark_cli import __version__, interrupts
+from newmark_cli import __version__
 from newmark_cli.cli import (
     advising,
     exporting,
@@ -108,8 +108,6 @@ def run(arguments: Sequence[str] | None) -> int:
     except SystemExit as ending:  # completion has said what it has to say
         return int(ending.code or 0)
     except (Exception, _Interrupted) as error:
-        if interrupts.received():
-            raise  # or a consequence of the interrupt
         return _told(error)
 
 
@@ -136,10 +134,6 @@ def _told(error: BaseException) -> int:
         case click.Abort() | _Interrupted():
             screen.complain("interrupted")
             return 130
-        case RuntimeError() if "no locator available" in str(error):
-            screen.complain(
-                "no folder for compiled code can be written; set NUMBA_CACHE_DIR to one"
-            )
         case _:
             raise error
     return 2

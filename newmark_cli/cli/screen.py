@@ -5,10 +5,13 @@ they hold, a terminal is shown text: no escape sequence, no text that runs backw
 no line that only looks like one of the command's.
 """
 
+import re
+
 import click
 
 from newmark_cli.errors import one_line, visible, visible_lines
-from newmark_cli.painting import coloured
+
+_COLOUR = re.compile(r"(\x1b\[[0-9;]*m)")
 
 
 def line(text: object = "") -> None:
@@ -21,7 +24,9 @@ def lines(text: str) -> None:
 
     Tables keep the colours that `newmark_cli.report.text.text_table` gave them.
     """
-    click.echo(coloured(visible_lines(text)))
+    parts = _COLOUR.split(text)
+    parts[::2] = map(visible_lines, parts[::2])
+    click.echo("".join(parts))
 
 
 def note(text: str) -> None:

@@ -10,8 +10,6 @@ import os
 import sys
 from typing import IO, Any
 
-from newmark_cli import interrupts
-
 #: Exit code where nobody reads the output any more, like that of other tools in a pipe.
 UNREAD = 141
 
@@ -40,40 +38,17 @@ class OutputError(Exception):
 class _Descriptor(io.FileIO):
     """A standard stream; once it has refused a write it takes everything and keeps nothing."""
 
-    def __init__(self, number: int) -> None:
-        super().__init__(number, "wb", closefd=False)
-        self._lost = False
-
-
-class _Output(_Descriptor):
-    """What a command is run for."""
+    _lost = False
 
     def write(self, data: Any) -> int:
-        """Write bytes; raises `OutputError` where they cannot be written."""
+        """Write bytes; raises `OutputError` where those of stdout cannot be written."""
         if not self._lost:
             try:
                 return super().write(data)
             except OSError as error:
                 self._lost = True
-                raise OutputError(error) from None
-        return memoryview(data).nbytes
-
-
-class _Messages(_Descriptor):
-    """What is said besides."""
-
-    @interrupts.unbroken
-    def write(self, data: Any) -> int:
-        """Write bytes, if that can be done.
-
-        An interrupt that ended it after its bytes were written would have the buffer write
-        the line again.
-        """
-        if not self._lost:
-            try:
-                return super().write(data)
-            except OSError:
-                self._lost = True
+                if self.fileno() == 1:
+                    raise OutputError(error) from None
         return memoryview(data).nbytes
 
 
@@ -89,21 +64,21 @@ def prepare() -> None:
         except OSError:
             # Or the next file that is opened would be taken for the stream.
             os.open(os.devnull, os.O_RDONLY if number == 0 else os.O_WRONLY)
-    sys.stdout = _stream(sys.stdout, 1, needed=True)
-    sys.stderr = _stream(sys.stderr, 2, needed=False)
+    sys.stdout = _stream(sys.stdout, 1)
+    sys.stderr = _stream(sys.stderr, 2)
 
 
-def _stream(given: IO[str] | None, number: int, needed: bool) -> io.TextIOWrapper:
+def _stream(given: IO[str] | None, number: int) -> io.TextIOWrapper:
     if given is not None:
         given.flush()
     if os.name == "nt" and isinstance(given, io.TextIOWrapper) and given.isatty():
         given.reconfigure(errors="newmark-study")  # a console there takes text, not bytes
         return given
     return io.TextIOWrapper(
-        io.BufferedWriter(_Output(number) if needed else _Messages(number)),
+        io.BufferedWriter(_Descriptor(number, "wb", closefd=False)),
         encoding=getattr(given, "encoding", None) or "utf-8",
         errors="newmark-study",
-        line_buffering=getattr(given, "line_buffering", False) or not needed,
+        line_buffering=getattr(given, "line_buffering", False) or number == 2,
         write_through=getattr(given, "write_through", False),
     )
 

@@ -1,6 +1,7 @@
 """Progress of a run: counts for everybody, a display only on a terminal."""
 
 import contextlib
+import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -72,12 +73,9 @@ class Told(Counts):
         super().planned(plan)
         total = weight(plan)
         if total and sys.stderr.isatty():
-            with interrupts.postponed():  # what hides the cursor must show it again
-                display = _display(total)
-                self._stack.enter_context(display)
-                self._display = display
-                self._count()
-                display.refresh()  # a run may end before the next frame
+            self._display = _opened(_display(total), self._stack)
+            self._count()
+            self._display.refresh()  # a run may end before the next frame
 
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
@@ -145,6 +143,14 @@ def _bar(counts: Sequence[str], total: int) -> "Progress":
     return display
 
 
+def _opened(display: "Progress", stack: contextlib.ExitStack) -> "Progress":
+    """A display that is shown until the stack is closed."""
+    with interrupts.postponed():
+        # What hides the cursor must show it again.
+        stack.enter_context(interrupts.before_end(lambda: os.write(2, b"\n\x1b[?25h")))
+        return stack.enter_context(display)
+
+
 @contextlib.contextmanager
 def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
     """The watcher of a run.
@@ -174,10 +180,7 @@ class Exporting:
     def planned(self, steps: int) -> None:
         """Open the display."""
         if sys.stderr.isatty():
-            with interrupts.postponed():  # what hides the cursor must show it again
-                display = _bar(["systems"], steps)
-                self._stack.enter_context(display)
-                self._display = display
+            self._display = _opened(_bar(["systems"], steps), self._stack)
 
     def marched(self, steps: int) -> None:
         """Go on by so many steps."""

@@ -25,7 +25,6 @@ import numpy as np
 from numba import from_dtype, njit, typeof, types
 from numba.extending import intrinsic
 
-from newmark_cli import interrupts
 from newmark_cli.cached_code import cached_njit
 from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark.march_data import (
@@ -1254,6 +1253,4 @@ def march(functions, code, problem, matrices, extra, state, schedule, counts, re
             # one function, in every process.
             compiled.disable_compile()
             _compiled[dtype, formulated] = compiled
-    # Numba runs Python for each function that it is given, and goes on if that raises.
-    with interrupts.after():
-        return _compiled[dtype, formulated](*given, *numbers)
+    return _compiled[dtype, formulated](*given, *numbers)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from newmark_cli.errors import visible
-from newmark_cli.painting import marked
 from newmark_cli.report.verdicts import FAILING, UNDECIDED
 from newmark_cli.study.cell import STATUSES
 
@@ -63,7 +62,7 @@ def wrapped(line: str, indent: int = 0) -> str:
 
 
 def text_table(rows: Sequence[Sequence[Entry]], *, blocks: bool = False, indent: int = 0) -> str:
-    """Columns for a terminal, under headings; colours are marked, see `newmark_cli.painting`.
+    """Columns for a terminal, under headings; coloured on a terminal.
 
     Args:
         rows: The headings first; a row of one entry is a heading of the rows below it.
@@ -80,7 +79,7 @@ def text_table(rows: Sequence[Sequence[Entry]], *, blocks: bool = False, indent:
         for group in groups
     ]
     lines = "\n\n".join(tables).splitlines()
-    return marked("\n".join(" " * indent + line if line else "" for line in lines))
+    return "\n".join(" " * indent + line if line else "" for line in lines)
 
 
 #: What Markdown would take for more than text, and HTML for a tag.

@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from newmark_cli import interrupts
 from newmark_cli.errors import ExecutorError, InputError, one_line
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.spec import is_code, portable
@@ -70,7 +71,7 @@ def cluster(
         ExecutorError: When there is no scheduler, it is lost, it has no workers for
             longer than it is configured to wait, or one has another numerical core.
     """
-    with ExitStack() as stack:
+    with interrupts.raising(), ExitStack() as stack:
         environment = stack.enter_context(_only_own_imports())
         try:
             with interrupts_held():  # what imports on the way may swallow them

@@ -50,9 +50,6 @@ class Task:
         return replace(self, cell=replace(self.cell, problem=problem), compiled=compiled)
 
 
-#: Seconds that an interrupt waits for threads.
-_PATIENCE = 1.0
-
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
 
@@ -190,8 +187,7 @@ def local(
     Problems that are the user's code run in processes of their own.
 
     Leaving the context ends what still runs: threads between two stretches, and
-    processes at once.  An interrupt does not wait long for threads, one of which may be
-    compiling: the process then ends without them.
+    processes at once.
 
     Args:
         tasks: In the order in which they start.
@@ -227,29 +223,20 @@ def local(
     )
     threads = ThreadPoolExecutor(max_workers=jobs)
     waiting = ThreadPoolExecutor(max_workers=max(min(jobs, len(own)), 1))
-    futures, waits = dict[Future[Done], int](), True
+    futures: dict[Future[Done], int] = {}
     try:
         futures |= {waiting.submit(apart_from_others, task): name for name, task in own.items()}
         futures |= {
             threads.submit(threaded, task): name for name, task in tasks.items() if name not in own
         }
         yield ((futures[future], future.result()) for future in as_completed(futures))
-    except KeyboardInterrupt:
-        waits = False
-        raise
     finally:
         stopped.set()
         for pool in (waiting, threads):
             pool.shutdown(wait=False, cancel_futures=True)
         processes.end()
         waiting.shutdown()
-        threads.shutdown(wait=waits)
-        until = time.monotonic() + _PATIENCE
-        while any(future.running() for future, name in futures.items() if name not in own):
-            if time.monotonic() > until:
-                interrupts.leave_threads()
-                break
-            time.sleep(0.01)
+        threads.shutdown()
 
 
 def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:

@@ -35,7 +35,7 @@ _UNFINISHED = ".unfinished-"
 _CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
 #: Names of the files whose temporary ones stay when a writer is killed.
 _WRITTEN = re.compile(
-    r"probe|\.(?:unfinished|replacing)-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
+    r"probe|\.(?:unfinished)-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
 )
 #: Folders whose files are written by whoever holds the lock, and by nobody else.
 _UNDER_LOCK = ("cells", "references", RUNS, *SERIES_FOLDERS)
@@ -110,7 +110,6 @@ def prune(folder: Path, studies: Sequence["Study"] = (), dry_run: bool = False) 
     if dry_run:
         return _plan(folder, studies)
     with locked(folder, "prune"):
-        files.settle(folder)
         pruned = _plan(folder, studies)
         for removed in pruned.removed:
             for file in removed.files:
@@ -123,8 +122,7 @@ def prune(folder: Path, studies: Sequence["Study"] = (), dry_run: bool = False) 
 
 
 def sweep(folder: Path) -> None:
-    """Finish or remove what killed runs left in a results folder, which is held."""
-    files.settle(folder)
+    """Remove what killed runs left in a results folder, which is held."""
     for file in _temporaries(folder):
         with contextlib.suppress(OSError):  # it does no harm
             file.unlink(missing_ok=True)
@@ -190,9 +188,11 @@ def _recorded(folder: Path, but: Iterable[str]) -> Iterator[Mapping[str, Any]]:
     others = {file.stem for file in folder.glob("*.json")}
     for name in sorted((csvs | others) - set(but)):
         file = folder / f"{name}.json"
-        record = _json(file, f"the cells of {name}.csv") if name in csvs else _anything(file)
+        record = (
+            _json(file, f"the cells of {name}.csv") if name in csvs else files.read_mapping(file)
+        )
         if name in csvs or record.get("study") == name:
-            run = _anything(run_path(file.with_suffix(".csv")))
+            run = files.read_mapping(run_path(file.with_suffix(".csv")))
             cells = merged(record, run).get("cells")
             if not isinstance(cells, list) or not all(isinstance(cell, dict) for cell in cells):
                 raise ResultsError(f"{file}: does not say what {name}.csv was made from")
@@ -200,20 +200,12 @@ def _recorded(folder: Path, but: Iterable[str]) -> Iterator[Mapping[str, Any]]:
 
 
 def _json(file: Path, what: str) -> dict[str, Any]:
-    record = _anything(file)
+    record = files.read_mapping(file)
     if not record:
         raise ResultsError(
             f"{file}: missing or damaged, so that {what} are not known; name the study's config"
         )
     return record
-
-
-def _anything(file: Path) -> dict[str, Any]:
-    try:
-        record = files.read_json(file)
-    except (OSError, ValueError):
-        return {}
-    return record if isinstance(record, dict) else {}
 
 
 def _among(described: Iterable[Mapping[str, Any]], kept: store.Kept) -> bool:

@@ -22,7 +22,6 @@ from newmark_cli.mechanisms.spec import ProblemSpec, Shipped
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.running import sealed
 
 #: Computes the solution of a problem at a time.
 Solve = Callable[[ProblemSpec, float], Reference]
@@ -91,7 +90,7 @@ class References:
         if found is None:
             found = self._solve(spec, t)
             files.make_folder(self._folder, self._results)
-            sealed.write(path, _record(spec.label, found, content), self._results)
+            files.write_json(path, _record(spec.label, found, content), self._results)
         return found
 
 
@@ -125,8 +124,8 @@ def _record(label: str, found: Reference, content: str) -> dict[str, Any]:
 def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | None:
     """The reference in a file; None when it is missing, damaged or of something else."""
     try:
-        record = sealed.read(path)
-        if record is None or record["content"] != content:
+        record = files.read_mapping(path)
+        if record["content"] != content:
             return None
         estimated = record["estimated_error"]
         return Reference(

@@ -2,6 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import PlainSerializer, PlainValidator
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.statistics import Measurement
@@ -13,6 +17,22 @@ NOT_CONVERGING = "not_converging"
 
 #: Columns of the file of drifts, besides what tells a row from others.
 DRIFTS = ("position", "velocity")
+
+
+def _vector(value: Any) -> Array:
+    array = np.asarray(value)
+    if array.ndim != 1 or not (array.size == 0 or array.dtype.kind in "fi"):
+        raise ValueError("not a vector of numbers")
+    return array
+
+
+#: (k,) numbers, which pydantic turns into a list and back.
+Vector = Annotated[Array, PlainValidator(_vector), PlainSerializer(lambda array: array.tolist())]
+
+
+Column = Annotated[
+    Array | IndexArray, PlainValidator(_vector), PlainSerializer(lambda array: array.tolist())
+]
 
 
 @dataclass(frozen=True)
@@ -43,10 +63,10 @@ class Outcome:
     status: str
     reason: str = ""
     met: int | None = None
-    history: Sequence[tuple[int, Array]] = ()
+    history: Sequence[tuple[int, Vector]] = ()
     lacks: tuple[str, ...] = ()
-    drift: Sequence[tuple[int, Array]] = ()
-    trajectory: Mapping[str, Array | IndexArray] = field(default_factory=dict)
+    drift: Sequence[tuple[int, Vector]] = ()
+    trajectory: Mapping[str, Column] = field(default_factory=dict)
     pivoted: int = 0
     operations: int | None = None
 

@@ -83,7 +83,7 @@ class Choice:
         if self.steps:
             if self.steps[-1] > last:
                 raise InputError(
-                    f"step {self.steps[-1]} is behind the last: the march has {last} "
+                    f"step {self.steps[-1]} is past the last step: the march has {last} "
                     f"({axes.described(cell)})"
                 )
             return self.steps
@@ -221,7 +221,7 @@ class _EndedError(Exception):
 def _systems(
     cell: Cell, steps: Sequence[int], every_iteration: bool, watcher: Watcher
 ) -> Iterator[NewtonSystem]:
-    """Systems of a cell; raises _EndedError behind the last when the march ends early."""
+    """Systems of a cell; raises _EndedError after the last if the march ends early."""
     ending: list[str] = []
     if is_code(cell.problem):
         try:
@@ -363,7 +363,7 @@ def _comment(entry: dict[str, Any]) -> str:
 
 
 def _slug(cell: Cell, system: NewtonSystem) -> str:
-    """Name of a system's folder, behind its number."""
+    """Name of a system's folder, after its number."""
     told = [
         str(each.write(cell))
         for each in axes.cell_axes()
@@ -387,20 +387,12 @@ def _is_ours(entry: Path) -> bool:
     if entry.is_symlink():
         return False
     if entry.name == INDEX:
-        return _is_index(entry)
+        return files.read_mapping(entry).get("kind") == KIND
     if not (_NAME.fullmatch(entry.name) and entry.is_dir()):
         return False
     return all(
         part.name in _FILES and part.is_file() and not part.is_symlink() for part in entry.iterdir()
     )
-
-
-def _is_index(file: Path) -> bool:
-    try:
-        found = files.read_json(file)
-    except (OSError, ValueError):
-        return False
-    return isinstance(found, dict) and found.get("kind") == KIND
 
 
 # -- which marches -----------------------------------------------------------------------------

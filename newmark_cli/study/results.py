@@ -296,27 +296,20 @@ def _spell(value: Any) -> str:
     return _guarded(value) if isinstance(value, str) else str(value)
 
 
-#: Where a spreadsheet that separates by commas, semicolons or tabs begins a cell with what
-#: it takes for a formula; a cell may begin with blanks and quotes.
-_FORMULA = re.compile(r"""((?:^|[,;|\t\r\n])(?=[ "']*[=+\-@\t\r＝＋－＠]))""")
-_GUARDED = re.compile(r"""((?:^|[,;|\t\r\n]))'(?=[ "']*[=+\-@\t\r＝＋－＠])""")
+#: Beginning of a cell that a spreadsheet takes for a formula, and the same with an apostrophe.
+_FORMULA = re.compile(r"""[ "']*[=+\-@\t\r]""")
+_GUARDED = re.compile(rf"'{_FORMULA.pattern}")
 #: Numbers between blanks, which are no formula whatever their sign is.
 _PLAIN_NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?( ([-+]?[0-9.]+(e[-+]?[0-9]+)?|nan))*")
 
 
-#: What a formula has; most texts have none of it.
-_SIGNS = frozenset("=+-@\t\r＝＋－＠")
-
-
 def _guarded(text: str) -> str:
     """Text that no spreadsheet takes for a formula; `_unguarded` brings it back."""
-    if _SIGNS.isdisjoint(text):
-        return text
-    return text if _PLAIN_NUMBERS.fullmatch(text) else _FORMULA.sub(r"\1'", text)
+    return f"'{text}" if _FORMULA.match(text) and not _PLAIN_NUMBERS.fullmatch(text) else text
 
 
 def _unguarded(text: str) -> str:
-    return _GUARDED.sub(r"\1", text) if "'" in text else text
+    return text[1:] if _GUARDED.match(text) else text
 
 
 def study_paths(path: Path) -> tuple[Path, ...]:
@@ -378,11 +371,11 @@ def replace(
     files.make_folder(run_path(path).parent, folder)
     records = {path.with_suffix(".json"): record, run_path(path): run}
     contents = {**texts, **gone, **{file: files.json_text(of) for file, of in records.items()}}
-    files.replace_together(folder, study, contents, folder)
+    files.replace_together(contents, folder)
 
 
 def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
-    """Contents of the files of a study, see `study_paths`, as one run has written them.
+    """Contents of the files of a study, see `study_paths`.
 
     Args:
         path: The CSV.
@@ -392,19 +385,25 @@ def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
         File → content, or why it cannot be read.
     """
     paths = study_paths(path)
-    return files.read_together(paths if series else paths[:3], path.parent, path.stem)
+    return {file: _content(file, path.parent) for file in (paths if series else paths[:3])}
 
 
 def read_record(path: Path) -> bytes | OSError:
-    """Content of a study's record alone, or why it cannot be read; see `read`."""
-    return read_records(path)[0]
+    """Content of a study's record, or why it cannot be read."""
+    return _content(path.with_suffix(".json"), path.parent)
 
 
 def read_records(path: Path) -> tuple[bytes | OSError, bytes | OSError]:
     """Contents of the records of a study and of its run, or why they cannot be read."""
-    record, run = study_paths(path)[1:3]
-    found = files.read_together([record, run], path.parent, path.stem)
-    return found[record], found[run]
+    return read_record(path), _content(run_path(path), path.parent)
+
+
+def _content(file: Path, folder: Path) -> bytes | OSError:
+    try:
+        files.require_within(file.parent, folder)
+        return files.read(file)
+    except OSError as error:
+        return error
 
 
 def require_writable(folder: Path, names: Iterable[str]) -> None:
@@ -415,7 +414,7 @@ def require_writable(folder: Path, names: Iterable[str]) -> None:
         names: Files that will be written into it.
 
     Raises:
-        ResultsError: When the folder cannot be made or written, or a file is none.
+        ResultsError: When the folder cannot be made or written, or a file is a folder.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
