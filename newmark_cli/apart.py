@@ -1,11 +1,11 @@
-"""Processes of their own, for code of the user's.
+"""Separate processes for user code.
 
 A Python problem may change whatever its process holds: functions of NumPy, the working
-directory, the environment; it may end the process, or not come back.  So no process that
-runs it does anything else, and none runs two problems.
+directory, the environment; it may end the process, or not come back.  So a process that
+runs it does nothing else, and runs one problem only.
 
-A process is a fork of a server, which has imported the package and never runs code of
-the user's: it starts in milliseconds, and knows nothing of what ran before it.  The
+A process is a fork of a server, which has imported the package and never runs user
+code: it starts in milliseconds, and knows nothing of what ran before it.  The
 standard library's fork server could not be used in the workers of dask, would import the
 program's main module into every process, and listens on a socket with a name.  Windows
 cannot fork: there problems in Python are refused.
@@ -45,8 +45,6 @@ _IMPORTED = tuple(
         "newmark.compiled_march", "newmark.scipy_march", "running.runner",
     )
 )  # fmt: skip
-#: Seconds after which a process that is kept for further calls, and gets none, ends.
-_IDLE = 60.0
 
 _START = "import sys; sys.path[:] = {path!r}; from newmark_cli import apart; apart._serve({fd})"
 
@@ -184,14 +182,14 @@ def end(owner: Hashable) -> None:
         one.end()
 
 
-#: Processes that wait for a call: owner, process, and since when.
-_waiting: list[tuple[Hashable, Process, float]] = []
+#: Processes that wait for a call, each with its owner.
+_waiting: list[tuple[Hashable, Process]] = []
 _guard = threading.RLock()
 
 
 def _taken(owner: Hashable) -> Process | None:
     with _guard:
-        for place, (theirs, one, _) in enumerate(_waiting):
+        for place, (theirs, one) in enumerate(_waiting):
             if owner is not None and theirs == owner and one.alive:
                 del _waiting[place]
                 return one
@@ -203,20 +201,9 @@ def _put_back(owner: Hashable, one: Process) -> None:
         one.end()
         return
     with _guard:
-        _waiting.append((owner, one, time.monotonic()))
+        _waiting.append((owner, one))
         while len(_waiting) > usable():
             _waiting.pop(0)[1].end()
-        timer = threading.Timer(_IDLE, _end_idle)
-        timer.daemon = True
-        timer.start()
-
-
-def _end_idle() -> None:
-    with _guard:
-        now = time.monotonic()
-        for one in [one for one in _waiting if now - one[2] >= _IDLE]:
-            one[1].end()
-            _waiting.remove(one)
 
 
 def stop() -> None:
@@ -293,7 +280,7 @@ def _forked() -> tuple[Connection, Connection, int]:
                 server = _started()
             with contextlib.suppress(EOFError, OSError):  # it has ended
                 return server.fork()
-    raise ExecutorError("no process can be started for code of the user's")
+    raise ExecutorError("no process can be started for user code")
 
 
 def _started() -> _Server:

@@ -8,7 +8,7 @@ import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
@@ -171,13 +171,11 @@ class Document:
         name: File as the user named it.
         data: Mappings, lists and scalars.
         lines: Path of keys and indices → line, counted from 1.
-        linked: Whether the file is a symbolic link.  Errors then do not quote it.
     """
 
     name: str
     data: Any
     lines: Mapping[KeyPath, int]
-    linked: bool = False
 
     @classmethod
     def of(cls, name: str, data: Any) -> "Document":
@@ -209,9 +207,6 @@ class Document:
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
         line, key = self.line(path), _spell(path)
-        if self.linked:
-            text = _unquoted(self.name, line)
-            return DocumentError(text, [Mistake(line, (), text)])
         where = f"{self.name}, line {line}" if line else self.name
         text = f"{where}: {key + ': ' if key else ''}{message}"
         return DocumentError(text, [Mistake(line, path, text)])
@@ -327,12 +322,10 @@ class File:
     Attributes:
         name: File as the user named it.
         content: What it said.
-        linked: Whether it is a symbolic link.
     """
 
     name: str
     content: bytes = field(repr=False)
-    linked: bool = False
 
     def document(self) -> Document:
         """The document in it.
@@ -344,12 +337,7 @@ class File:
             text = self.content.decode("utf-8-sig")
         except UnicodeDecodeError:
             raise DocumentError(f"{self.name}, line 1: not a text file in UTF-8") from None
-        try:
-            return replace(parse(text, self.name), linked=self.linked)
-        except DocumentError as error:
-            if not self.linked:
-                raise
-            raise DocumentError(_unquoted(self.name, error.mistakes[0].line)) from None
+        return parse(text, self.name)
 
 
 def fetch(path: Path, name: str | None = None) -> File:
@@ -367,18 +355,12 @@ def fetch(path: Path, name: str | None = None) -> File:
         content = files.read_given(path, _MOST_BYTES)
     except OSError as error:
         raise DocumentError(f"{one_line(name)}: cannot be read: {error.strerror}") from None
-    return File(name, content, path.is_symlink())
+    return File(name, content)
 
 
 def read(path: Path, name: str | None = None) -> Document:
     """Parse one YAML file; see :func:`fetch` and `File.document`."""
     return fetch(path, name).document()
-
-
-def _unquoted(name: str, line: int) -> str:
-    """A mistake behind a link, which may lead to what is nobody's business."""
-    where = f"{name}, line {line}" if line else name
-    return f"{where}: cannot be used; what is wrong is not quoted because the file is a link"
 
 
 def parse(text: str, name: str) -> Document:

@@ -344,12 +344,7 @@ DAMAGED = {
     "cut in a row": lambda text, lines: text[: len(text) // 2].rstrip("\n"),
     "cut in a word": lambda text, lines: text[:-2],
     "cut at a line": lambda text, lines: "".join(lines[:57]),
-    "twice": lambda text, lines: text + lines[-1],
-    "column twice": lambda text, lines: text.replace("\n", ",1\n").replace(
-        "rounding,1", "rounding,study"
-    ),
     "long field": lambda text, lines: text + "x" * 200_000 + "\n",
-    "h": lambda text, lines: text.replace(",0.1,3.0", ",-0.1,3.0"),
     "study": lambda text, lines: text.replace("pendulum-u,", "other,", 1),
     "integrator": lambda text, lines: text.replace("newmark beta", "bdf beta"),
     "quantity": lambda text, lines: text.replace(",u,correction", ",w,correction"),

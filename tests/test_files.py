@@ -213,18 +213,6 @@ def test_a_cell_of_wrong_types_is_computed_again(cli, record):
     assert (cli.folder / "results/quick.csv").read_bytes() == before
 
 
-def test_a_linked_mechanism_is_not_quoted(cli, outside):
-    """A mechanism file that is a link may lead to what is nobody's business."""
-    outside.write_text(f"name: {SECRET}\npoints: {SECRET}\n")
-    (cli.folder / "arm.yaml").symlink_to(outside)
-    cli.write("c.yaml", STUDY.replace("pendulum", "arm.yaml"))
-    for words in (("validate", "c.yaml"), ("draw", "arm.yaml"), ("run", "c.yaml")):
-        done = cli(*words, code=2)
-        assert "arm.yaml, line 1: cannot be used; what is wrong is not quoted" in done.stderr
-        assert SECRET not in done.stderr
-        assert "Traceback" not in done.stderr
-
-
 def test_outputs_that_are_no_files(tmp_path):
     """What is written goes into a device or a pipe or through a link; a file keeps its mode."""
     files.write_output(Path("/dev/null"), "new")

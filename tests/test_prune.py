@@ -170,21 +170,11 @@ def test_damaged_cells_go(cli, two):
     assert cli("run", "quick.yaml", "--dry-run").stdout.endswith("3 of 4 cells to run\n")
 
 
-def test_records_of_older_versions(cli, two):
-    """They name no files: what they describe stays, of whatever core, and only that."""
-    record = json.loads((cli.folder / "results/quick.json").read_text())
-    for cell in record["cells"]:
-        del cell["linear_solver"]  # a column that came later
-    (cli.folder / "results/quick.json").write_text(json.dumps(record))
+def test_records_without_a_run(cli, two):
+    """Those that came with the folder name no cells of it: only what other studies need stays."""
     (cli.folder / "results/runs/quick.json").unlink()
-    for suffix in ("csv", "json"):
-        (cli.folder / f"results/other.{suffix}").unlink()
-    old = other_core(cli, min(two["quick"]))
-    assert sizes(cli("prune").stdout)[:2] == [
-        "removed 4 cells that no study needs",
-        "4 cells stay",
-    ]
-    assert cells(cli) == (two["quick"] - {min(two["quick"])}) | {old}
+    cli("prune")
+    assert cells(cli) == two["other"]
 
 
 @pytest.mark.parametrize("text", [None, "{", "{}", '{"study": "quick", "cells": 3}'])

@@ -6,7 +6,6 @@ Nothing is refused.  A fictitious mass is a size like that, and is meant.
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -76,8 +75,6 @@ def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
         document: What it was built from.
     """
     mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
-    # What is wrong with a file behind a link is not quoted, but this one is valid.
-    document = replace(document, linked=False)
     lengths = _lengths(mechanism)
     # One of each part: a body with many points is no majority.
     by_part = {

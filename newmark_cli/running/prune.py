@@ -15,7 +15,7 @@ import contextlib
 import errno
 import re
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -133,24 +133,19 @@ def _plan(folder: Path, studies: Sequence["Study"]) -> Pruned:
     unfinished = _unfinished(folder, names)
     needed = {store.file_name(cell) for study in studies for cell in study.cells()}
     needed.update(*unfinished.values())
-    described: list[Mapping[str, Any]] = []
-    for cell in _recorded(folder, names):
-        if isinstance(cell.get("kept_as"), str):
-            needed.add(cell["kept_as"])
-        else:
-            described.append(cell)
+    needed.update(_recorded(folder, names))
     damaged, foreign, needless, stay, outdated = [], [], [], [], 0
     for file in sorted((folder / "cells").glob("*.json")):
         if not _CELL.fullmatch(file.name):
             continue
         _require_readable(file)
-        kept = store.opened(file)
-        if kept is None:
+        core = store.core_of(file)
+        if core is None:
             damaged.append(file)
-        elif file.name in needed or _among(described, kept):
+        elif file.name in needed:
             stay.append(file)
-            outdated += kept.core != store.core()
-        elif kept.core != store.core():
+            outdated += core != store.core()
+        elif core != store.core():
             foreign.append(file)
         else:
             needless.append(file)
@@ -182,21 +177,24 @@ def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
     return found
 
 
-def _recorded(folder: Path, but: Iterable[str]) -> Iterator[Mapping[str, Any]]:
-    """Every cell that the folder's CSVs were made from, as their records describe it."""
+def _recorded(folder: Path, but: Iterable[str]) -> Iterator[str]:
+    """Files of all cells that the folder's CSVs were made from, as their records say."""
     csvs = {file.stem for file in folder.glob("*.csv") if file.name not in NOT_STUDIES}
     others = {file.stem for file in folder.glob("*.json")}
     for name in sorted((csvs | others) - set(but)):
         file = folder / f"{name}.json"
-        record = (
-            _json(file, f"the cells of {name}.csv") if name in csvs else files.read_mapping(file)
-        )
-        if name in csvs or record.get("study") == name:
-            run = files.read_mapping(run_path(file.with_suffix(".csv")))
-            cells = merged(record, run).get("cells")
-            if not isinstance(cells, list) or not all(isinstance(cell, dict) for cell in cells):
-                raise ResultsError(f"{file}: does not say what {name}.csv was made from")
-            yield from cells
+        of_csv = name in csvs
+        record = _json(file, f"the cells of {name}.csv") if of_csv else files.read_mapping(file)
+        if of_csv or record.get("study") == name:
+            cells = merged(record, files.read_mapping(run_path(file.with_suffix(".csv")))).get(
+                "cells"
+            )
+            try:
+                yield from [str(cell["kept_as"]) for cell in cells or ()]
+            except (KeyError, TypeError):
+                raise ResultsError(
+                    f"{file}: does not say what {name}.csv was made from; name the study's config"
+                ) from None
 
 
 def _json(file: Path, what: str) -> dict[str, Any]:
@@ -206,22 +204,6 @@ def _json(file: Path, what: str) -> dict[str, Any]:
             f"{file}: missing or damaged, so that {what} are not known; name the study's config"
         )
     return record
-
-
-def _among(described: Iterable[Mapping[str, Any]], kept: store.Kept) -> bool:
-    """Whether a record that names no files may describe this cell.
-
-    Such records were written by older versions: what they say may fit several cells.
-    """
-    return any(
-        cell and all(cell[name] == kept.labels[name] for name in cell if name in _told(kept))
-        for cell in described
-    )
-
-
-def _told(kept: store.Kept) -> set[str]:
-    """Labels that a record and a cached cell have in common."""
-    return set(kept.labels) - {"stop"}
 
 
 def _temporaries(folder: Path) -> Iterator[Path]:

@@ -47,34 +47,19 @@ class _Key:
         return "-".join(part[:_DIGITS] for part in (self.cell, self.problem, self.core)) + ".json"
 
 
-@dataclass(frozen=True)
-class Kept:
-    """A file of a finished cell.
-
-    Attributes:
-        labels: What the cell is, by the CSV's columns and more; see `Cell.labels`.
-        core: Digest of the numerical core that has computed it; see `core`.
-    """
-
-    labels: Mapping[str, Any]
-    core: str
-
-
 def file_name(cell: Cell) -> str:
     """The file that keeps a cell, in the folder of the finished cells."""
     return _key(cell).file
 
 
-def opened(file: Path) -> Kept | None:
-    """Content of a file of a finished cell; None if it cannot be used."""
+def core_of(file: Path) -> str | None:
+    """Digest of the core that has computed a finished cell; None if its file cannot be used."""
     record = files.read_mapping(file)
     try:
-        if _Key(**record["key"]).file != file.name:
-            return None
-        _DONE.validate_python(record)
-        return Kept(dict(record["cell"]), record["key"]["core"])
-    except (KeyError, TypeError, ValueError):
+        key = _Key(**record["key"])
+    except (KeyError, TypeError):
         return None
+    return key.core if key.file == file.name and _done(record) else None
 
 
 class Store:

@@ -148,8 +148,6 @@ def _read_csv(
     if missing or ordered != [name for name in header if name in columns]:
         what = f"lacks {', '.join(missing)}" if missing else "has them in another order"
         raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
-    if len(set(header)) < len(header):
-        raise ResultsError(f"{path}, line 1: a column is named twice")
     if not text.endswith("\n") or len(rows) < 2:
         raise ResultsError(f"{path}, line {begins[-1]}: truncated; run the study again")
     for row, line in zip(rows[1:], begins[1:], strict=True):
@@ -203,16 +201,7 @@ def read_rows(path: Path) -> Table:
                     f"{path}, line {line}: {column} is {given!r}; allowed here: "
                     f"{', '.join(allowed)}"
                 )
-    for line, h in zip(lines, columns["h"], strict=True):
-        if not (math.isfinite(h) and h > 0):
-            raise ResultsError(f"{path}, line {line}: h must be positive, given {h:g}")
     table = Table(columns, lines)
-    seen = set()
-    for line, (*named, h, steps) in zip(lines, table.rows((*SERIES, "h", "steps")), strict=True):
-        row = (*named, h, None if math.isnan(steps) else steps)
-        if row in seen:
-            raise ResultsError(f"{path}, line {line}: the row is there twice")
-        seen.add(row)
     record = _parsed(contents[path.with_suffix(".json")])
     _require_recorded_rows(path, len(lines), lines[-1] + 1, record)
     return table

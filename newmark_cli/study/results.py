@@ -245,27 +245,15 @@ def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
     """CSV with floats that read back to the same bits; what is missing or NaN is empty.
 
-    Text reads back as it was, whatever characters it has: what would end a line is
-    quoted, and what a spreadsheet would take for a formula has an apostrophe before it.
+    What a spreadsheet would take for a formula has an apostrophe before it.
     """
     columns = list(columns)
-    lines = _Lines()
-    # The writer quotes what is part of its line end: \r as well as \n.
-    writer = csv.writer(lines, lineterminator="\r\n")
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
     for row in table:
         writer.writerow([_spell(row.get(column)) for column in columns])
-    return "".join(lines.written)
-
-
-class _Lines:
-    """Rows as a `csv.writer` writes them, each ended by a line feed only."""
-
-    def __init__(self) -> None:
-        self.written: list[str] = []
-
-    def write(self, row: str) -> None:
-        self.written.append(row.removesuffix("\r\n") + "\n")
+    return file.getvalue()
 
 
 def parse_csv(text: str) -> tuple[list[list[str]], list[int]]:
