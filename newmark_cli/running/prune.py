@@ -186,15 +186,12 @@ def _recorded(folder: Path, but: Iterable[str]) -> Iterator[str]:
         of_csv = name in csvs
         record = _json(file, f"the cells of {name}.csv") if of_csv else files.read_mapping(file)
         if of_csv or record.get("study") == name:
-            cells = merged(record, files.read_mapping(run_path(file.with_suffix(".csv")))).get(
-                "cells"
-            )
-            try:
-                yield from [str(cell["kept_as"]) for cell in cells or ()]
-            except (KeyError, TypeError):
-                raise ResultsError(
-                    f"{file}: does not say what {name}.csv was made from; name the study's config"
-                ) from None
+            run = files.read_mapping(run_path(file.with_suffix(".csv")))
+            cells = merged(record, run).get("cells")
+            if not isinstance(cells, list) or not all(isinstance(cell, dict) for cell in cells):
+                raise ResultsError(f"{file}: does not say what {name}.csv was made from")
+            # Cells of a record without a run, which stays behind when results travel, are elsewhere.
+            yield from (str(cell["kept_as"]) for cell in cells if "kept_as" in cell)
 
 
 def _json(file: Path, what: str) -> dict[str, Any]:
