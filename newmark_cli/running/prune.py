@@ -190,7 +190,7 @@ def _recorded(folder: Path, but: Iterable[str]) -> Iterator[str]:
             cells = merged(record, run).get("cells")
             if not isinstance(cells, list) or not all(isinstance(cell, dict) for cell in cells):
                 raise ResultsError(f"{file}: does not say what {name}.csv was made from")
-            # Cells of a record without a run, which stays behind when results travel, are elsewhere.
+            # A record that travelled without that of its run is of cells elsewhere.
             yield from (str(cell["kept_as"]) for cell in cells if "kept_as" in cell)
 
 
