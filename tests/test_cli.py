@@ -16,7 +16,7 @@ from each import each
 from warm import SCRIPT
 
 from newmark_cli import __version__
-from newmark_cli.cli import main, running
+from newmark_cli.cli import running
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -414,20 +414,6 @@ def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):
     before = snapshot(cli.folder / "results")
     assert "notes.csv, line 1" in cli.refused("plot", "2")
     assert snapshot(cli.folder / "results") == before
-
-
-def test_no_folder_for_compiled_code(monkeypatch, capsys):
-    """In some containers: one line that names what to set."""
-
-    def nowhere(*arguments, **options):
-        raise RuntimeError("cannot cache function '_law': no locator available for file 'x.py'")
-
-    monkeypatch.setattr(command_line, "main", nowhere)
-    with pytest.raises(SystemExit) as ending:
-        main([])
-    assert ending.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "NUMBA_CACHE_DIR" in line
 
 
 def test_commands_from_cold(cli):

@@ -14,9 +14,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
-
-from pydantic import TypeAdapter, ValidationError
+from typing import TYPE_CHECKING, Any
 
 import newmark_cli
 from newmark_cli import files
@@ -26,12 +24,13 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 from newmark_cli.study.provenance import version
 
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
 #: Why a cell is to run of which nothing is kept.
 NOT_RUN = "not run yet"
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
-#: How a cell that has ended stands in its file, beside what it is.
-_DONE = TypeAdapter(Done)
 #: Digits of a digest in a file name.
 _DIGITS = 16
 
@@ -109,7 +108,7 @@ class Store:
             "cell": axes.computed(cell),
             "key": asdict(key),
             "versions": versions(),
-            **_DONE.dump_python(done),
+            **_adapter().dump_python(done),
         }
         files.write_json(self._folder / key.file, record, self._results)
 
@@ -166,11 +165,19 @@ class Store:
         return record if record.get("key") == asdict(key) else {}
 
 
+@cache
+def _adapter() -> "TypeAdapter[Done]":
+    """How a cell that has ended stands in its file, beside what it is."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(Done)
+
+
 def _done(record: Mapping[str, Any]) -> Done | None:
     """The cell in a record; None if there is none, or it cannot be used."""
     try:
-        return _DONE.validate_python(record)
-    except ValidationError:
+        return _adapter().validate_python(record)
+    except ValueError:
         return None
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import PlainSerializer, PlainValidator
 
 from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.statistics import Measurement
@@ -26,13 +25,20 @@ def _vector(value: Any) -> Array:
     return array
 
 
-#: (k,) numbers, which pydantic turns into a list and back.
-Vector = Annotated[Array, PlainValidator(_vector), PlainSerializer(lambda array: array.tolist())]
+class _AsList:
+    """Makes pydantic write a vector as a list, and read it back."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema  # most commands read no cells
+
+        return core_schema.no_info_plain_validator_function(
+            _vector,
+            serialization=core_schema.plain_serializer_function_ser_schema(np.ndarray.tolist),
+        )
 
 
-Column = Annotated[
-    Array | IndexArray, PlainValidator(_vector), PlainSerializer(lambda array: array.tolist())
-]
+Vector = Annotated[Array, _AsList()]
+Column = Annotated[Array | IndexArray, _AsList()]
 
 
 @dataclass(frozen=True)
