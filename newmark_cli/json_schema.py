@@ -16,11 +16,6 @@ JsonSchema = dict[str, Any]
 _EXACT = 2**53
 
 
-def given(key: str) -> JsonSchema:
-    """The key is there, and not null."""
-    return {"required": [key], "properties": {key: {"not": {"type": "null"}}}}
-
-
 @dataclass(frozen=True)
 class Shown:
     """In ``Annotated``: the JSON Schema of a type is what a function makes of it.

@@ -103,6 +103,14 @@ def spin(u, v):
     return np.cross(directors, rates).sum(axis=1) / 2
 
 
+def outputs(problem, t, u, v, multipliers):
+    """Outputs by name, those of vectors together under their name."""
+    values = problem.outputs.values(problem, t, u, v, multipliers)
+    found = dict(zip(problem.outputs.names, values, strict=True))
+    vectors = {name[:-2] for name in found if name.endswith(".x")}
+    return found | {name: np.array([found[f"{name}.{axis}"] for axis in "xyz"]) for name in vectors}
+
+
 def exact_phi(problem, u):
     """Φ in rational arithmetic, from the tables as their documentation describes them."""
     phi = [Fraction(0)] * problem.m

@@ -10,8 +10,6 @@ import newmark_cli as newmark
 from newmark_cli.documents import DocumentError, parse
 from newmark_cli.errors import ArgumentError
 from newmark_cli.mechanisms import elements, loading, timed
-from newmark_cli.mechanisms.models import Mechanism
-from newmark_cli.mechanisms.parts import PARTS
 
 #: Undamped enough for reactions to converge: the trapezoidal rule lets them drift.
 DISSIPATIVE = {"method": "generalized-alpha", "rho": 0.9}
@@ -73,16 +71,6 @@ def built(text, name="mechanism"):
 def cart():
     """A mechanism with every part that acts on angles, moving lines and laws of time."""
     return built(CART)
-
-
-def test_every_part_has_a_model():
-    """A part is a field of `Mechanism` and a record; what else a file says is no part."""
-    others = {
-        "title", "description", "source", "dimensions", "points", "bodies", "body_points",
-        "gravity", "assemble", "project_velocities",
-    }  # fmt: skip
-    assert set(PARTS) == Mechanism.model_fields.keys() - others
-    assert all(part.about and part.key == key for key, part in PARTS.items())
 
 
 def complex_terms(problem, u, v, multipliers, t):

@@ -320,7 +320,7 @@ bars:
         ),
         (
             ("slider", "bars:", "sliders:\n  s: {point: C, through: [0, 0], direction: [0, 0]}\n"
-             "bars:"), 7, "a slider needs a direction",
+             "bars:"), 7, "must not be [0, 0]: it has no direction",
         ),
         (
             ("slider", "bars:", "sliders:\n  s: {point: C, through: [0, 0], direction: [1, 0]}\n"

@@ -72,9 +72,3 @@ def test_bits_do_not_depend_on_the_processor():
     }  # fmt: skip
     assert len(told) == 1
     assert len(told.pop().strip()) == 2 * hashlib.sha256().digest_size
-
-
-@pytest.mark.parametrize("x", [0.0, 1e-300, 1e-9])
-def test_small_angles(x):
-    """sin x = x, cos x = 1."""
-    assert sine_cosine(x, np.float64) == (x, 1.0)

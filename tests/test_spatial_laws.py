@@ -116,18 +116,6 @@ def test_motions_and_reactions_of_laws(bodies):
     assert bodies.potential is None
 
 
-def test_a_law_where_a_number_stood_changes_nothing():
-    """A constant law is the number: same forces, to the last bit."""
-    plain = BODIES.replace(LAW, "3")
-    timed = BODIES.replace(LAW, "{value: 3}")
-    one, other = built(plain), built(timed)
-    u, v, multipliers = one.u0 + 0.01, one.v0 + 0.1, np.ones(one.m)
-    np.testing.assert_allclose(
-        other.evaluate(0.3, u, v, multipliers).force, one.evaluate(0.3, u, v, multipliers).force,
-        rtol=0, atol=1e-15,
-    )  # fmt: skip
-
-
 @each(
     ("old", "new", "words"),
     [

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import spatial_references as references
 from each import each
+from spatial import outputs
 
 import newmark_cli as newmark
 from newmark_cli.documents import parse
@@ -26,19 +27,6 @@ def marched(subject, h, t, **options):
     assert done.status == "ok"
     u, v, multipliers = done.u[-1], done.v[-1], done.multipliers[-1]
     return u.reshape(-1, 4, 3), v.reshape(-1, 4, 3), outputs(subject, t, u, v, multipliers)
-
-
-def outputs(subject, t, u, v, multipliers):
-    """Outputs by name, vectors together."""
-    found = dict(
-        zip(
-            subject.outputs.names, subject.outputs.values(subject, t, u, v, multipliers),
-            strict=True,
-        )
-    )  # fmt: skip
-    vectors = {name[:-2] for name in found if name.endswith(".x")}
-    alone = {name: value for name, value in found.items() if name[:-2] not in vectors}
-    return alone | {name: np.array([found[f"{name}.{axis}"] for axis in "xyz"]) for name in vectors}
 
 
 def at_rest(subject):

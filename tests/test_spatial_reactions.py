@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import spatial
 from each import each
+from spatial import outputs
 
 import newmark_cli as newmark
 from newmark_cli.documents import parse
@@ -31,14 +32,6 @@ AXIS, OTHER = np.array([1, 1, 0.3]), np.array([1, -1, 0])
 def built(text):
     """A problem from the text of a file."""
     return loading.built("mine", parse(text, "mine.yaml"))
-
-
-def outputs(subject, t, u, v, multipliers):
-    """Outputs by name, those of vectors together under their name."""
-    values = subject.outputs.values(subject, t, u, v, multipliers)
-    found = dict(zip(subject.outputs.names, values, strict=True))
-    vectors = {name[:-2] for name in found if name.endswith(".x")}
-    return found | {name: np.array([found[f"{name}.{axis}"] for axis in "xyz"]) for name in vectors}
 
 
 def hung(kind, turned):

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
@@ -22,7 +21,7 @@ from pydantic import (
 
 from newmark_cli import documents
 from newmark_cli.documents import Number, StrictModel, Truth, misfit
-from newmark_cli.json_schema import JsonSchema, also, given
+from newmark_cli.json_schema import also
 
 #: Products and squares of a few numbers of this size, and of their inverses, are numbers.
 _LARGEST = 1e30
@@ -64,8 +63,6 @@ Vector = Annotated[tuple[Bounded, Bounded], BeforeValidator(_two_numbers)]
 
 class Point(StrictModel):
     """A fixed or a moving point; SI units."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [given("fixed"), given("at")]})
 
     fixed: Vector | None = Field(None, description="position of a fixed point (m)")
     at: Vector | None = Field(None, description="initial position of a moving point (m)")
@@ -118,24 +115,26 @@ class Damper(StrictModel):
     damping: NotNegative = Field(description="damping (N s/m)")
 
 
-_Direction = Annotated[Vector, also(not_={"const": [0, 0]})]
+class Line(StrictModel):
+    """A line, fixed or on a body."""
 
-
-class Slider(StrictModel):
-    """A point that stays on a line, fixed or on a body."""
-
-    point: str = Field(description="point")
     on: str | None = Field(None, description="body that carries the line; fixed if omitted")
     through: Vector = Field(
         description="a point of the line (m); of a body's, along and across from its first point"
     )
-    direction: _Direction = Field(description="direction of the line; its length does not matter")
+    direction: Vector = Field(description="direction of the line; its length does not matter")
 
     @model_validator(mode="after")
-    def _has_direction(self) -> "Slider":
+    def _has_direction(self) -> "Line":
         if math.hypot(*self.direction) == 0:
-            raise misfit("direction", "must not be [0, 0]: a slider needs a direction")
+            raise misfit("direction", "must not be [0, 0]: it has no direction")
         return self
+
+
+class Slider(Line):
+    """A point that stays on a line, fixed or on a body."""
+
+    point: str = Field(description="point")
 
 
 #: Most coefficients of a polynomial: a row of the element tables holds no more.
@@ -155,12 +154,8 @@ class Sine(StrictModel):
 class Table(StrictModel):
     """A cubic spline through values at times: smooth up to its second derivative."""
 
-    times: Annotated[list[Bounded], also(minItems=2, maxItems=_MOST_ENTRIES)] = Field(
-        description="times (s), increasing, the first at most 0"
-    )
-    values: Annotated[list[Bounded], also(minItems=2, maxItems=_MOST_ENTRIES)] = Field(
-        description="value at each time"
-    )
+    times: list[Bounded] = Field(description="times (s), increasing, the first at most 0")
+    values: list[Bounded] = Field(description="value at each time")
     ends: Literal["not-a-knot", "natural", "clamped", "periodic"] = Field(
         "not-a-knot",
         description="at both ends: no jump of the third derivative next to them, no second "
@@ -203,9 +198,7 @@ class Law(StrictModel):
     amplitude: Bounded = Field(0.0, description="amplitude of the oscillation")
     frequency: Bounded = Field(0.0, description="angular frequency (rad/s)")
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
-    powers: Annotated[list[Bounded], also(maxItems=_MOST_POWERS)] = Field(
-        [], description="coefficients of 1, t, t², … of a polynomial"
-    )
+    powers: list[Bounded] = Field([], description="coefficients of 1, t, t², … of a polynomial")
     sines: list[Sine] = Field([], description="further oscillations")
     table: Table | None = Field(None, description="values at times, with a spline between them")
 
@@ -273,33 +266,8 @@ def as_law(amount: "float | Law") -> Law:
     return amount if isinstance(amount, Law) else Law(value=amount)
 
 
-def _any_given(*keys: str) -> JsonSchema:
-    """Any of some keys is there."""
-    return {"anyOf": [given(key) for key in keys]}
-
-
 class Motion(StrictModel):
     """A prescribed motion: of a point (m), of the angle of a body (rad), or along a slider (m)."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "oneOf": [
-                {
-                    **given("point"),
-                    "anyOf": [given("x"), given("y")],
-                    "not": _any_given("body", "angle", "relative_to", "slider", "distance"),
-                },
-                {
-                    "allOf": [given("body"), given("angle")],
-                    "not": _any_given("point", "x", "y", "slider", "distance"),
-                },
-                {
-                    "allOf": [given("slider"), given("distance")],
-                    "not": _any_given("point", "x", "y", "body", "angle", "relative_to"),
-                },
-            ],
-        }
-    )
 
     point: str | None = Field(None, description="driven point")
     x: Law | None = Field(None, description="law of its first coordinate")
@@ -403,7 +371,7 @@ class Gear(StrictModel):
 
     from_: str = Field(alias="from", description="first body")
     to: str = Field(description="second body")
-    ratio: Annotated[Bounded, also(not_={"const": 0})] = Field(
+    ratio: Bounded = Field(
         description="turns of the second body for one of the first; negative where they mesh "
         "outside"
     )
@@ -421,22 +389,6 @@ class Gear(StrictModel):
         return self
 
 
-class Line(StrictModel):
-    """A line that a wheel rolls on, fixed or on a body."""
-
-    on: str | None = Field(None, description="body that carries the line; fixed if omitted")
-    through: Vector = Field(
-        description="a point of the line (m); of a body's, along and across from its first point"
-    )
-    direction: _Direction = Field(description="direction of the line; its length does not matter")
-
-    @model_validator(mode="after")
-    def _has_direction(self) -> "Line":
-        if math.hypot(*self.direction) == 0:
-            raise misfit("direction", "must not be [0, 0]: a line needs a direction")
-        return self
-
-
 class Circle(StrictModel):
     """A circle that a wheel rolls on, fixed or a wheel itself."""
 
@@ -448,8 +400,6 @@ class Circle(StrictModel):
 
 class Rolling(StrictModel):
     """A wheel that rolls without slipping: two constraints, of contact and of rolling."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [given("line"), given("circle")]})
 
     wheel: str = Field(description="body that turns with the wheel")
     centre: str | None = Field(None, description="its centre; the body's first point if omitted")
@@ -470,20 +420,14 @@ class Rolling(StrictModel):
         return self
 
 
-#: Parts that are constraints: a mechanism needs one of them.
-_CONSTRAINING = ("bodies", "bars", "sliders", "motions", "angle_joints", "gears", "rolling")
-
-
 class PythonForce(StrictModel):
     """Forces on points that a Python function returns; runs only with --allow-code."""
 
-    python: Annotated[str, also(pattern=_PYTHON.pattern)] = Field(
+    python: str = Field(
         description="file.py:function of positions (k, 2), velocities (k, 2) and the time t, which "
         "returns the forces (N), (k, 2); the file is looked for beside this one"
     )
-    on: Annotated[list[str], also(minItems=1, uniqueItems=True)] = Field(
-        description="the k points, at least one"
-    )
+    on: list[str] = Field(description="the k points, at least one")
 
     @model_validator(mode="after")
     def _names_a_function(self) -> "PythonForce":
@@ -496,26 +440,14 @@ class PythonForce(StrictModel):
         return self
 
 
-_ALL_FIXED: JsonSchema = {"additionalProperties": {"not": given("at")}}
-
-
 class Mechanism(StrictModel):
     """A planar mechanism; SI units."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "anyOf": [
-                {"required": [kind], "properties": {kind: {"minProperties": 1}}}
-                for kind in _CONSTRAINING
-            ]
-        }
-    )
 
     title: str = Field("", description="heads drawings")
     description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
     dimensions: Literal[2] = Field(2, description="2: the mechanism is planar")
-    points: Annotated[dict[str, Point], also(not_=_ALL_FIXED)] = Field(
+    points: dict[str, Point] = Field(
         description="fixed points, and moving ones, whose coordinates are the unknowns"
     )
     bodies: dict[str, Body] = Field({}, description="rigid bodies, each carried by two points")

@@ -23,7 +23,6 @@ from newmark_cli import documents
 from newmark_cli.algebra import norm, product
 from newmark_cli.arrays import Array
 from newmark_cli.documents import StrictModel, Truth, misfit
-from newmark_cli.json_schema import also
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
     Amount,
@@ -59,7 +58,7 @@ def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]
     return value
 
 
-Direction = Annotated[Vector, AfterValidator(_has_length), also(not_={"const": [0, 0, 0]})]
+Direction = Annotated[Vector, AfterValidator(_has_length)]
 Extents = Annotated[tuple[Length, Length, Length], BeforeValidator(_three_numbers)]
 _ORIGIN = (0.0, 0.0, 0.0)
 
@@ -297,7 +296,7 @@ class TorsionSpring(StrictModel):
 
     on: str = Field(description="joint")
     stiffness: NotNegative = Field(description="stiffness (N m/rad)")
-    rest_angle: Annotated[Bounded, also(minimum=-3, maximum=3)] = Field(
+    rest_angle: Bounded = Field(
         0.0, description="angle without torque (rad); the angle at the start is 0"
     )
 
@@ -404,7 +403,7 @@ class SpatialMechanism(StrictModel):
     source: str = Field("", description="where the data come from")
     dimensions: Literal[3] = Field(description="3: the mechanism is spatial")
     points: dict[str, Point] = Field({}, description="points of the ground")
-    bodies: Annotated[dict[str, Body], also(minProperties=1)] = Field(description="rigid bodies")
+    bodies: dict[str, Body] = Field(description="rigid bodies")
     body_points: dict[str, BodyPoint] = Field({}, description="points on bodies")
     joints: dict[str, Joint] = Field({}, description="joints")
     motions: dict[str, Motion] = Field({}, description="prescribed motions")
