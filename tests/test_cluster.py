@@ -26,7 +26,6 @@ from conftest import (
 import newmark_cli
 from newmark_cli import documents
 from newmark_cli.mechanisms.spec import MechanismFile, portable
-from newmark_cli.running.cluster import cluster
 
 pytest.importorskip("distributed")
 
@@ -359,21 +358,3 @@ def test_nothing_of_others_is_imported(cli, temporary):
         }
     assert [*below.values()] == [["0o700", os.getuid()]]
     assert [*temporary.iterdir()] == [shared]
-
-
-def test_what_dask_changes_is_undone(temporary):
-    """Of the environment, where modules are found, and the folder for temporary files."""
-    before = dict(os.environ), [*sys.path]
-    with pytest.raises(ZeroDivisionError), cluster({}, None, 1, None, print, print):
-        _ = 1 / 0
-    assert (dict(os.environ), sys.path) == before
-    assert [*temporary.iterdir()] == []
-
-
-def test_no_folder_for_workers(cli, study, monkeypatch):
-    """One line, exit code 1."""
-    monkeypatch.setenv("DASK_TEMPORARY_DIRECTORY", str(cli.folder / "mine.yaml"))
-    done = cli("run", "spread.yaml", "--executor", "dask", code=1)
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("newmark-study: no dask workers on this machine: ")
-    assert "Not a directory" in line

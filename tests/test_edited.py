@@ -6,7 +6,6 @@ import os
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import yaml
 from each import each
@@ -15,7 +14,6 @@ import newmark_cli as newmark
 from newmark_cli import apart
 from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import PythonFactory, owner
-from newmark_cli.report import compare, records
 from newmark_cli.running import runner
 
 #: A point of 1 kg that hangs on a bar and is pushed sideways: the push is its acceleration.
@@ -94,21 +92,6 @@ def rewritten(file, text):
     os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
-def replaced(file, text):
-    """By another, which takes its name."""
-    other = file.with_name("new")
-    other.write_text(text)
-    other.rename(file)
-
-
-def retargeted(file, text):
-    """A link that leads to another file."""
-    other = file.with_name("other")
-    other.write_text(text)
-    file.unlink()
-    file.symlink_to(other)
-
-
 def edited(folder, kind, edit=rewritten):
     """Edit the file of a kind."""
     _, files, name, (old, new), _ = KINDS[kind]
@@ -149,47 +132,6 @@ def test_studies(tmp_path, monkeypatch, kind):
         assert recorded == {file: digest(tmp_path / file) for file in files}
     assert found[1] == pytest.approx(2 * found[0], rel=1e-12)
     assert len(list((tmp_path / "out/cells").iterdir())) == 2
-
-
-@each("edit", [replaced, retargeted])
-def test_other_edits(tmp_path, monkeypatch, edit):
-    """Whatever becomes of the file and its name; a dict this time as a file before."""
-    monkeypatch.chdir(tmp_path)
-    written(tmp_path, {"q.yaml": HANGS, "s.yaml": json.dumps(study("planar"))})
-    before = at_start(newmark.run("s.yaml"), "planar")
-    edited(tmp_path, "planar", edit)
-    after = at_start(newmark.run(study("planar")), "planar")
-    assert after == pytest.approx(2 * before, rel=1e-12)
-
-
-def test_folders_of_two_contents(tmp_path, monkeypatch):
-    """What `info` and `compare` say of the file."""
-    monkeypatch.chdir(tmp_path)
-    written(tmp_path, {"q.yaml": HANGS})
-    digests = []
-    for folder in ("one", "two"):
-        newmark.run(study("planar"), results=folder)
-        digests.append(digest(tmp_path / "q.yaml"))
-        facts = records.facts(records.read(tmp_path / folder / "s.csv"))
-        assert facts["q.yaml SHA-256"] == digests[-1]
-        edited(tmp_path, "planar")
-    found = compare.compare(tmp_path / "one", tmp_path / "two", 1e-6).environment
-    assert found == (compare.Difference("q.yaml SHA-256", *digests),)
-
-
-def test_references(tmp_path, monkeypatch):
-    """Gravity times 4 is time by 2: the errors are the same at half the times and steps."""
-    monkeypatch.chdir(tmp_path)
-    wanted = {key: value for key, value in study("planar").items() if key != "steps"}
-    found = []
-    for gravity, scale in ((1, 1.0), (4, 0.5)):
-        text = HANGS.replace("[0, -1]", "[1, 0]").replace("9.81", str(gravity))
-        written(tmp_path, {"q.yaml": text})
-        times = {"measure": "error", "h": 0.1 * scale, "t_end": 0.2 * scale}
-        frame = newmark.run(wanted | times, results="out")
-        found.append(frame.set_index("quantity").loc["u", "max"])
-    assert found[1] == pytest.approx(found[0], rel=1e-6)
-    assert len(list((tmp_path / "out/references").iterdir())) == 2
 
 
 #: What takes a problem → a number of what it gives.
@@ -238,15 +180,6 @@ def test_marches_of_code(tmp_path, monkeypatch, kind):
     finally:
         del sys.modules["size"]
     assert found == [3.0, 6.0]
-
-
-def test_matrices(tmp_path):
-    """Files of matrices, too."""
-    found = []
-    for scale in (1.0, 2.0):
-        np.savez(tmp_path / "s.npz", M=np.eye(2), G=np.array([[scale], [0.0]]))
-        found.append(newmark.advise(tmp_path / "s.npz", h=1.0).condition[1.0]["none"])
-    assert found[0] != found[1]
 
 
 # -- between reading and marching -----------------------------------------------------------

@@ -1,20 +1,14 @@
 """Code of the user's touches nothing but its own cell: no other cell, and not the run."""
 
-import copyreg
 import csv
 import os
-import pickle
 import signal
-import subprocess
-import sys
 
 import pytest
 from conftest import SWING, CommandLine, wait_until
-from each import each
 
 from newmark_cli import apart
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
-from newmark_cli.problems.problem import ProblemError
 
 #: What a problem may do to the process that it runs in, in a line of Python.
 HARM = {
@@ -167,23 +161,6 @@ def test_whatever_an_import_raises_is_one_line(cli):
     assert not (cli.folder / "results").exists()
 
 
-@each("kind", ["interrupt", "killed"])
-def test_factories_are_no_different(cli, kind):
-    """What they raise, or end, when the config is read."""
-    code, text = {**HARD, **ENDS}[kind]
-    cli.write("mine.py", f"import os\n\n\ndef swing():\n    {code}\n")
-    cli.write(
-        "one.yaml",
-        'study: one\nproblem: {python: "mine.py:swing"}\nform: u-lambda\n'
-        "preconditioning: none\nh: 0.1\nt_end: 1.0\n",
-    )
-    said = cli.refused("validate", "one.yaml", "--allow-code")
-    where = "mine.py, line 5: swing failed: "
-    if kind in ENDS:
-        where = "mine.py:swing: cannot be loaded: "
-    assert said == f"newmark-study: one.yaml, line 2: problem: {where}{text}"
-
-
 # -- processes ------------------------------------------------------------------------------
 
 
@@ -227,25 +204,6 @@ def test_calls_end_in_time():
     assert apart.call(patch, (), owner="late")[0] is False
 
 
-def fail():
-    """With a mistake that was told from one that no other process knows."""
-    try:
-        raise type("Mine", (Exception,), {})
-    except Exception:
-        raise ProblemError("told") from None
-
-
-def test_answers_leave_behind_what_they_were_told_from(monkeypatch):
-    """Also where pickle takes along what an exception comes from, as it does with dask."""
-
-    def reduced(error):
-        return ProblemError, error.args, {"__context__": error.__context__}
-
-    monkeypatch.setitem(copyreg.dispatch_table, ProblemError, reduced)
-    well, found = pickle.loads(apart._answered(None, [*sys.path], fail, ()))
-    assert (well, type(found), str(found)) == (False, ProblemError, "told")
-
-
 def test_a_server_that_is_killed_is_started_anew():
     """Nobody notices."""
     apart.call(patch, ())
@@ -253,14 +211,6 @@ def test_a_server_that_is_killed_is_started_anew():
     os.kill(server, signal.SIGKILL)
     wait_until(lambda: apart.call(os.getppid, ()) != server)
     assert apart.call(patch, ())[0] is False
-
-
-def test_a_program_ends_without_a_warning():
-    """Nothing that was opened to reach the server is left open."""
-    code = 'from newmark_cli import apart\napart._START = "{path}; {fd}"\napart._started()'
-    warns = [sys.executable, "-W", "always::ResourceWarning", "-c", code]
-    done = subprocess.run(warns, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_no_code_runs_here(tmp_path):

@@ -2,13 +2,11 @@
 
 import errno
 import os
-import tempfile
 
 import pytest
 from each import each
 from portalocker import portalocker
 
-from newmark_cli import files
 from newmark_cli.running import lock
 from newmark_cli.study.results import ResultsError
 
@@ -69,36 +67,3 @@ def test_who_may_hold_a_folder_together(tmp_path):
         for shard in ("", "1/2"):
             assert f"{tmp_path}: in use by 'run " in _tried(tmp_path, shard)
     assert _tried(tmp_path, "") == "held"
-
-
-def test_what_a_lock_says(tmp_path):
-    """A file that another descriptor holds is told from one that cannot be locked."""
-    path = tmp_path / "file"
-    with path.open("w") as first, path.open() as second:
-        files.lock(first.fileno())
-        with pytest.raises(BlockingIOError):
-            files.lock(second.fileno(), shared=True)
-    with pytest.raises(OSError, match="Bad file descriptor") as found:
-        files.lock(1_000_000)
-    assert found.value.errno == errno.EBADF
-
-
-@each("part", ["cells", "history", "references"])
-def test_parts_that_cannot_be_written_are_found_first(tmp_path, monkeypatch, part):
-    """Before hours of work rather than after."""
-    from newmark_cli.running import runner
-    from newmark_cli.study import config
-
-    (tmp_path / part).mkdir()
-    make = tempfile.mkstemp
-
-    def refuse(*arguments, **options):
-        if str(options["dir"]).endswith(part):
-            raise PermissionError(errno.EACCES, "Permission denied")
-        return make(*arguments, **options)
-
-    monkeypatch.setattr(tempfile, "mkstemp", refuse)
-    monkeypatch.setattr(runner, "_execution", None)  # nothing runs
-    study = config.load_shipped("pendulum-u")
-    with pytest.raises(ResultsError, match=rf"{part}: results cannot be written: Permission de"):
-        runner.run_studies([study], tmp_path, runner.Options(jobs=1))

@@ -1,7 +1,5 @@
 """Names of coordinates and constraints, and what a multiplier is."""
 
-import time
-
 import numpy as np
 import pytest
 from each import each
@@ -75,16 +73,13 @@ def test_names_are_as_many_as_numbers_and_all_different(name):
         assert len(set(names)) == count
 
 
-def test_members_of_families_are_named_and_names_cost_little():
-    """A chain of 20,000 links names all it has in a fraction of the time that its parts take."""
-    begin = time.perf_counter()
+def test_members_of_families_are_named():
+    """Names are made when somebody asks for them."""
     assert len(FAMILIES["chain"].drawing({"links": 20_000}).bars) == 20_000
-    built = time.perf_counter()
     chain = FAMILIES["chain"].problem("chain", {"links": 20_000})
     assert "coordinate_names" not in vars(chain)
     assert chain.coordinate_names[-2:] == ("P20000.x", "P20000.y")
     assert chain.constraint_names[:2] == ("bars.bar1", "bars.bar2")
-    assert time.perf_counter() - built < 0.5 * (built - begin)  # with building all its arrays
 
 
 def test_names_of_a_definition():

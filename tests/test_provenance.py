@@ -7,7 +7,6 @@ import runpy
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -15,10 +14,8 @@ import numpy as np
 import pytest
 import scipy
 from conftest import QUICK, CommandLine
-from each import each
 
 import newmark_cli
-from newmark_cli.errors import InputError
 from newmark_cli.processors import usable
 from newmark_cli.report import records
 from newmark_cli.study import checkout as checkout_of_code
@@ -84,13 +81,6 @@ def test_a_run_notes_where_it_comes_from(ran):
         for variant in ("none", "optimal")
         for h in (0.1, 0.01)
     ]
-
-
-def test_a_time_series_has_its_own_checksum(ran):
-    """Beside that of the study's CSV."""
-    record = json.loads((ran / "series.json").read_text())
-    files = ("series.csv", "history/series.csv")
-    assert record["sha256"] == {name: digest(ran / name) for name in files}
 
 
 # -- the commit -----------------------------------------------------------------------------
@@ -182,15 +172,6 @@ def test_stamped_commit_of_an_installed_package(installed, monkeypatch, modified
     assert source() == stamp
 
 
-@pytest.mark.parametrize("stamp", ["", "[]", "{", '{"commit": "c0ffee"}', b"\xff"])
-def test_a_spoilt_stamp_is_none(installed, monkeypatch, stamp):
-    """The installer is asked then."""
-    content = stamp if isinstance(stamp, bytes) else stamp.encode()
-    (installed / checkout_of_code.STAMP).write_bytes(content)
-    monkeypatch.setattr(provenance, "_installed_commit", lambda: "decaf")
-    assert source() == {"commit": "decaf", "modified": None}
-
-
 def test_git_knows_better_than_a_stamp(checkout):
     """In a checkout, as in an editable installation, git is asked."""
     stamp = {"commit": "c0ffee", "modified": False}
@@ -280,13 +261,6 @@ def test_builds_without_a_stamp(hook, tree, monkeypatch):
     assert stamp_of(hook, tree, "editable") is None
     monkeypatch.setenv("PATH", "")
     assert stamp_of(hook, tree) is None
-
-
-def test_hatchling_finds_the_hook():
-    """Hatchling runs `hatch_build.py` where the project names a custom hook."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    assert project["tool"]["hatch"]["build"]["hooks"]["custom"] == {}
-    assert (ROOT / "hatch_build.py").is_file()
 
 
 # -- verify ---------------------------------------------------------------------------------
@@ -412,33 +386,3 @@ def test_info_for_people(cli, copied):
     assert "series" not in text
     assert text.count(" ok ") >= 4
     assert "h: [0.1, 0.01]" in text
-
-
-def test_info_of_an_older_record():
-    """It says what it does not know."""
-    record = {"study": "quick"}
-    assert f"config SHA-256  {records.UNKNOWN}" in records.as_text(record)
-    assert records.cell_rows(record) == [("problem", "h", "steps", "status")]
-    assert records.config_text(record) == "{}\n"
-
-
-@each(
-    "content, words",
-    [
-        ("{", "quick.json: not JSON"),
-        ("[]", "quick.json: not the record of quick.csv"),
-        ('{"study": "other"}', "quick.json: not the record of quick.csv"),
-        (None, "quick.json: no record of quick.csv"),
-    ],
-)
-def test_damaged_records(tmp_path, content, words):
-    """Each is named with what is wrong."""
-    if content is not None:
-        (tmp_path / "quick.json").write_text(content)
-    with pytest.raises(InputError, match=words):
-        records.read(tmp_path / "quick.csv")
-
-
-def test_info_without_a_record(cli):
-    """One line, exit 2."""
-    assert "results/quick.json: no record of quick.csv" in cli.refused("info", "quick")

@@ -188,16 +188,6 @@ def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     assert dry.endswith("2 of 3 cells to run\n")
 
 
-def test_exits_fail_their_cells_alone(cli):
-    """With code 0, as if all were well: neither the run's end, nor waited for ever after."""
-    write_swings(cli, "end", "leave", "")
-    done = cli("run", "swings.yaml", "--allow-code", "-v", code=1)
-    assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
-    assert "(what=end) " in done.stderr
-    assert "failed: its process ended with code 0" in done.stderr
-    assert f"failed: mine.py, line {line_of('SystemExit')}: SystemExit: 0" in done.stderr
-
-
 def test_fail_fast_skips_the_rest(cli):
     """Skipped is neither failed nor not converged: no CSV, and the summary says so."""
     cli.write("long.yaml", LONG + "iteration_cap: 1\nmeasure: correction\n")
@@ -236,19 +226,6 @@ def test_failed_cells_are_merged(cli, quick):
         options = [word for source in sources for word in ("--from", source)]
         cli("merge", "quick.yaml", *options, "--results", f"merged{i}")
         assert csv(cli.folder / f"merged{i}") == csv(cli.folder / "good")
-
-
-def test_merge_leaves_a_folder_that_is_in_use(cli, quick):
-    """Refused before anything is copied."""
-    cli("run", "quick.yaml", "--results", "source")
-    cli.write("long.yaml", LONG)
-    run = cli.start("run", "long.yaml")
-    wait_for_cells(cli.folder / "results", 1)
-    assert "in use" in cli.refused("merge", "quick.yaml", "--from", "source")
-    run.kill()
-    run.communicate()
-    ours, theirs = (cli.folder / name / "cells" for name in ("results", "source"))
-    assert not {file.name for file in ours.iterdir()} & {file.name for file in theirs.iterdir()}
 
 
 ERRORS = """\
@@ -338,19 +315,6 @@ def test_references_that_come_at_last(cli):
     assert measured(cli.folder) == (errors, {"ok"})
 
 
-def test_merging_prefers_what_lacks_nothing(cli):
-    """In any order of the folders."""
-    cli.write("mine.py", SWING)
-    cli.write("errors.yaml", ERRORS.replace("WHAT", "wait"))
-    cli("run", "errors.yaml", "--allow-code", "--results", "bad", code=1)
-    cli.write("ready", "")
-    cli("run", "errors.yaml", "--allow-code", "--results", "good")
-    for i, sources in enumerate((("bad", "good"), ("good", "bad"))):
-        options = [word for source in sources for word in ("--from", source)]
-        cli("merge", "errors.yaml", "--allow-code", *options, "--results", f"merged{i}")
-        assert csv(cli.folder / f"merged{i}", "errors") == csv(cli.folder / "good", "errors")
-
-
 CAPPED = QUICK + "iteration_cap: 1\nmeasure: correction\n"
 
 
@@ -409,13 +373,6 @@ def test_interrupts_are_for_the_run(cli):
     """Ctrl-C goes to all processes of a terminal; one line, at every moment."""
     moments = ((0, signal.SIGINT), (None, signal.SIGTERM))
     require_interrupts_taken(cli, moments, "1 cell on 1 process\n")
-
-
-def test_dry_runs_of_shards(cli, quick):
-    """A part alone; and what the run refuses is refused."""
-    assert reasons(cli, "--shard", "2/3") == (["to run: not run yet"], "1 of 1 cells to run")
-    line = cli.refused("run", "quick.yaml", "quick.yaml", "--dry-run")
-    assert "two studies are named 'quick'" in line
 
 
 def test_fail_fast_minds_what_is_kept(cli):

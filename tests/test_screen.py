@@ -154,22 +154,6 @@ def test_no_command_prints_control_characters(cli, hostile):
     assert r"d\x1b[31m\u202e" in cli("info").stdout
 
 
-def test_names_on_the_way_into_a_study(cli, hostile):
-    """A study's name has letters, digits and few signs, or its CSV is not read."""
-    text = (cli.folder / "results/bad.csv").read_text()
-    (cli.folder / "results/a\x1b[31m.csv").write_text(text)
-    assert r"a\x1b[31m.csv: no study of a name other than" in cli.refused("check")
-
-
-def test_quantities_are_those_of_the_measure(cli, committed_folder):
-    """Labels of figures have them in mathematics."""
-    columns, rows = tampering.read(committed_folder / "history.csv")
-    rows = tampering.given(rows, quantity=r"\badmath{")
-    tampering.write(cli.folder / "results/history.csv", columns, rows)
-    for command in ("check", "plot", "show"):
-        assert r"unknown quantity '\\badmath{'; allowed: lambda" in cli.refused(command)
-
-
 def test_completion_offers_what_a_shell_can_be_told(tmp_path, monkeypatch):
     """A file's name goes into a line: one with a line end in it is left to the shell."""
     for name in ("good.yaml", "a\nb.yaml", "c\x1b[31m.yaml", "d\u202e.yaml"):

@@ -170,23 +170,6 @@ def test_python_and_what_is_installed_go_first(tmp_path):
     assert length(factory(folder(tmp_path, "here", files))) == 2.0
 
 
-def test_a_mere_folder_gives_way(tmp_path, monkeypatch):
-    """To a module on the path."""
-    made = folder(tmp_path, "here", {"sizes.py": "from odd import LENGTH\n"})
-    (made / "odd").mkdir()
-    (tmp_path / "odd.py").write_text("LENGTH = 2.0\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    assert length(factory(made)) == 2.0
-
-
-def test_a_mere_folder_hides_no_other(tmp_path, monkeypatch):
-    """One on the path, empty, of the name of one beside the file."""
-    made = folder(tmp_path, "here", KINDS["folder"])
-    (tmp_path / "parts").mkdir()
-    monkeypatch.syspath_prepend(tmp_path)
-    assert length(factory(made)) == 2.0
-
-
 def test_string_annotations(tmp_path):
     """Dataclasses of a file with annotations that are evaluated late."""
     made = folder(tmp_path, "here", {"sizes.py": "LENGTH = 2.0\n"})

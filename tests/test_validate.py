@@ -1,7 +1,5 @@
 """`validate`: every mistake of a file in a line of its own, and nothing that only follows."""
 
-import time
-
 import pytest
 from conftest import QUICK
 from each import each
@@ -185,10 +183,8 @@ def test_a_thousand_mistakes_are_counted(cli):
     study = QUICK.replace("[1e-1, 1e-2]", str([-1 - i for i in range(1000)]))
     for name, text in (("m.yaml", mechanism), ("c.yaml", study)):
         cli.write(name, text)
-        begin = time.process_time()
         with pytest.raises(DocumentError) as caught:
             config.describe(cli.folder / name, name, False)
-        assert time.process_time() - begin < 2
         assert (len(caught.value.mistakes), caught.value.more) == (50, 950)
         *lines, last = cli("validate", name, code=2).stderr.splitlines()
         assert len(lines) == len(set(lines)) == documents.MOST_REPORTED == 50
