@@ -58,7 +58,7 @@ class TookLonger(ApartError):
 
 
 def inside() -> bool:
-    """Whether this process is one of those: what runs here is code of the user's.
+    """Whether this process is one of those: what runs here is user code.
 
     Signals are left to the process that has asked for it, so that a `KeyboardInterrupt`
     is the code's own.

@@ -244,7 +244,7 @@ def _of_study(
 
 
 def _called(spec: Any, options: dict[str, Any]) -> "Advice":
-    """Advice on a problem; code of the user's runs in a process of its own."""
+    """Advice on a problem; user code runs in a separate process."""
     from newmark_cli import apart
     from newmark_cli.mechanisms.spec import Code
 

@@ -173,7 +173,7 @@ def _mechanism(spec: MechanismFile) -> Problem:
 
 @dataclass(frozen=True)
 class Code(ABC):
-    """A problem that is code of the user's: it runs in processes of its own only.
+    """A problem that is user code: it runs only in separate processes.
 
     See `newmark_cli.apart`.
 
@@ -294,7 +294,7 @@ def _description(spec: Code) -> Problem:
 
 
 def _elsewhere(name: str, *arguments: Any) -> NoReturn:
-    raise RuntimeError(f"{name} is code of the user's, which only runs in processes of its own")
+    raise RuntimeError(f"{name} is user code, which only runs in separate processes")
 
 
 @dataclass(frozen=True)
@@ -355,7 +355,7 @@ ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory
 
 
 def is_code(spec: ProblemSpec) -> bool:
-    """Whether a problem is code of the user's, which runs in processes of its own."""
+    """Whether a problem is user code, which runs in separate processes."""
     return isinstance(spec, Code)
 
 

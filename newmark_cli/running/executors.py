@@ -1,4 +1,4 @@
-"""Where cells run: threads, processes of their own, or the workers of a dask scheduler.
+"""Where cells run: threads, separate processes, or the workers of a dask scheduler.
 
 An executor takes cells and gives back what each found as it finishes; it neither
 keeps nor writes anything.  What goes wrong in a cell is a status of the cell; what
@@ -184,7 +184,7 @@ def local(
 ) -> Iterator[Execution]:
     """Threads for compiled problems, whose march releases the interpreter lock.
 
-    Problems that are the user's code run in processes of their own.
+    Problems that are user code run in separate processes.
 
     Leaving the context ends what still runs: threads between two stretches, and
     processes at once.
