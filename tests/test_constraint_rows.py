@@ -503,7 +503,7 @@ def test_rows_elsewhere_are_not_to_be_had(tmp_path):
     assert isinstance(subject, Problem)
     assert subject.rows_given == "differences"
     for asked in (subject.constraint_rows, lambda *args: subject.constraint_derivatives(*args[:3])):
-        with pytest.raises(RuntimeError, match="only runs in processes of its own"):
+        with pytest.raises(RuntimeError, match="only runs in separate processes"):
             asked(0.0, subject.u0, subject.v0, subject.u0)
 
 

@@ -224,7 +224,7 @@ def test_no_code_runs_here(tmp_path):
     assert problem.sources == {"mine.py": file.read_bytes()}
     for one in (spec, pinned(spec), portable(spec)):
         problem = one.load()
-        with pytest.raises(RuntimeError, match="only runs in processes of its own"):
+        with pytest.raises(RuntimeError, match="only runs in separate processes"):
             problem.evaluate(0.0, problem.u0, problem.v0, problem.u0[:1])
         assert not hasattr(os, "changed")
     assert with_problem(spec, type(problem).constraint_values, 0.0, 2 * problem.u0) == [1.5]
