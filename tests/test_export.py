@@ -415,7 +415,7 @@ def test_spatial_mechanisms_without_points(cli):
         (("pendulum", "--steps", "1", "--every", "1"), "--steps and --every: give one of them"),
         (("pendulum", "--h", "nan"), "Invalid value for '--h': must be positive, given nan"),
         (("pendulum", "--form", "w"), "command line: form[1]: unknown form 'w'"),
-        (("pendulum", "--steps", "9", "--t-end", "1e-3"), "step 9 is past the last step: the march"),
+        (("pendulum", "--steps", "9", "--t-end", "1e-3"), "step 9 is past the last step: the"),
         (("pendulum", "--every", "1", "--t-end", "1"), "systems of 20202000 steps are more than"),
         (
             ("pendulum", "--h", "1e-200"),
