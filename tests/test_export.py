@@ -347,7 +347,12 @@ def test_a_study_is_exported_twice_alike(cli):
     refusals = {
         ("--h", "0.5"): "h: '0.5' is not among the study's",
         ("--form", "v-lambda"): "form: 'v-lambda' is not among the study's; did you mean 'u-lamb",
-        ("--h", "1e-2", "--steps", "11"): "step 11 is behind the last: the march has 10 (pendulum",
+        (
+            "--h",
+            "1e-2",
+            "--steps",
+            "11",
+        ): "step 11 is past the last step: the march has 10 (pendulum",
         ("--h", "1e-2", "--every", "11"): "every 11 steps leaves none: the march has 10 (pendulum",
         ("--t-end", "1"): "t_end: the study says where its marches end",
     }
