@@ -113,7 +113,8 @@ def _drift(curve):
     held = {"index-3": ["position"], "index-2": ["velocity"], "ggl": ["position", "velocity"]}
     kept = curve.quantity in held.get(curve.formulation, [])
     kept |= curve.projection == "velocity"
-    return {1e-5: {"max": 1e-15 if kept else 1e-6}}
+    h = 1e-5 if curve.problem == "andrews" else 1e-3
+    return {h: {"max": 1e-15 if kept else 1e-6}}
 
 
 _POINTS = {

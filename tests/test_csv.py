@@ -101,7 +101,7 @@ def test_studies_and_slopes_read_back(tmp_path_factory, name):
     path.parent.mkdir(exist_ok=True)
     files.write(path, csv_text(columns, [row]))
     same = type(curve)(curve.label, **curve.key.named() | {"problem": name})
-    (series,) = read_histories(folder, "history", [same], 0.5)
+    (series,) = read_histories(folder, "history", [(same, 0.5)])
     assert series.multipliers.tolist() == [[7.0]]
 
 

@@ -26,7 +26,7 @@ from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.expecting import ExpectConfig
-from newmark_cli.study.keys import FigureConfig
+from newmark_cli.study.figure_keys import FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDS
 from newmark_cli.study.reading import study_files
 

@@ -128,7 +128,9 @@ def test_every_figure_is_labelled(read):
     found = [label.partition(".")[0] for label in labels]
     assert sorted(found) == sorted(figure.title for figure in drawn)
     assert {attributes["role"] for attributes in read.attributes("svg")} == {"img"}
-    assert "Δλ (physical), optimal, compensated: slope −1.00 ± 0.05, predicted −1." in labels[1]
+    assert (
+        "Δλ (physical), optimal, compensated: slope −1.00 ± 0.05, predicted −1, pass." in labels[1]
+    )
     assert "share of steps, none: 0.99 at h = 0.0001, 0 at h = 1e-07." in labels[2]
     assert len(read.attributes("figure")) == len(labels)
 

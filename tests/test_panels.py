@@ -1,8 +1,5 @@
 """Sheets as data, the one renderer, and a kind of figure that nothing else knows of."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 import pytest
 import synthetic
@@ -10,11 +7,8 @@ from click.testing import CliRunner
 from each import each
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.errors import ResultsError
-from newmark_cli.report import draw, figures, panels, plot
-from newmark_cli.report.curves import Curve
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.kinds import Results
+from newmark_cli.report import draw, panels, plot
+from newmark_cli.report.figures import FIGURES, Results
 from newmark_cli.report.panels import (
     Layout,
     Legend,
@@ -300,47 +294,7 @@ def test_settings_are_those_of_the_sheet():
     assert sizes == [5, 8]
 
 
-# -- a kind of figure that is not shipped ---------------------------------------------------
-
-
-@dataclass(frozen=True)
-class RatioFigure:
-    """The quotient of two series against the step size."""
-
-    name: str
-    title: str
-    study: str
-    above: Curve
-    below: Curve
-    tolerance: ClassVar = None
-    in_paper: ClassVar = False
-
-    @property
-    def curves(self):
-        """Both series."""
-        return (self.above, self.below)
-
-    def require(self, given):
-        """Both."""
-        given.series(self)
-
-    def sheet(self, given):
-        """One panel with one trace."""
-        above, below = given.series(self)
-        label = f"{self.above.label} / {self.below.label}"
-        ratio = above.values / below.values
-        said = f"{label}: {ratio.min():.3g} to {ratio.max():.3g}"
-        panel = Panel((Trace(label, above.h, ratio, look(0), said=said),), "$h$ (s)", "quotient")
-        return Sheet(self.title, (panel,))
-
-
-@pytest.fixture
-def ratio(monkeypatch):
-    """An entry in the mapping of figures, and nothing else."""
-    none, *_, compensated = FIGURES["10"].curves
-    figure = RatioFigure("ratio", "What compensation gains", "multipliers", none, compensated)
-    monkeypatch.setitem(figures._FIGURES, figure.name, figure)
-    return figure
+# -- whose results a mechanism belongs to ---------------------------------------------------
 
 
 def ran(*arguments):
@@ -349,39 +303,6 @@ def ran(*arguments):
     assert done.exception is None, done.exception
     assert done.return_value == 0
     return done
-
-
-def test_a_new_kind_needs_no_other_module(tmp_path, ratio):
-    """It is listed, drawn by name and without, named in slopes.csv, and on the page in words."""
-    path = synthetic.write(tmp_path, FIGURES["10"])
-    given = Results(tmp_path, study_slopes(read_study(path), path))
-    sheet = ratio.sheet(given)
-    ((one,),) = (panel.traces for panel in sheet.panels)
-    np.testing.assert_allclose(one.y, 5e-9 / 3.5e-11 * (one.x / 1e-4) ** -1, rtol=1e-12)
-
-    there = ("--results", tmp_path, "--format", "svg")
-    file = f"{tmp_path}/figures/figure-ratio.svg"
-    assert plot.chosen(["ratio"], given).figures == [ratio]
-    assert ran("plot", *there).stdout.split()[-1] == file
-    assert "10 ratio,multipliers," in (tmp_path / "slopes.csv").read_text()
-    assert "What compensation gains" in ran("list").stdout
-    ran("report", "--results", tmp_path)
-    said = "What compensation gains. none / optimal, compensated: 143 to 1.43e+05."
-    assert f'aria-label="{said}"' in (tmp_path / "report.html").read_text()
-
-
-def test_a_new_kind_says_what_it_lacks(tmp_path, ratio):
-    """It is left out where nobody asks for it, and refused by name, with what is missing."""
-    path = synthetic.write(tmp_path, FIGURES["12"])
-    given = Results(tmp_path, study_slopes(read_study(path), path))
-    enough, lacking = plot.enough(given)
-    assert [figure.name for figure in enough] == ["6", "12"]
-    assert ratio in lacking
-    with pytest.raises(ResultsError, match="figure ratio needs none, optimal, compensated"):
-        ratio.sheet(given)
-
-
-# -- whose results a mechanism belongs to ---------------------------------------------------
 
 
 @each("problem", ["andrews", "pendulum", "andrews.yaml"])

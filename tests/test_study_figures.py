@@ -12,8 +12,7 @@ from each import each
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.invariants import INVARIANTS
 from newmark_cli.report import automatic, cures, draw, page, plot
-from newmark_cli.report.figures import FIGURES, TABLED
-from newmark_cli.report.kinds import Results
+from newmark_cli.report.figures import FIGURES, TABLED, Results
 from newmark_cli.report.panels import WIDTH
 from newmark_cli.report.slopes import collect
 from newmark_cli.study import config, drawing, results
@@ -504,7 +503,20 @@ FIGURE_MISTAKES = [
         "- {measure: correction, name: a}\n- {measure: condition, name: a}",
         "line 9: figures[2].name",
     ),
-    (" []", "line 7: figures: must be 1 to 100 figures, given 0"),
+    (
+        "- {measure: correction, figure: 7, problem: pendulum, quantity: u, series: form,\n"
+        "   form: u-lambda}",
+        "line 8: figures[1].title: missing",
+    ),
+    ("- {measure: correction, curves: [{label: x}]}", "figures[1].curves: belong to a figure"),
+    ("- {measure: correction, kind: order}", "line 8: figures[1].kind: must be 'orders', 'work'"),
+    ("- {measure: correction, evaluation: x, columns: 9}", "line 8: figures[1].columns: must be"),
+    (
+        "- {measure: correction, figure: 7, title: t, problem: pendulum, quantity: u,\n"
+        "   curves: [{label: a, colour: red}]}",
+        "line 9: figures[1].curves[1].colour: unknown key",
+    ),
+    (" []", "line 7: figures: must have at least 1 item, given 0"),
 ]
 
 
@@ -710,6 +722,62 @@ def test_figures_of_a_config_travel_in_the_record(cli):
     (cli.folder / "results/mine.json").unlink()
     done = cli("plot", "--format", "svg", "--measure", "condition")
     assert done.stdout.split() == ["results/figures/mine-pendulum-u-lambda-condition.svg"]
+
+
+def test_a_numbered_figure_of_ones_own(cli):
+    """Series one by one, in panels with titles; `plot` knows it by its number."""
+    cli.write(
+        "mine.yaml",
+        STUDY.replace("3e-2", "2e-2")
+        + """\
+preconditioning: [none, optimal]
+evaluation: [direct, compensated]
+figures:
+  - figure: 7a
+    title: What compensation changes
+    measure: error
+    quantity: [u, lambda]
+    problem: pendulum
+    form: u-lambda
+    panels: quantity
+    note: one pendulum
+    curves:
+      - {label: plain, panel: direct, preconditioning: none}
+      - {label: best, panel: compensated, preconditioning: optimal, evaluation: compensated}
+  - {measure: condition, evaluation: direct}
+""".replace("preconditioning: [none, optimal]\n", "", 1),
+    )
+    cli("run", "mine.yaml")
+    assert cli("plot", "7a", "--format", "svg").stdout == "results/figures/figure-7a.svg\n"
+    given = Results(cli.folder / "results", collect(cli.folder / "results"))
+    (figure,) = plot.chosen(["7a"], given).figures
+    sheet = figure.sheet(given)
+    assert sheet.title == "What compensation changes"
+    assert sheet.heading.startswith("one pendulum")
+    assert [(p.title, [t.label for t in p.traces]) for p in sheet.panels] == [
+        ("u, direct", ["plain"]), ("u, compensated", ["best"]),
+        ("λ, direct", ["plain"]), ("λ, compensated", ["best"]),
+    ]  # fmt: skip
+    assert files(cli) == ["figure-7a.svg"]
+    drawn_ = plot.chosen((), given).figures
+    assert [figure.name for figure in drawn_] == ["7a", "mine-pendulum-u-lambda-condition"]
+
+
+def test_drift_of_ones_own_over_time(cli):
+    """A kind of figure is nothing that only shipped studies have."""
+    cli.write(
+        "mine.yaml",
+        "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
+        "formulation: [index-1, ggl]\nmeasure: drift\nh: 1e-2\nt_end: 0.5\nsamples: 10\n"
+        "figures: [{measure: drift, kind: drift, panels: quantity, series: formulation}]\n",
+    )
+    cli("run", "mine.yaml")
+    given = Results(cli.folder / "results", collect(cli.folder / "results"))
+    (figure,) = plot.chosen((), given).figures
+    assert [(p.title, [t.label for t in p.traces]) for p in figure.sheet(given).panels] == [
+        ("position", ["index-1", "ggl"]), ("velocity", ["index-1", "ggl"]),
+    ]  # fmt: skip
+    assert all(len(t.x) == 10 for p in figure.sheet(given).panels for t in p.traces)
 
 
 def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):

@@ -16,7 +16,7 @@ import click
 import newmark_cli
 from newmark_cli.cli.commands import cli
 from newmark_cli.report import slopes
-from newmark_cli.report.kinds import Figure
+from newmark_cli.report.figures import Figure
 from newmark_cli.study import catalogue, results, schema
 from newmark_cli.study.measures import MEASURES, Record
 

@@ -221,7 +221,7 @@ def plot(
     """
     from newmark_cli.report import draw
     from newmark_cli.report import plot as plotting
-    from newmark_cli.report.kinds import Results
+    from newmark_cli.report.figures import Results
     from newmark_cli.report.slopes import collect
 
     axes = ("quantity", "form", "problem", "preconditioning", "integrator")

@@ -7,33 +7,19 @@ panel apart; the others become panels, or figures of their own where panels woul
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from newmark_cli.newmark.orders import UNKNOWNS
-from newmark_cli.report import traces
-from newmark_cli.report.curves import TRAPEZOIDAL, Curve, floor_of
-from newmark_cli.report.kinds import Figure, Results
-from newmark_cli.report.panels import (
-    LOOKS,
-    Legend,
-    Look,
-    Panel,
-    Sheet,
-    Trace,
-    from_zero,
-    look,
-    spread,
-)
-from newmark_cli.report.parts import OfParts, Part
-from newmark_cli.report.text import in_words
-from newmark_cli.report.verdicts import PASS, SHOWN
-from newmark_cli.report.work import NOT_JOINED, Costs, WorkPrecisionFigure, costs
+from newmark_cli.report.curves import Curve
+from newmark_cli.report.figures import Figure, Part, Results
+from newmark_cli.report.panels import LOOKS
+from newmark_cli.report.words import joined_values, measure_text, spelled
+from newmark_cli.report.work import Costs, costs
 from newmark_cli.study import axes
-from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
 
@@ -57,114 +43,6 @@ _LAST = ("physical_correction", "floor", "physical_floor")
 _ONLY = ("jacobian", "newton")
 
 
-@dataclass(frozen=True)
-class SeriesFigure(OfParts):
-    """Series of a study against the step size, a panel for each combination of some axes."""
-
-    def require(self, results: Results) -> None:
-        """All series."""
-        results.series(self)
-
-    def sheet(self, results: Results) -> Sheet:
-        """Fits in the legend of a single panel, in a corner of each of several."""
-        series = {slope.key: slope for slope in results.series(self)}
-        places = {label: i for i, label in enumerate(dict.fromkeys(c.label for c in self.curves))}
-        several = len(self.parts) > 1
-        panels = [
-            self._panel(part, [series[curve.key] for curve in part.curves], places, several)
-            for part in self.parts
-        ]
-        alike = several and _alike(series.values())
-        if alike:
-            every = list(series.values())
-            panels = [
-                _with_limits(panel, [series[curve.key] for curve in part.curves], every)
-                for panel, part in zip(panels, self.parts, strict=True)
-            ]
-        every_slope = {slope.key: slope for slope in results.slopes}
-        panels = [
-            replace(panel, traces=(*panel.traces, *_floors(part, every_slope)))
-            for panel, part in zip(panels, self.parts, strict=True)
-        ]
-        if self.columns > 2:  # narrow ones, where orders take a larger share
-            panels = [replace(panel, x_room=2 * panel.x_room) for panel in panels]
-        fitted = any(not np.isnan(slope.expected) for slope in series.values())
-        apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
-        notes = ["fitted slope"] if fitted and not several else []
-        notes += [NOT_JOINED] if apart else []
-        return Sheet(
-            self.title,
-            tuple(panels),
-            self.columns,
-            Legend("; ".join(notes)),
-            panel_size=None if several else (3.5, 2.5),
-            share_y=alike,
-            ticks=(8, 8),
-        )
-
-    def _panel(
-        self, part: Part, slopes: Sequence["Slope"], places: Mapping[str, int], several: bool
-    ) -> Panel:
-        drawn = [
-            _trace(slope, curve.label, places[curve.label], part.title)
-            for curve, slope in zip(part.curves, slopes, strict=True)
-        ]
-        # Fits of many series would cover them.
-        fits = several and len(drawn) <= 4
-        panel = traces.panel(slopes, drawn, slopes[0].record.linear, part.title, fits)
-        if fits and not slopes[0].record.linear:
-            panel = _with_limits(panel, slopes, slopes)
-        if len({slope.quantity for slope in slopes}) > 1:
-            panel = replace(panel, y_label=_words(slopes[0].measure))
-        if several and not fits:
-            panel = replace(panel, traces=tuple(replace(t, fit="") for t in panel.traces))
-        return panel
-
-
-#: Predicted floors lie on what they predict.
-_FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
-
-
-def _floors(part: Part, slopes: Mapping[SeriesKey, "Slope"]) -> list[Trace]:
-    """The predicted floors of measured series, where there are any."""
-    keys = (floor_of(curve.key) for curve in part.curves)
-    return [
-        traces.trace(slopes[key], "predicted floor", _FLOOR, fit="", name="predicted floor")
-        for key in keys
-        if key is not None and key in slopes
-    ]
-
-
-def _trace(slope: "Slope", label: str, place: int, panel: str) -> Trace:
-    """A series with its verdict, cells that did not end well apart."""
-    found = traces.trace(slope, label, look(place), name=", ".join(filter(None, (panel, label))))
-    undecided = slope.verdict not in (PASS, SHOWN)
-    ok = np.isin(np.array(slope.statuses, str)[np.argsort(slope.h)], slope.record.ok)
-    return replace(
-        found,
-        apart=~ok,
-        fit=", ".join(filter(None, (found.fit, slope.verdict if undecided else ""))),
-        said=found.said + (f", {slope.verdict}" if slope.verdict != SHOWN else ""),
-    )
-
-
-def _alike(slopes: Iterable["Slope"]) -> bool:
-    """Whether all series are of one quantity, so that panels can share an ordinate."""
-    return len({(s.problem, s.quantity, s.measure, s.row_block) for s in slopes}) == 1
-
-
-def _with_limits(panel: Panel, slopes: Sequence["Slope"], every: Sequence["Slope"]) -> Panel:
-    """A panel whose ordinate suits several series besides its own, with room for its fits."""
-    if panel.y_scale == "linear":
-        found = [float(np.max(slope.values, initial=0, where=slope.values > 0)) for slope in every]
-        top = 1.0 if slopes[0].record.share else 1.1 * max(found)
-        return replace(panel, y_limits=from_zero(top) if top > 0 else None)
-    lines = sum(bool(trace.fit) for trace in panel.traces) if panel.fits else 0
-    limits = spread([slope.values for slope in every], max(0.12, 0.165 * lines))
-    references = () if limits is None else traces.predicted(slopes, limits)
-    return replace(panel, y_limits=limits, references=references)
-
-
 # -- which figures ------------------------------------------------------------------------------
 
 
@@ -185,12 +63,14 @@ def figures(
         kinds: Kinds of rows to draw, or `WORK_PRECISION`; all when empty.
     """
     ours = [slope for slope in results.slopes if slope.study == study and slope.measure]
-    spelled = _Slugs(ours)
+    slugs = _Slugs(ours)
     ours = [slope for slope in ours if keep(slope)]
     every = tuple(dict.fromkeys(slope.measure for slope in ours))
     spent = costs(results, [s for s in ours if s.measure == "error"])
     given = defined
-    if given is None:
+    if given is not None:
+        given = [each for each in given if not each.figure]
+    else:
         # Predicted floors stand in the figures of what they predict.
         beside = {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
         ranked = sorted(({*every, WORK_PRECISION} - beside), key=_rank)
@@ -201,7 +81,7 @@ def figures(
         for kind in definition.kinds:
             if not kinds or kind in kinds:
                 slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
-                found += _defined(study, definition, kind, slopes, spelled, names)
+                found += _defined(study, definition, kind, slopes, slugs, names)
     return found
 
 
@@ -213,12 +93,14 @@ def _rank(kind: str) -> int:
 def _shows(definition: Definition, kind: str, slope: "Slope", spent: Costs) -> bool:
     """Whether a series is of this kind and has at least two points."""
     work = kind == WORK_PRECISION
-    rows = (definition.quantity, definition.problem, definition.form)
-    given = (slope.quantity, slope.problem, slope.form)
     if slope.measure != ("error" if work else kind):
         return False
-    if not all(not some or value in some for some, value in zip(rows, given, strict=True)):
-        return False
+    for axis, some in definition.choice.items():
+        # A scaling of one's own may go by its name.
+        if not {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & set(some):
+            return False
+    if definition.kind in ("history", "drift"):
+        return True
     there = np.isfinite(slope.values)
     if work:
         there &= np.isfinite(spent.get(slope.key, np.full(len(slope.h), np.nan)))
@@ -230,7 +112,7 @@ def _defined(
     definition: Definition,
     kind: str,
     slopes: Sequence["Slope"],
-    spelled: "_Slugs",
+    slugs: "_Slugs",
     names: "_Names",
 ) -> list[Figure]:
     """Figures of one kind of rows."""
@@ -247,25 +129,29 @@ def _defined(
     found: list[Figure] = []
     for where, grid in groups:
         if definition.name:
-            told = [spelled(axis, value) for axis, value in where.items() if axis in different]
+            told = [slugs(axis, value) for axis, value in where.items() if axis in different]
         else:
-            told = _told(where, kind, spelled)
+            told = _told(where, kind, slugs)
         name = names(study, definition.name, *told)
         title = _title(where, grid, kind)
         if definition.title:
-            rest = ", ".join(_spelled(axis, where[axis]) for axis in where if axis in different)
+            rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
             title = ": ".join(filter(None, (definition.title, rest)))
-        make = WorkPrecisionFigure if kind == WORK_PRECISION else SeriesFigure
         parts = tuple(
-            Part(_joined(grid.panels, where), tuple(_curve(s, grid.series) for s in several))
+            Part(joined_values(grid.panels, where), tuple(_curve(s, grid.series) for s in several))
             for where, several in grid.parts
         )
-        found.append(make(name, title, study, parts, grid.columns))
+        own = definition.kind or ("work" if kind == WORK_PRECISION else "orders")
+        columns = definition.columns or grid.columns
+        figure = Figure(
+            name, title, study, parts, columns, own, note=definition.note, h=definition.h
+        )
+        found.append(figure)
     return found
 
 
 def _curve(slope: "Slope", series: Sequence[str]) -> Curve:
-    return Curve(_joined(series, slope.key.named()), **slope.key.named())
+    return Curve(joined_values(series, slope.key.named()), **slope.key.named())
 
 
 @dataclass(frozen=True)
@@ -357,89 +243,27 @@ def _grouped(
 # -- words --------------------------------------------------------------------------------------
 
 
-_METHODS = {
-    "newmark": "Newmark",
-    "generalized-alpha": "generalized-α",
-    "hht": "HHT",
-    "bdf1": "BDF1",
-    "bdf2": "BDF2",
-}
-_PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
-
-
-def integrator_text(label: str) -> str:
-    """An integrator as people write it, from its label."""
-    if label == TRAPEZOIDAL:
-        return "trapezoidal"
-    method, *given = label.split()
-    pairs = (part.partition("=") for part in given)
-    said = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
-    return " ".join([_METHODS.get(method, method), *([f"({', '.join(said)})"] if said else [])])
-
-
-def means(axis: str, word: str, value: str) -> bool:
-    """Whether a word of a command line is a value of an axis, as CSVs or people write it.
-
-    An integrator may be given by its method, a scaling of one's own by its name, and a
-    mechanism file without its ending.
-    """
-    spellings = {value, _spelled(axis, value)}
-    if axis == "integrator":
-        spellings.add(value.split()[0])
-    return word in spellings
-
-
-def _spelled(axis: str, value: str) -> str:
-    """A value of an axis as legends and titles have it."""
-    if axis == "problem":
-        return re.sub(r"\.ya?ml$", "", value)
-    if axis == "integrator":
-        return integrator_text(value)
-    if axis == "form":
-        return f"({', '.join(symbol(part) for part in value.split('-'))}) form"
-    if axis == "preconditioning":
-        return value.partition("[")[0]
-    if axis == "row_block":
-        return f"row {value} perturbed"
-    if axis == "stop":
-        return value if value == axes.SATURATION else f"tolerance {value}"
-    if axis == "initial":
-        return "at the start" if value else "along the motion"
-    if axis == "measure":
-        return _words(value)
-    return symbol(value) if axis == "quantity" else in_words(axis, value)
-
-
-def _words(measure: str) -> str:
-    return measure.replace("_", " ").replace(WORK_PRECISION, "work and precision")
-
-
-def _joined(names: Iterable[str], where: Mapping[str, str]) -> str:
-    """Values of axes, a comma between them; what a series has nothing of is left out."""
-    return ", ".join(_spelled(axis, where[axis]) for axis in names if where[axis])
-
-
 def _title(where: Mapping[str, str], grid: _Grid, kind: str) -> str:
     """The problem, the form, what all series have in common, and what is shown."""
     common = grid.parts[0][1][0].key.named()
     varied = (*grid.series, *grid.panels)
-    told = [_spelled(axis, where[axis]) for axis in ("problem", "form") if axis in where]
+    told = [spelled(axis, where[axis]) for axis in ("problem", "form") if axis in where]
     if "preconditioning" not in varied:
         scaling = common["preconditioning"]
-        name = _spelled("preconditioning", scaling)
+        name = spelled("preconditioning", scaling)
         told.append("no scaling" if scaling == "none" else f"{name} scaling")
     usual = {each.name: each.usual for each in axes.series_axes()}
     for axis in COMPARABLE:
         if axis in (*varied, "problem", "form", "preconditioning", "quantity"):
             continue
         if common[axis] and common[axis] != usual[axis]:
-            told.append(_spelled(axis, common[axis]))
-    told += [_spelled("initial", common["initial"])] if common["initial"] else []
+            told.append(spelled(axis, common[axis]))
+    told += [spelled("initial", common["initial"])] if common["initial"] else []
     return f"{', '.join(told)}: {_subject(where, kind)}"
 
 
 def _subject(where: Mapping[str, str], kind: str) -> str:
-    words, quantity = _words(kind), where.get("quantity", "")
+    words, quantity = measure_text(kind), where.get("quantity", "")
     if kind == "condition":
         words = "condition number"
     if not quantity or quantity in _ONLY:
@@ -451,7 +275,7 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
 # -- names of files -----------------------------------------------------------------------------
 
 
-def _told(where: Mapping[str, str], kind: str, spelled: "_Slugs") -> list[str]:
+def _told(where: Mapping[str, str], kind: str, slugs: "_Slugs") -> list[str]:
     """Parts of a figure's file name, in the order in which people look for them."""
     order = ("problem", "form", "measure", "quantity", "initial")
     told = []
@@ -459,7 +283,7 @@ def _told(where: Mapping[str, str], kind: str, spelled: "_Slugs") -> list[str]:
         if axis == "measure":
             told.append(kind.replace("_", "-"))
         elif where.get(axis) and where[axis] not in _ONLY:
-            told.append(spelled(axis, where[axis]))
+            told.append(slugs(axis, where[axis]))
     return told
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,8 +27,8 @@ from newmark_cli.report.cures import (
     Cure,
 )
 from newmark_cli.report.curves import Curve
+from newmark_cli.report.figures import Figure, Results
 from newmark_cli.report.fits import format_order
-from newmark_cli.report.kinds import Results
 from newmark_cli.report.panels import Legend, Panel, Sheet
 from newmark_cli.report.text import markdown
 from newmark_cli.report.verdicts import MISS, PASS
@@ -483,47 +483,19 @@ def _width(symptom: Symptom) -> float:
     return _WIDTHS.get(symptom.name, _OTHER)
 
 
-@dataclass(frozen=True)
-class CureTableFigure:
-    """The table as a figure.
+def sheet(figure: Figure, found: Results) -> Sheet:
+    """The table as one panel.
 
-    Attributes:
-        name: Number, after the paper's.
-        title: What it shows.
+    Args:
+        figure: The figure.
+        found: What the table is made from.
     """
-
-    name: str
-    title: str
-    study: ClassVar[str] = STUDY
-    tolerance: ClassVar[float | None] = None
-    in_paper: ClassVar[bool] = False
-
-    @cached_property
-    def curves(self) -> tuple[Curve, ...]:
-        """Errors of λ, without which there is no table."""
-        return tuple(
-            cure.curve(STUDY, PROBLEM, "lambda", "error") for cure in CURES if cure.fits(PROBLEM)
-        )
-
-    def require(self, results: Results) -> None:
-        """The errors; cells of other studies are empty where those are missing."""
-        results.series(self)
-
-    def sheet(self, results: Results) -> Sheet:
-        """One panel, the table."""
-        self.require(results)
-        cells = build(results)
-        scene = TableScene(cells)
-        width, height = scene.size
-        return Sheet(
-            self.title,
-            (Panel((), x_scale="linear", y_scale="linear", scene=scene),),
-            legend=Legend(),
-            panel_size=(width + 0.3, height + 0.35),
-            grid=False,
-        )
-
-
-def figure() -> CureTableFigure:
-    """Figure 19."""
-    return CureTableFigure("19", "Which cure cures what: predicted order → measured")
+    scene = TableScene(build(found))
+    width, height = scene.size
+    return Sheet(
+        figure.title,
+        (Panel((), x_scale="linear", y_scale="linear", scene=scene),),
+        legend=Legend(),
+        panel_size=(width + 0.3, height + 0.35),
+        grid=False,
+    )

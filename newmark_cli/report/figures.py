@@ -1,166 +1,517 @@
-"""The figures as entries: what each shows, the series it draws, and what they must show.
+"""Figures as data: a study, a kind, and panels with named series.
 
-Figures 1 to 9 are the paper's.  Their kinds stand in `newmark_cli.report.kinds`.
+The shipped configs define those of the paper and past it, with a number; any config may define
+others.  A kind says what the figure needs and makes its `Sheet`, plain data that
+`newmark_cli.report.draw` draws.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from newmark_cli.newmark.integrator import GeneralizedAlpha
-from newmark_cli.newmark.scaling import PAPER_VARIANTS
-from newmark_cli.report import cure_table, cures
-from newmark_cli.report.curves import TRAPEZOIDAL, Curve
-from newmark_cli.report.kinds import (
-    Figure,
-    HistoryFigure,
-    MechanismFigure,
-    OrderFigure,
-    PrecisionFigure,
-    SensitivityFigure,
-    StudyFigure,
-    variants,
+import numpy as np
+
+from newmark_cli.errors import ResultsError
+from newmark_cli.report import traces
+from newmark_cli.report.curves import Curve, floor_of
+from newmark_cli.report.history import read_drifts, read_histories
+from newmark_cli.report.panels import (
+    Legend,
+    Look,
+    Panel,
+    Sheet,
+    Trace,
+    from_zero,
+    look,
+    power,
+    spread,
 )
+from newmark_cli.report.verdicts import PASS, SHOWN
+from newmark_cli.report.words import joined_values, measure_text
+from newmark_cli.study import shipped
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
+from newmark_cli.study.results import drift_path, history_path
 
-_GENERALIZED_ALPHA = GeneralizedAlpha(0.9).label
+if TYPE_CHECKING:
+    from newmark_cli.report.slopes import Slope
+
+#: What points that stand apart are.
+NOT_JOINED = "not joined: cells that did not end well"
 
 
-def _multipliers() -> StudyFigure:
-    columns = ("multipliers", "andrews", "lambda", "physical_correction")
-    direct = variants(*columns)
-    compensated = Curve(
-        "optimal, compensated", *columns, preconditioning="optimal", evaluation="compensated"
+@dataclass(frozen=True)
+class Results:
+    """The data that a figure is made from.
+
+    Attributes:
+        folder: Results folder.
+        slopes: Series of its CSVs.
+        cost: What work is measured by, of `newmark_cli.report.work.COSTS`.
+    """
+
+    folder: Path
+    slopes: Sequence["Slope"]
+    cost: str = "operations"
+
+    @cached_property
+    def by_key(self) -> Mapping[SeriesKey, "Slope"]:
+        """The series by what a `Curve` finds them by."""
+        return {slope.key: slope for slope in self.slopes}
+
+    def series(self, figure: "Figure") -> dict[SeriesKey, "Slope"]:
+        """Series of a figure, in the order of its curves.
+
+        Raises:
+            ResultsError: When the results lack one.
+        """
+        missing = [curve.label for curve in figure.curves if curve.key not in self.by_key]
+        if missing:
+            raise lacks(self.folder / f"{figure.study}.csv", figure, missing)
+        return {curve.key: self.by_key[curve.key] for curve in figure.curves}
+
+
+def lacks(path: Path, figure: "Figure", missing: Iterable[str]) -> ResultsError:
+    """What to say of results that a figure cannot be made from."""
+    return ResultsError(
+        f"{path}: figure {figure.name} needs {', '.join(dict.fromkeys(missing))}; "
+        f"run 'newmark-study run {figure.study}' again"
     )
-    return StudyFigure(
-        "10", "Andrews' mechanism: multipliers in physical units", "multipliers",
-        curves=(*direct, compensated),
-    )  # fmt: skip
 
 
-def _error() -> StudyFigure:
-    columns = ("error", "andrews", "lambda", "error")
-    trapezoidal = tuple(
-        Curve(f"trapezoidal, {variant}", *columns, preconditioning=variant)
-        for variant in PAPER_VARIANTS
-    )
-    trapezoidal_compensated = Curve(
-        "trapezoidal, compensated", *columns, preconditioning="optimal", evaluation="compensated"
-    )
-    direct, compensated = (
-        Curve(
-            f"generalized-α, {evaluation}", *columns, preconditioning="optimal",
-            integrator=_GENERALIZED_ALPHA, evaluation=evaluation,
+@dataclass(frozen=True)
+class Part:
+    """A panel: its title, and its series in the order of the legend."""
+
+    title: str
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What a figure shows.
+
+    Attributes:
+        name: Number, or a word; names its files.
+        title: What it shows.
+        study: Study whose results it reads.
+        parts: Its panels.
+        columns: Panels side by side.
+        kind: One of `newmark_cli.study.drawing.KINDS`.
+        problem: The mechanism, of a picture of one.
+        note: What stands above the legend.
+        h: Step size of values over time (s).
+        tolerance: Largest |fitted − predicted slope| of its series; None for that of their
+            measure.
+        in_paper: Whether its series are the claims of the paper.
+        numbered: Whether a config gives it a number or word, by which `plot` knows it.
+    """
+
+    name: str
+    title: str
+    study: str
+    parts: tuple[Part, ...]
+    columns: int = 1
+    kind: str = "orders"
+    problem: str = ""
+    note: str = ""
+    h: float | None = None
+    tolerance: float | None = None
+    in_paper: bool = False
+    numbered: bool = False
+
+    @cached_property
+    def curves(self) -> tuple[Curve, ...]:
+        """Its series, panel by panel."""
+        return tuple(curve for part in self.parts for curve in part.curves)
+
+    def require(self, results: Results) -> None:
+        """See whether it is drawn where nobody asks for it by name.
+
+        Raises:
+            ResultsError: When the results are not enough; says what is missing.
+        """
+        from newmark_cli.report.work import costed
+
+        if self.kind == "mechanism":
+            _require_mechanism(self, results)
+        elif self.kind in ("history", "drift"):
+            _over_time(self, results)
+        elif self.kind == "work":
+            costed(self, results)
+        else:
+            results.series(self)
+
+    def sheet(self, results: Results) -> Sheet:
+        """Its panels.
+
+        Raises:
+            ResultsError: When the results lack what it draws.
+        """
+        return _SHEETS[self.kind](self, results)
+
+
+# -- definitions --------------------------------------------------------------------------------
+
+
+def explicit(study: str, given: Definition) -> Figure:
+    """The figure of a definition that names all its series.
+
+    Args:
+        study: Its study.
+        given: The definition.
+    """
+    kind = given.kind or ("work" if given.kinds == (WORK_PRECISION,) else "orders")
+    measure = "error" if kind == "work" else given.kinds[0] if given.kinds else ""
+    lines = given.curves or ((Line(),) if given.series else ())
+    parts: dict[tuple[str, ...], list[Curve]] = {}
+    several = given.panels or ()
+    groups = dict.fromkeys(line.panel for line in lines)
+    for at in product(*(given.choice[axis] for axis in several)):
+        for group in groups:
+            for line in lines:
+                values = {**given.choice, **line.choice}
+                there = all(v in values[a] for a, v in zip(several, at, strict=True))
+                if line.panel != group or not there:
+                    continue
+                values |= {axis: (value,) for axis, value in zip(several, at, strict=True)}
+                for named in product(*values.values()):
+                    where = dict(zip(values, named, strict=True))
+                    label = line.label or joined_values(given.series or (), where)
+                    curve = Curve(label, **{"study": study, "measure": measure, **where})
+                    parts.setdefault((*at, group), []).append(curve)
+    titles = {
+        key: ", ".join(
+            filter(None, (joined_values(several, dict(zip(several, key, strict=False))), key[-1]))
         )
-        for evaluation in ("direct", "compensated")
-    )  # fmt: skip
-    return StudyFigure(
-        "11", "Andrews' mechanism: error of the multipliers", "error",
-        curves=(*trapezoidal, trapezoidal_compensated, direct, compensated),
-    )  # fmt: skip
-
-
-def _tolerance() -> StudyFigure:
-    curves = variants(
-        "tolerance", "andrews", "newton", "tolerance",
-        integrator=_GENERALIZED_ALPHA, stop="absolute 1e-08",
-    )  # fmt: skip
-    return StudyFigure(
-        "12", "Andrews' mechanism: steps that meet ‖Δq̄‖ ≤ 10⁻⁸", "tolerance",
-        curves=curves,
-        linear=True,
-        note="generalized-α, ρ∞ = 0.9",
-    )  # fmt: skip
-
-
-def _krylov() -> StudyFigure:
-    curves = variants(
-        "krylov", "random-chain(links=1000)", "jacobian", "krylov_iterations", linear_solver="gmres"
+        for key in parts
+    }
+    columns = given.columns or {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
+    return Figure(
+        given.figure,
+        given.title,
+        study,
+        tuple(Part(titles[key], tuple(curves)) for key, curves in parts.items()),
+        columns,
+        kind,
+        given.choice.get("problem", ("",))[0],
+        given.note,
+        given.h,
+        given.within,
+        in_paper=given.within is not None and given.figure.isdigit(),
+        numbered=True,
     )
-    return StudyFigure(
-        "13", "1000 random links: GMRES iterations", "krylov",
-        curves=curves,
-        linear=True,
-    )  # fmt: skip
 
 
-def _history() -> HistoryFigure:
-    columns = ("history", "andrews", "lambda", "history")
-    trapezoidal, compensated, damped = (
-        Curve(
-            label, *columns, preconditioning="optimal", integrator=integrator,
-            evaluation=evaluation,
-        )
-        for label, integrator, evaluation in (
-            ("trapezoidal, direct", TRAPEZOIDAL, "direct"),
-            ("trapezoidal, compensated", TRAPEZOIDAL, "compensated"),
-            ("generalized-α, direct", _GENERALIZED_ALPHA, "direct"),
-        )
-    )  # fmt: skip
-    return HistoryFigure(
-        "15", "Andrews' mechanism: a multiplier over time", "history", 1e-6,
-        curves=(trapezoidal, compensated, damped),
-    )  # fmt: skip
+def _shipped() -> dict[str, Figure]:
+    found = [
+        explicit(study, definition)
+        for study, data in shipped.configs().items()
+        for definition in definitions(data) or ()
+        if definition.figure
+    ]
+    return {
+        figure.name: figure
+        for figure in sorted(found, key=lambda each: (_place(each.name), each.name))
+    }
 
 
-_FIGURES: dict[str, Figure] = {
-    figure.name: figure
-    for figure in (
-        OrderFigure(
-            "1", "Pendulum, (u, λ) form: displacements",
-            "pendulum-u", "pendulum", "u-lambda", "u", "correction", 0.15,
-        ),
-        OrderFigure(
-            "2", "Pendulum, (u, λ) form: multiplier",
-            "pendulum-u", "pendulum", "u-lambda", "lambda", "correction", 0.15,
-        ),
-        OrderFigure(
-            "3", "Pendulum, (u, λ) form: condition number",
-            "pendulum-u", "pendulum", "u-lambda", "jacobian", "condition", 0.02,
-        ),
-        OrderFigure(
-            "4", "Pendulum, (v, λ) form: velocities",
-            "pendulum-v", "pendulum", "v-lambda", "v", "correction", 0.15,
-        ),
-        OrderFigure(
-            "5", "Pendulum, (a, λ) form: accelerations",
-            "pendulum-a", "pendulum", "a-lambda", "a", "correction", 0.15,
-        ),
-        MechanismFigure(
-            "6", "Andrews' squeezing mechanism, initial position", "andrews-u", "andrews"
-        ),
-        OrderFigure(
-            "7", "Andrews' mechanism, (u, λ) form: displacements",
-            "andrews-u", "andrews", "u-lambda", "u", "correction", 0.1,
-        ),
-        OrderFigure(
-            "8", "Andrews' mechanism, (u, λ) form: multipliers",
-            "andrews-u", "andrews", "u-lambda", "lambda", "correction", 0.1,
-        ),
-        OrderFigure(
-            "9", "Andrews' mechanism, (u, λ) form: condition number",
-            "andrews-u", "andrews", "u-lambda", "jacobian", "condition", 0.05,
-        ),
-        SensitivityFigure(
-            "sensitivity", "Andrews' mechanism: sensitivity of each unknown to each row",
-            "sensitivity", "andrews", "u-v-a-lambda", 0.05,
-        ),
-        _multipliers(),
-        _error(),
-        _tolerance(),
-        _krylov(),
-        PrecisionFigure(
-            "14", "Pendulum, (u, λ) form: single and double precision",
-            "precision", "pendulum", "bdf2", "u-lambda", 4,
-        ),
-        _history(),
-        cures.error_figure(),
-        cures.work_figure(),
-        cures.drift_figure(),
-        cure_table.figure(),
-    )
-}  # fmt: skip
+def _place(name: str) -> float:
+    """Numbers by their size; a word behind those of the paper."""
+    return float(name) if name.isdigit() else 9.5
 
-#: The figures by name.
-FIGURES: Mapping[str, Figure] = MappingProxyType(_FIGURES)
+
+#: The figures of the shipped studies by name.
+FIGURES: dict[str, Figure] = _shipped()
 
 #: Shipped studies that are made into tables: figures of them are drawn when asked for.
 TABLED = ("all-forms", "integrators")
+
+
+# -- series against the step size, errors against work ------------------------------------------
+
+#: Predicted floors lie on what they predict.
+_FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
+
+
+def _orders(figure: Figure, results: Results) -> Sheet:
+    """Fits in the legend of a single panel, in a corner of each of several."""
+    series = results.series(figure)
+    places = {label: i for i, label in enumerate(dict.fromkeys(c.label for c in figure.curves))}
+    several = len(figure.parts) > 1
+    panels = []
+    for part in figure.parts:
+        own = [series[curve.key] for curve in part.curves]
+        alike = [slope for slope in series.values() if _same(slope) in set(map(_same, own))]
+        panel = _panel(part, own, places, several)
+        if several:
+            panel = _with_limits(panel, own, alike)
+        panels.append(replace(panel, traces=(*panel.traces, *_floors(part, results.by_key))))
+    if figure.columns > 2:  # narrow ones, where orders take a larger share
+        panels = [replace(panel, x_room=2 * panel.x_room) for panel in panels]
+    fitted = any(not np.isnan(slope.expected) for slope in series.values())
+    notes = [figure.note] if figure.note else ["fitted slope"] if fitted and not several else []
+    return _sheet(figure, panels, notes, several and len(set(map(_same, series.values()))) == 1)
+
+
+def _sheet(figure: Figure, panels: Sequence[Panel], notes: list[str], share_y: bool) -> Sheet:
+    apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
+    return Sheet(
+        figure.title,
+        tuple(panels),
+        figure.columns,
+        Legend("; ".join([*notes, *([NOT_JOINED] if apart else [])])),
+        panel_size=None if len(panels) > 1 else (3.5, 2.5),
+        # Of several problems each has its own range of step sizes.
+        share_x=len({curve.problem for curve in figure.curves}) == 1,
+        share_y=share_y,
+        ticks=(8 if figure.columns < 4 else 4, 8),
+    )
+
+
+def _same(slope: "Slope") -> tuple[str, ...]:
+    """What series have in common whose panels can share an ordinate."""
+    return slope.problem, slope.quantity, slope.measure, slope.row_block
+
+
+def _panel(
+    part: Part, slopes: Sequence["Slope"], places: Mapping[str, int], several: bool
+) -> Panel:
+    drawn = [
+        _trace(slope, curve.label, places[curve.label], part.title)
+        for curve, slope in zip(part.curves, slopes, strict=True)
+    ]
+    # Fits of many series would cover them.
+    fits = several and len(drawn) <= 4
+    panel = traces.panel(slopes, drawn, slopes[0].record.linear, part.title, fits)
+    if len({slope.quantity for slope in slopes}) > 1:
+        panel = replace(panel, y_label=measure_text(slopes[0].measure))
+    if several and not fits:
+        panel = replace(panel, traces=tuple(replace(t, fit="") for t in panel.traces))
+    return panel
+
+
+def _floors(part: Part, slopes: Mapping[SeriesKey, "Slope"]) -> list[Trace]:
+    """The predicted floors of measured series, where there are any."""
+    keys = (floor_of(curve.key) for curve in part.curves)
+    return [
+        traces.trace(slopes[key], "predicted floor", _FLOOR, fit="", name="predicted floor")
+        for key in keys
+        if key is not None and key in slopes
+    ]
+
+
+def _trace(slope: "Slope", label: str, place: int, panel: str) -> Trace:
+    """A series with its verdict, cells that did not end well apart."""
+    found = traces.trace(slope, label, look(place), name=", ".join(filter(None, (panel, label))))
+    undecided = slope.verdict not in (PASS, SHOWN) and not slope.accepted
+    ok = np.isin(np.array(slope.statuses, str)[np.argsort(slope.h)], slope.record.ok)
+    return replace(
+        found,
+        apart=~ok,
+        fit=", ".join(filter(None, (found.fit, slope.verdict if undecided else ""))),
+        said=found.said + (f", {slope.verdict}" if slope.verdict != SHOWN else ""),
+    )
+
+
+def _with_limits(panel: Panel, slopes: Sequence["Slope"], every: Sequence["Slope"]) -> Panel:
+    """A panel whose ordinate suits several series besides its own, with room for its fits."""
+    if panel.y_scale == "linear":
+        found = [float(np.max(slope.values, initial=0, where=slope.values > 0)) for slope in every]
+        top = 1.0 if slopes[0].record.share else 1.1 * max(found)
+        return replace(panel, y_limits=from_zero(top) if top > 0 else None)
+    lines = sum(bool(trace.fit) for trace in panel.traces) if panel.fits else 0
+    limits = spread([slope.values for slope in every], max(0.12, 0.165 * lines))
+    references = () if limits is None else traces.predicted(slopes, limits)
+    return replace(panel, y_limits=limits, references=references)
+
+
+def _work(figure: Figure, results: Results) -> Sheet:
+    """Points of a series joined from the largest step size to the smallest."""
+    from newmark_cli.report.work import COSTS, costed, trace
+
+    slopes, spent = costed(figure, results)
+    cost = COSTS[results.cost]
+    labels = list(dict.fromkeys(curve.label for curve in figure.curves))
+    panels = []
+    for part in figure.parts:
+        own = [slopes[curve.key] for curve in part.curves]
+        alike = [slope for slope in slopes.values() if _same(slope) in set(map(_same, own))]
+        drawn = tuple(
+            trace(slopes[c.key], spent[c.key], cost, c.label, labels.index(c.label), part.title)
+            for c in part.curves
+        )
+        label = own[0].record.label(own[0].key)
+        limits = spread([slope.values for slope in alike])
+        panels.append(Panel(drawn, cost.label, label, part.title, y_limits=limits))
+    share = len(set(map(_same, slopes.values()))) == 1
+    notes = ["each from the largest step size to the smallest"]
+    return _sheet(figure, panels, notes, share and len(panels) > 1)
+
+
+# -- values over time ---------------------------------------------------------------------------
+
+#: Curves over time; the first alternates from step to step, the last two coincide.
+_OVER_TIME = (
+    Look("#D55E00", ".", 1.2, linewidth=0.4, alpha=0.7),
+    Look("#56B4E9", linewidth=2.6),
+    Look("#000000", linewidth=0.8, linestyle="--"),
+)
+#: Least drift that is drawn (m, m/s): what is smaller is rounding, or exactly 0.
+_LEAST_DRIFT = 1e-18
+_DRIFTS = {
+    "position": r"$|\Phi_k|/\|G_k\|$ (m)",
+    "velocity": r"$|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
+}
+
+
+def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Any]:
+    """Time series of a figure's cells.
+
+    Raises:
+        ResultsError: When the results lack one.
+    """
+    series, found = results.by_key, {}
+    sizes = [
+        figure.h or (float(series[c.key].h.min()) if c.key in series else math.nan)
+        for c in figure.curves
+    ]
+    cells = list(zip(figure.curves, sizes, strict=True))
+    folder, study = results.folder, figure.study
+    given: Sequence[Any]
+    if figure.kind == "drift":
+        path, given = drift_path(folder, study), read_drifts(folder, study, cells)
+    else:
+        path, given = history_path(folder, study), read_histories(folder, study, cells)
+    missing = []
+    for curve, one in zip(figure.curves, given, strict=True):
+        if one is None:
+            missing.append(curve.label)
+        found[curve.key] = one
+    if missing:
+        raise lacks(path, figure, missing)
+    return found
+
+
+def _time_look(place: int) -> Look:
+    return Look(look(place).color, linewidth=0.9, linestyle=look(place).linestyle)
+
+
+def _history(figure: Figure, results: Results) -> Sheet:
+    """A multiplier, above in the range of the last curve, below as far as any goes.
+
+    Of the multipliers the one is drawn that is largest in the last curve.
+    """
+    found = _over_time(figure, results)
+    histories = [found[curve.key] for curve in figure.curves]
+    component = int(np.argmax(np.max(np.abs(histories[-1].multipliers), axis=0)))
+    series = tuple(
+        Trace(
+            curve.label,
+            history.t,
+            1e-3 * history.multipliers[:, component],
+            _OVER_TIME[place] if place < len(_OVER_TIME) else _time_look(place),
+            said=f"{curve.label}: |λ| up to {np.max(np.abs(history.multipliers)):.3g}",
+        )
+        for place, (curve, history) in enumerate(zip(figure.curves, histories, strict=True))
+    )
+    span = float(np.ptp(series[-1].y))
+    zoomed = Panel(
+        series,
+        "time $t$ (s)",
+        rf"$\lambda_{component + 1}$ (kN/m)",
+        x_scale="linear",
+        y_scale="linear",
+        y_limits=_around(series[-1:], 0.25),
+    )
+    whole = replace(
+        zoomed,
+        traces=tuple(replace(trace, said="") for trace in series),
+        y_scale="symlog",
+        y_limits=_around(series, 0.05),
+        linthresh=10.0 ** math.floor(math.log10(span)) if span > 0 else 1.0,
+    )
+    h = figure.h or results.by_key[figure.curves[0].key].h.min()
+    step = power("10", f"{math.log10(h):.0f}")
+    note = f"$h$ = {step} s; pairs of successive steps"
+    return Sheet(figure.title, (zoomed, whole), legend=Legend(note, 1), ticks=(8, 8))
+
+
+def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
+    """Ends of an ordinate around all values, with room on either side as a share of their span."""
+    low = min(float(np.min(trace.y)) for trace in series)
+    high = max(float(np.max(trace.y)) for trace in series)
+    return low - margin * (high - low), high + margin * (high - low)
+
+
+def _drift(figure: Figure, results: Results) -> Sheet:
+    """Misfits over time on logarithmic ordinates: they differ by ten powers of ten."""
+    found = _over_time(figure, results)
+    labels = list(dict.fromkeys(curve.label for curve in figure.curves))
+    panels = []
+    for part in figure.parts:
+        drawn = []
+        for curve in part.curves:
+            drift = found[curve.key]
+            values = getattr(drift, curve.quantity)
+            shown = np.where(values < _LEAST_DRIFT, np.nan, values)
+            said = f"{part.title}, {curve.label}: up to {np.max(values):.2g}"
+            own = _time_look(labels.index(curve.label))
+            drawn.append(Trace(curve.label, drift.t, shown, own, said=said))
+        most = max(np.nanmax(trace.y, initial=_LEAST_DRIFT) for trace in drawn)
+        panels.append(
+            Panel(
+                tuple(drawn),
+                "time $t$ (s)",
+                _DRIFTS[part.curves[0].quantity],
+                part.title,
+                x_scale="linear",
+                y_limits=(0.1 * _LEAST_DRIFT, 10 * float(most)),
+                tell_zeros=False,
+            )
+        )
+    return Sheet(
+        figure.title, tuple(panels), figure.columns, Legend(figure.note), share_x=False,
+        ticks=(6, 8), minor_ticks=False,
+    )  # fmt: skip
+
+
+# -- mechanisms and tables ----------------------------------------------------------------------
+
+
+def _require_mechanism(figure: Figure, results: Results) -> None:
+    """A series of any study of this mechanism: no stranger's results are about it."""
+    if all(slope.problem != figure.problem for slope in results.slopes):
+        raise ResultsError(
+            f"{results.folder}: figure {figure.name}: no results of {figure.problem}; "
+            f"run 'newmark-study run {figure.study}' first"
+        )
+
+
+def _mechanism(figure: Figure, results: Results) -> Sheet:
+    """A mechanism in its initial position, whatever the results are."""
+    from newmark_cli.mechanisms.registry import picture
+    from newmark_cli.report.draw_mechanism import mechanism_sheet
+
+    subject = picture(figure.problem)
+    return mechanism_sheet(figure.title, subject, subject.u0)
+
+
+def _cures(figure: Figure, results: Results) -> Sheet:
+    from newmark_cli.report import cure_table
+
+    return cure_table.sheet(figure, results)
+
+
+_SHEETS: Mapping[str, Callable[[Figure, Results], Sheet]] = {
+    "orders": _orders,
+    "work": _work,
+    "history": _history,
+    "drift": _drift,
+    "mechanism": _mechanism,
+    "cures": _cures,
+}

@@ -41,15 +41,14 @@ class History:
 
 
 def read_histories(
-    folder: Path, study: str, curves: Sequence[Curve], h: float
+    folder: Path, study: str, cells: Sequence[tuple[Curve, float]]
 ) -> list[History | None]:
-    """Time series of curves at one step size; None for one that is not there.
+    """Multipliers of cells; None for one that is not there.
 
     Args:
         folder: Results folder.
         study: Name of the study.
-        curves: Which cells.
-        h: Their step size (s).
+        cells: Which cells: a curve, and a step size (s) of it.
 
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
@@ -62,7 +61,7 @@ def read_histories(
         raise ResultsError(f"{path}, line 1: the columns after t must be lambda_1, lambda_2, …")
     return [
         History(table[:, 0], table[:, 1:]) if table.size else None
-        for table in _tables(path, frame, names, [(curve, h) for curve in curves])
+        for table in _tables(path, frame, names, cells)
     ]
 
 

@@ -22,7 +22,7 @@ from newmark_cli.report import (
     slopes,
 )
 from newmark_cli.report.draw_mechanism import mechanism_sheet
-from newmark_cli.report.kinds import Figure, Results
+from newmark_cli.report.figures import Figure, Results
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import Drawing, rendered
 

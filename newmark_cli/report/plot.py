@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING
 from newmark_cli import files
 from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.report import automatic, records, rendering
-from newmark_cli.report.figures import FIGURES, TABLED
-from newmark_cli.report.kinds import Figure, Results
+from newmark_cli.report.figures import FIGURES, TABLED, Figure, Results, explicit
 from newmark_cli.report.panels import Sheet
+from newmark_cli.report.words import means
 from newmark_cli.report.work import COSTS
 from newmark_cli.spelling import nearest
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import SHOWABLE, WORK_PRECISION, definitions, kinds
+from newmark_cli.study.drawing import (
+    SHOWABLE,
+    WORK_PRECISION,
+    Definition,
+    definitions,
+    kinds,
+)
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
@@ -52,7 +58,7 @@ class Choice:
     def keeps(self, series: "Slope | SeriesKey") -> bool:
         """Whether a series has one of the values of every axis."""
         return all(
-            not given or any(automatic.means(axis, word, getattr(series, axis)) for word in given)
+            not given or any(means(axis, word, getattr(series, axis)) for word in given)
             for axis, given in self.values.items()
         )
 
@@ -68,7 +74,7 @@ class Choice:
         for axis, given in self.values.items():
             known = list(dict.fromkeys(v for s in slopes if (v := getattr(s, axis))))
             for word in given:
-                if not any(automatic.means(axis, word, value) for value in known):
+                if not any(means(axis, word, value) for value in known):
                     raise InputError(
                         f"--{axis}: no series of {word!r} in the results{nearest(word, known)}"
                     )
@@ -104,10 +110,11 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) ->
     notes: list[str] = []
     found: list[Figure] = []
     if names:
+        numbered = _numbered(studies, results)
         for name in dict.fromkeys(names):
-            if name in FIGURES:
-                found += [FIGURES[name]] if _whole(FIGURES[name], choice) else []
-                if name in studies and FIGURES[name].study != name:
+            if name in numbered:
+                found += [numbered[name]] if _whole(numbered[name], choice) else []
+                if name in studies and numbered[name].study != name:
                     notes.append(f"{name!r} is a figure and a study: the figure is drawn")
             elif name in studies:
                 found += _of_study(name, results, choice, notes)
@@ -164,12 +171,10 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
     own = [figure for figure in of_studies([study]) if _whole(figure, choice)]
     if own:
         return own
-    path = results.folder / f"{study}.csv"
-    try:
-        defined = definitions(records.known(path).get("config"))
-    except ValueError as error:
-        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
-    found = automatic.figures(study, results, defined, choice.keeps, choice.kinds)
+    defined = _defined(study, results)
+    own = [explicit(study, each) for each in defined or () if each.figure]
+    found = [figure for figure in own if _whole(figure, choice)]
+    found += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
     if defined is None and len(found) > MOST and not choice.everything:
         notes.append(
             f"{study}: {len(found) - MOST} more figures are not drawn; ask for them with "
@@ -177,6 +182,27 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
         )
         found = found[:MOST]
     return found
+
+
+def _defined(study: str, results: Results) -> list[Definition] | None:
+    """Figures that the config of a study defines, by its record."""
+    path = results.folder / f"{study}.csv"
+    try:
+        return definitions(records.known(path).get("config"))
+    except ValueError as error:
+        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+
+
+def _numbered(studies: Sequence[str], results: Results) -> dict[str, Figure]:
+    """Figures by number or word: the shipped ones, and those of configs of one's own."""
+    own = {
+        each.figure: explicit(study, each)
+        for study in studies
+        if not _has_own(study)
+        for each in _defined(study, results) or ()
+        if each.figure
+    }
+    return own | FIGURES
 
 
 def of_studies(studies: Iterable[str]) -> list[Figure]:
@@ -210,7 +236,7 @@ def how_to_get(lacking: Sequence[Figure]) -> str:
 
 def stem(figure: Figure) -> str:
     """Name of a figure's files, without their ending."""
-    return f"figure-{figure.name}" if FIGURES.get(figure.name) == figure else figure.name
+    return f"figure-{figure.name}" if figure.numbered else figure.name
 
 
 def plot(

@@ -167,19 +167,6 @@ def _laid_out(rows: Sequence[Sequence[str]], room: int) -> str:
     return "\n".join(lines)
 
 
-def in_words(axis: str, value: str) -> str:
-    """A value that says little without its axis, with it; any other as it is."""
-    if axis == "projection":
-        method, _, rest = value.partition(" ")
-        named = "no projection" if method == "none" else f"{method} projection"
-        return named + (f" with {rest}" if rest else "")
-    if axis == "multipliers":
-        return {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}.get(
-            value, value
-        )
-    return f"{value} start" if axis == "start" else value
-
-
 def gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """Headings, and rows without their first entry, which stands once above those it is of."""
     below: dict[str, list[tuple[str, ...]]] = {}

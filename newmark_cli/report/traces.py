@@ -10,19 +10,12 @@ from newmark_cli.arrays import Array, Mask
 from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.panels import (
-    BARS,
-    WIDTH,
-    Layout,
-    Legend,
     Level,
     Look,
-    Name,
     Panel,
     Reference,
-    Sheet,
     Trace,
     from_zero,
-    look,
     power,
     spread,
 )
@@ -33,9 +26,6 @@ if TYPE_CHECKING:
 
 #: Problems of unit mass, length and gravity; all others are in SI units.
 _WITHOUT_UNITS = ("pendulum", "chain")
-
-#: A line of a legend (inch), and how many fit under axes of the usual size.
-_LINE, _LINES = 0.147, 4
 
 
 def step_label(problem: str) -> str:
@@ -50,7 +40,6 @@ def trace(
     size: float = 1.0,
     fit: str | None = None,
     name: str | None = None,
-    ascending: bool = True,
 ) -> Trace:
     """A series against the step size; cells whose Krylov solver stagnated stand apart.
 
@@ -61,11 +50,11 @@ def trace(
         size: Factor of its markers.
         fit: Fitted slope as text; when omitted, as `format_fit` has it where theory predicts one.
         name: Its name in words, where the label is not enough.
-        ascending: Whether step sizes ascend; otherwise they are in the order of the CSV.
     """
     if fit is None:
-        fit = "" if math.isnan(slope.expected) else format_fit(slope.fit)
-    order = np.argsort(slope.h) if ascending else np.arange(len(slope.h))
+        fitted = not (math.isnan(slope.expected) or math.isnan(slope.fit.slope))
+        fit = format_fit(slope.fit) if fitted else ""
+    order = np.argsort(slope.h)
     stagnated = np.array([status == "stagnated" for status in slope.statuses], bool)
     return Trace(
         label if slope.unique else f"{label} (not unique)",
@@ -117,48 +106,6 @@ def panel(
     )
 
 
-def single(
-    title: str,
-    curves: Sequence[Curve],
-    slopes: Sequence["Slope"],
-    linear: bool = False,
-    note: str = "",
-) -> Sheet:
-    """A figure of one panel in a journal's column, the fitted slopes in its legend.
-
-    Args:
-        title: What it shows.
-        curves: Its series, in the order of the legend.
-        slopes: What the results have of each.
-        linear: Whether the ordinate is linear, from zero.
-        note: What the legend says above the series where no slope is predicted.
-    """
-    traces = [
-        trace(slope, curve.label, look(place))
-        for place, (curve, slope) in enumerate(zip(curves, slopes, strict=True))
-    ]
-    entries = [t.label + (f": {t.fit}" if t.fit else "") for t in traces]
-    compared = any(not math.isnan(slope.expected) for slope in slopes)
-    bars = BARS if any(each.uncertain.any() for each in traces) else ""
-    heading = "; ".join(filter(None, ("fitted slope" if compared else note, bars)))
-    columns = 2 if max(map(len, entries)) <= 26 else 1
-    lines = math.ceil((len(entries) + compared) / columns) + bool(heading)
-    return Sheet(
-        title,
-        (panel(slopes, traces, linear),),
-        legend=Legend(heading, columns, centre=0.56),
-        layout=_in_column(lines),
-    )
-
-
-def _in_column(lines: int) -> Layout:
-    """One panel above a legend of so many lines: the panel has the same size in all figures."""
-    more = (lines - _LINES) * _LINE
-    height = 3.3 + more
-    foot = (0.305 * 3.3 + more) / height
-    return Layout((WIDTH, height), (0.165, foot, 0.815, 0.63 * 3.3 / height))
-
-
 def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[Reference, ...]:
     """A line for each distinct predicted slope, parallel to the first of its series.
 
@@ -180,26 +127,6 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
         order = power("h", format_order(slope.expected))
         drawn[slope.expected] = Reference(10**ends, 10**line, order)
     return tuple(drawn.values())
-
-
-def through(slope: "Slope") -> tuple[Reference, ...]:
-    """The predicted slope through the middle of a series; none where there is none."""
-    shown = _positive(slope.values)
-    if math.isnan(slope.expected) or not shown.any():
-        return ()
-    log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
-    line = log_y.mean() + slope.expected * (log_h - log_h.mean())
-    return (Reference(slope.h[shown], 10**line),)
-
-
-def beside(text: str, slopes: Sequence["Slope"]) -> tuple[Name, ...]:
-    """A name right of the last points of series that belong together."""
-    last = np.array([slope.values[np.argmax(slope.h)] for slope in slopes])
-    last = last[_positive(last)]
-    if len(last) == 0:
-        return ()
-    right = max(float(slope.h.max()) for slope in slopes)
-    return (Name(right, float(np.exp(np.mean(np.log(last)))), text),)
 
 
 def in_words(name: str, slope: "Slope") -> str:

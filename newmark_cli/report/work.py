@@ -1,7 +1,7 @@
 """Work and precision: the error that a cell leaves against the work that it takes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +10,13 @@ import numpy as np
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
 from newmark_cli.report import records, traces
-from newmark_cli.report.kinds import Figure, Results
-from newmark_cli.report.panels import Legend, Panel, Sheet, Trace, look, spread
-from newmark_cli.report.parts import OfParts
+from newmark_cli.report.panels import Trace, look
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 
 if TYPE_CHECKING:
+    from newmark_cli.report.figures import Figure, Results
     from newmark_cli.report.slopes import Slope
-
-#: What points that stand apart are.
-NOT_JOINED = "not joined: cells that did not end well"
 
 #: Series → cost of the cell behind each of its points; NaN where it is not known.
 Costs = Mapping[SeriesKey, Array]
@@ -43,7 +39,7 @@ class Cost:
     lacking: str
 
 
-#: By name, as `newmark_cli.report.kinds.Results` has it.
+#: By name, as `newmark_cli.report.figures.Results` has it.
 COSTS: Mapping[str, Cost] = MappingProxyType(
     {
         "operations": Cost(
@@ -62,7 +58,7 @@ COSTS: Mapping[str, Cost] = MappingProxyType(
 )
 
 
-def costs(results: Results, slopes: Sequence["Slope"]) -> Costs:
+def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
     """Costs of the cells behind the points of series, from the records of their studies.
 
     Args:
@@ -103,13 +99,13 @@ def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def costed(figure: Figure, results: Results) -> tuple[Mapping[SeriesKey, "Slope"], Costs]:
+def costed(figure: "Figure", results: "Results") -> tuple[Mapping[SeriesKey, "Slope"], Costs]:
     """Series of a figure, and costs of their cells.
 
     Raises:
         ResultsError: When a series is missing, or has no costs.
     """
-    slopes = {slope.key: slope for slope in results.series(figure)}
+    slopes = results.series(figure)
     found = costs(results, list(slopes.values()))
     if not all(np.isfinite(found[key]).any() for key in slopes):
         raise ResultsError(
@@ -119,60 +115,17 @@ def costed(figure: Figure, results: Results) -> tuple[Mapping[SeriesKey, "Slope"
     return slopes, found
 
 
-@dataclass(frozen=True)
-class WorkPrecisionFigure(OfParts):
-    """Errors of a study against the work of its cells, a point for each step size."""
+def trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, panel: str) -> Trace:
+    """Errors of a series against the cost of its cells, from the largest step size on.
 
-    def require(self, results: Results) -> None:
-        """All series, and costs of their cells."""
-        costed(self, results)
-
-    def sheet(self, results: Results) -> Sheet:
-        """Points of a series joined from the largest step size to the smallest."""
-        slopes, found = costed(self, results)
-        cost = COSTS[results.cost]
-        labels = list(dict.fromkeys(curve.label for curve in self.curves))
-        limits = spread([slope.values for slope in slopes.values()])
-        panels = []
-        for part in self.parts:
-            first = slopes[part.curves[0].key]
-            drawn = [
-                _trace(
-                    slopes[c.key], found[c.key], cost, c.label, labels.index(c.label), part.title
-                )
-                for c in part.curves
-            ]
-            panels.append(
-                Panel(
-                    tuple(drawn),
-                    cost.label,
-                    first.record.label(first.key),
-                    part.title,
-                    y_limits=limits,
-                )
-            )
-        notes = ["each from the largest step size to the smallest"]
-        if any(
-            trace.apart is not None and trace.apart.any()
-            for panel in panels
-            for trace in panel.traces
-        ):
-            notes.append(NOT_JOINED)
-        alike = len({(slope.problem, slope.quantity) for slope in slopes.values()}) == 1
-        if not alike:
-            panels = [replace(panel, y_limits=None) for panel in panels]
-        return Sheet(
-            self.title,
-            tuple(panels),
-            self.columns,
-            Legend("; ".join(notes)),
-            panel_size=None if len(panels) > 1 else (3.5, 2.5),
-            share_y=alike and len(panels) > 1,
-            ticks=(8, 8),
-        )
-
-
-def _trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, panel: str) -> Trace:
+    Args:
+        slope: The series.
+        spent: (points,) costs.
+        cost: What they are.
+        label: Its name in the legend.
+        place: Its place in the legend, from 0.
+        panel: Title of its panel; may be empty.
+    """
     order = np.argsort(-slope.h)
     ends = [i for i in order.tolist() if np.isfinite(spent[i]) and np.isfinite(slope.values[i])]
     said = "; ".join(

@@ -61,9 +61,9 @@ from newmark_cli.study import axes, drawing, expecting, fitting
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
+from newmark_cli.study.figure_keys import Figures
 from newmark_cli.study.keys import (
     MOST_STEPS,
-    Figures,
     Name,
     Surroundings,
     problem_of,
@@ -559,7 +559,7 @@ def _require_shown(document: Document, study: Study) -> None:
     names: dict[str, int] = {}
     for i, figure in enumerate(study.figures or ()):
         given = {
-            "measure": (figure.measure,),
+            "measure": (figure.measure,) if figure.measure else (),
             "problem": figure.problem or (),
             "form": figure.form or (),
         }

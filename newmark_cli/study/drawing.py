@@ -4,7 +4,7 @@ Plain values, without pydantic: those who read a study's record need them too.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from newmark_cli.study import axes
@@ -47,34 +47,66 @@ def quantities(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(quantity for several in found for quantity in several))
 
 
+#: What figures draw: series against the step size, errors against work, values over time, a
+#: mechanism, or the table of cures.
+KINDS = ("orders", "work", "history", "drift", "mechanism", "cures")
+
+
+@dataclass(frozen=True)
+class Line:
+    """One entry of `curves`: series, and how a legend names them.
+
+    Attributes:
+        label: Name in the legend; made from its axes when empty.
+        panel: Title of the panel that it stands in, beside the axes that tell panels apart.
+        choice: Axis → its values, over those of the figure.
+    """
+
+    label: str = ""
+    panel: str = ""
+    choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Definition:
     """A figure as a study's config defines it, or several of one kind.
 
     Attributes:
         kinds: Kinds of rows, or `WORK_PRECISION`; a figure for each.
-        quantity, problem, form: Which rows; all when empty.
+        choice: Axis → values; which rows, all where it says nothing.
         series, panels: Axes that tell the series of a panel and the panels apart; None
             leaves the choice to the results.
         title: Of the figure; made from what it shows when empty.
         name: Of its files, behind that of the study; made likewise.
+        figure: Number or word by which `plot` knows it; such a figure names all its series.
+        kind: One of `KINDS`; empty for that of its rows.
+        curves: Its series, where they are named one by one.
+        note: What stands above the legend.
+        columns: Panels side by side; as suits them when None.
+        h: Step size of values over time (s).
+        within: Largest |fitted − predicted slope| of its series; that of their measure when None.
     """
 
-    kinds: tuple[str, ...]
-    quantity: tuple[str, ...] = ()
-    problem: tuple[str, ...] = ()
-    form: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     series: tuple[str, ...] | None = None
     panels: tuple[str, ...] | None = None
     title: str = ""
     name: str = ""
+    figure: str = ""
+    kind: str = ""
+    curves: tuple[Line, ...] = ()
+    note: str = ""
+    columns: int | None = None
+    h: float | None = None
+    within: float | None = None
 
 
 def definitions(config: Any) -> list[Definition] | None:
-    """Figures that a resolved config defines; None where it leaves them to the results.
+    """Figures that a config defines; None where it leaves them to the results.
 
     Args:
-        config: As in a study's record.
+        config: As in a study's record, or as a file has it with values spelled as in CSVs.
 
     Raises:
         ValueError: When they are not as a run has written them.
@@ -89,22 +121,49 @@ def definitions(config: Any) -> list[Definition] | None:
 
 
 def _definition(entry: Mapping[str, Any]) -> Definition:
-    def several(key: str) -> tuple[str, ...]:
-        return tuple(str(value) for value in entry.get(key) or ())
-
     def axes_of(key: str) -> tuple[str, ...] | None:
-        found = several(key) or None
-        if found and not set(found) <= set(COMPARABLE):
+        given = entry.get(key) or ()
+        found = (given,) if isinstance(given, str) else tuple(str(value) for value in given)
+        if not set(found) <= set(COMPARABLE):
             raise KeyError(f"{key}: {', '.join(found)}")
-        return found
+        return found or None
 
+    def text(key: str, of: Mapping[str, Any] = entry) -> str:
+        return str(of.get(key) or "")
+
+    def number(key: str) -> float | None:
+        return None if entry.get(key) is None else float(entry[key])
+
+    lines = (
+        Line(text("label", each), text("panel", each), chosen(each))
+        for each in entry.get("curves") or ()
+    )
+    columns = number("columns")
     return Definition(
-        kinds(entry["measure"]),
-        several("quantity"),
-        several("problem"),
-        several("form"),
+        kinds(entry["measure"]) if entry.get("measure") else (),
+        chosen(entry),
         axes_of("series"),
         axes_of("panels"),
-        str(entry.get("title") or ""),
-        str(entry.get("name") or ""),
+        text("title"),
+        text("name"),
+        text("figure"),
+        text("kind"),
+        tuple(lines),
+        text("note"),
+        None if columns is None else int(columns),
+        number("h"),
+        number("within"),
     )
+
+
+def chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Axis → values of an entry of a config, spelled as in CSVs."""
+    same = {axis.name: axis.same for axis in axes.series_axes()}
+    found = {}
+    for axis in (*COMPARABLE, "initial"):
+        if (given := entry.get(axis)) is not None:
+            several = given if isinstance(given, list | tuple) else [given]
+            if not all(isinstance(value, str) for value in several):
+                raise TypeError(f"{axis}: {given!r}")
+            found[axis] = tuple(map(same[axis], several))
+    return found

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import COMPARABLE
+from newmark_cli.study.drawing import chosen
 from newmark_cli.study.measures import RECORDS
 
 
@@ -111,19 +110,6 @@ def _expectation(number: int, entry: Mapping[str, Any]) -> Expectation:
         str(entry.get("figure") or ""),
         str(entry.get("label") or ""),
     )
-
-
-def chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Axis → values of an entry of a config, spelled as in CSVs."""
-    same = {axis.name: axis.same for axis in axes.series_axes()}
-    found = {}
-    for axis in COMPARABLE:
-        if (given := entry.get(axis)) is not None:
-            several = given if isinstance(given, list | tuple) else [given]
-            if not all(isinstance(value, str) for value in several):
-                raise TypeError(f"{axis}: {given!r}")
-            found[axis] = tuple(map(same[axis], several))
-    return found
 
 
 def _number(entry: Mapping[str, Any], name: str, default: Any = None) -> Any:

@@ -87,7 +87,7 @@ class _Rules(StrictModel):
             yield misfit("at_least", f"must not exceed at_most = {high:g}, given {low:g}")
 
 
-def _chosen(axis: Axis) -> tuple[Any, Any]:
+def chosen(axis: Axis) -> tuple[Any, Any]:
     """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
     assert axis.config is not None
     annotation = axis.config()
@@ -141,7 +141,7 @@ else:
         __base__=StrictModel,
         __doc__="What the values of a series are divided by: where the divisor differs from it.",
         quantity=_one((Quantities | None, None)),
-        **{axis.name: _one(_chosen(axis)) for axis in _AXES},
+        **{axis.name: _one(chosen(axis)) for axis in _AXES},
         h=(Positive | None, Field(None, description="step size of the divisor (s)")),
     )
     ExpectConfig = create_model(
@@ -150,7 +150,7 @@ else:
         __doc__="A slope or a level that series of the study must have.",
         measure=(Recorded, Field(description="kind of rows, as the CSV's column `measure`")),
         quantity=(Quantities | None, Field(None, description="quantities; any when omitted")),
-        **{axis.name: _chosen(axis) for axis in _AXES},
+        **{axis.name: chosen(axis) for axis in _AXES},
         row_block=(
             RowBlocks | None,
             Field(None, description="perturbed rows of sensitivities; any when omitted"),

@@ -75,7 +75,7 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Tolerance,
 )
-from newmark_cli.spelling import closest, nearest
+from newmark_cli.spelling import closest
 from newmark_cli.study import drawing
 from newmark_cli.study.axes import STUDY_NAME
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
@@ -85,7 +85,6 @@ _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_ITEMS = 1_000
-_MOST_FIGURES = 100
 # Every row of the CSV has the problem's name, which is file, function and arguments.
 _LONGEST_LABEL = 2_000
 # From the beginning to the end of the text: $ would allow a line end behind it.
@@ -671,8 +670,9 @@ Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED))]]
 Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS))]]
 
 
-_Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]
+Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]
 Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
+Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
 Recorded = Annotated[str, _Known("measure", tuple(RECORDS))]
 RowBlocks = OneOrMore[Annotated[str, _Known("row block", ROWS)]]
 
@@ -695,55 +695,6 @@ Word = Annotated[
     BeforeValidator(_text_of),
     Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"),
     also(type=["string", "integer"]),
-]
-
-
-class FigureConfig(StrictModel):
-    """A figure of the study: the rows that it shows, and how it arranges them."""
-
-    measure: Annotated[str, _Known("measure", drawing.SHOWABLE)] = Field(
-        description="what it shows"
-    )
-    quantity: Quantities | None = Field(
-        None, description="quantities to show; default: all, a figure each"
-    )
-    series: _Compared | None = Field(
-        None, description="axes that tell the series of a panel apart; default: the most varied"
-    )
-    panels: _Compared | None = Field(
-        None, description="axes that tell panels apart; default: what else varies"
-    )
-    problem: OneOrMore[Annotated[str, Strict()]] | None = Field(
-        None, description="problems to show, as in the CSV; default: all, a figure each"
-    )
-    form: Forms | None = Field(None, description="forms to show; default: all, a figure each")
-    title: OneLine | None = Field(None, description="title; made from what it shows when omitted")
-    name: Name | None = Field(None, description="name of its files, behind that of the study")
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "FigureConfig":
-        known = drawing.quantities((self.measure,))
-        for quantity in self.quantity or ():
-            if quantity not in known:
-                raise misfit(
-                    "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
-                )
-        for axis in self.panels or ():
-            if axis in (self.series or ()):
-                raise misfit("panels", f"{axis} already tells the series apart")
-        return self
-
-
-def _some(figures: tuple[FigureConfig, ...]) -> tuple[FigureConfig, ...]:
-    if not 1 <= len(figures) <= _MOST_FIGURES:
-        raise ValueError(f"must be 1 to {_MOST_FIGURES} figures, given {len(figures)}")
-    return figures
-
-
-Figures = Annotated[
-    tuple[FigureConfig, ...],
-    AfterValidator(_some),
-    also(minItems=1, maxItems=_MOST_FIGURES),
 ]
 
 
