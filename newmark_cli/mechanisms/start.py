@@ -136,6 +136,8 @@ def _on_constraints(problem: Problem, u: Array) -> Array:
     Marquardt from the same start.
     """
     begin, size = u, _size(u)
+    # Newton's steps of directors, which have length 1, may be far too long.
+    longest = 0.5 * size if len(problem.axes) == 3 else math.inf
     for _ in range(MOST_CORRECTIONS):
         phi = problem.constraint_values(problem.t0, u)
         if not np.all(np.isfinite(phi)):
@@ -143,9 +145,8 @@ def _on_constraints(problem: Problem, u: Array) -> Array:
         change = _change(gradient_of(problem, u), phi)
         if not np.all(np.isfinite(change)):
             break
-        # Far away Newton's steps are too long.
         step = float(np.abs(change).max())
-        u = u - change * min(1.0, 0.5 * size / step if step else 1.0)
+        u = u - change * min(1.0, longest / step if step else 1.0)
         if step <= 1e-15 * size:
             break
     if np.abs(problem.constraint_values(problem.t0, u)).max() <= MISSED * max(size, size**2):
