@@ -247,7 +247,7 @@ def test_a_comma_in_a_file_name(tmp_path):
         ("generalized_alpha rho=0.9", ["unknown method 'generalized_alpha'; did you mean"]),
         ("generalized-alpha", ["method: generalized-alpha needs rho; for example "]),
         ("BDF2", ["unknown method 'BDF2'; did you mean 'bdf2'?"]),
-        ("hht alpha=x", ["alpha must be a number, given 'x'"]),
+        ("hht alpha=x", ["alpha must be a number, given 'hht alpha=x'"]),
         ("hht 0.1", ["unknown parameter '0.1'; for example {method: generalized-alpha, rho: 0.9}"]),
         ("3", ["must be the name of a method, or a mapping such as {method: generalized-alpha, "]),
         (

@@ -270,7 +270,7 @@ class MethodConfig(Valued):
             if name not in cls.model_fields:
                 why = f"unknown parameter {name!r}; for example {cls.example()}"
             elif isinstance(given[name], str):
-                why = f"{name} must be a number, given {value!r}"
+                why = f"{name} must be a number"
             if why:
                 raise PydanticCustomError("method", "{message}", {"message": why})
         return given
