@@ -763,6 +763,20 @@ figures:
     assert [figure.name for figure in drawn_] == ["7a", "mine-pendulum-u-lambda-condition"]
 
 
+def test_tables_of_ones_own(mine):
+    """Rows and columns by axis, in three formats; an axis that is none in one line."""
+    printed = mine("tables", "mine", "--rows", "preconditioning", "--columns", "quantity",
+                   "--format", "latex").stdout  # fmt: skip
+    assert r"\begin{tabular}{@{}ll@{}}" in printed
+    assert r"    none & " in printed
+    markdown = mine("tables", "mine", "--columns", "measure").stdout
+    assert "| preconditioning | error |" in markdown
+    assert "| optimal | " in markdown
+    assert mine("tables", "mine", "--format", "csv").stdout.startswith("table,preconditioning,")
+    line = mine.refused("tables", "mine", "--rows", "quantiti")
+    assert line.startswith("newmark-study: --rows: unknown axis 'quantiti'; did you mean")
+
+
 def test_drift_of_ones_own_over_time(cli):
     """A kind of figure is nothing that only shipped studies have."""
     cli.write(

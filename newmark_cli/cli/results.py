@@ -198,17 +198,51 @@ def check(
 
 
 @click.command()
+@studies_argument
 @results_folder
+@click.option(
+    "--rows",
+    default="preconditioning",
+    show_default=True,
+    metavar="AXIS",
+    help="Axis that is the rows, for studies that are named.",
+)
+@click.option(
+    "--columns",
+    default="quantity",
+    show_default=True,
+    metavar="AXIS",
+    help="Axis that is the columns, likewise.",
+)
+@click.option(
+    "--format",
+    "form",
+    default="markdown",
+    show_default=True,
+    type=click.Choice(["markdown", "latex", "csv"]),
+    help="How tables of studies that are named are printed.",
+)
 @click.option(
     "--formulations",
     is_flag=True,
     help="Make the tables of all formulations, predicted only; they need no results.",
 )
 @click.option("--cures", is_flag=True, help="Tabulate which cure cures what, see Figure 19.")
-def tables(folder: Path, formulations: bool, cures: bool) -> int:
-    """Make Tables 1 and 2 of the paper, predicted and measured.
+def tables(
+    studies: tuple[str, ...],
+    folder: Path,
+    rows: str,
+    columns: str,
+    form: str,
+    formulations: bool,
+    cures: bool,
+) -> int:
+    """Make tables of studies, or Tables 1 and 2 of the paper, predicted and measured.
 
-    Reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
+    Of studies that are named, prints the orders of their series, predicted and
+    fitted: a table for each combination of what is neither rows nor columns.
+
+    Without a study, reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
     and .tex.  Exits with 1 if an entry is not as predicted.  With --formulations,
     writes DIR/tables/formulations likewise: predicted orders of corrections and
     condition numbers, and the factors that formulations add to Table 2.  With --cures,
@@ -218,7 +252,14 @@ def tables(folder: Path, formulations: bool, cures: bool) -> int:
     \b
     Example:
       newmark-study tables
+      newmark-study tables my-study --rows preconditioning --columns quantity --format latex
     """
+    if studies:
+        from newmark_cli.report import slopes, study_tables
+
+        found = slopes.collect(folder, studies)
+        screen.lines(study_tables.text(study_tables.grids(found, rows, columns), form).rstrip())
+        return 0
     if cures:
         return show_cures(folder)
     if formulations:
