@@ -251,8 +251,7 @@ def tables(
 
     \b
     Example:
-      newmark-study tables
-      newmark-study tables my-study --rows preconditioning --columns quantity --format latex
+      newmark-study tables my-study --rows preconditioning --columns quantity
     """
     if studies:
         from newmark_cli.report import slopes, study_tables
