@@ -64,24 +64,6 @@ def test_andrews_velocities_converge(andrews_errors):
     assert order(h, errors) == pytest.approx(2.0, abs=0.1)
 
 
-def test_small_steps_feed_an_odd_even_mode(andrews_errors):
-    """Why velocities stop converging: at h = 1e-6 Gᵀv changes its sign every step."""
-    assert andrews_errors[1e-6][1] > 3e-5, "order 2 would give 3.3e-5"
-    subject, form, integrator = problem("andrews"), FORMS["u-lambda"], Newmark()
-    scheme = Scheme(integrator, form, named_scaling("optimal", form), 1e-6)
-    state = initial_state(subject, scheme)
-    norms, iterations = np.zeros((29_900, 2)), np.zeros(29_900, np.int64)
-    compiled_march.march(subject, scheme, state, 0, norms, iterations)
-    drifts = []
-    for step in range(20):
-        compiled_march.march(subject, scheme, state, 29_900 + step, norms[:1], iterations[:1])
-        u, v = state.fields[:2]
-        drifts.append(subject.evaluate(0, u, v, state.multipliers).G.T @ v)
-    drifts = np.array(drifts)
-    largest = np.argmax(np.abs(drifts[0]))
-    assert np.all(drifts[1:, largest] * drifts[:-1, largest] < 0)
-
-
 def pendulum_position(t):
     """Exact motion from the horizontal at rest, by Jacobi's elliptic functions."""
     modulus = np.sqrt(0.5)
@@ -129,16 +111,3 @@ def test_energy_is_conserved_at_second_order(name, t_end, h):
         errors.append(abs(energy(u, v) - begin))
     assert order(np.array(h), np.array(errors)) == pytest.approx(2.0, abs=0.1)
     assert errors[-1] < 1e-3
-
-
-def test_damped_newmark_is_first_order():
-    """γ > ½ costs an order: the parameters reach the march."""
-    h = np.array([1e-2, 1e-3, 1e-4])
-    errors = [
-        np.abs(
-            final_state("pendulum", step, 1.0, Newmark(0.3025, 0.6)).fields[0]
-            - pendulum_position(1.0)
-        ).max()
-        for step in h
-    ]
-    assert order(h, errors) == pytest.approx(1.0, abs=0.1)

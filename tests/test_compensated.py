@@ -26,7 +26,6 @@ from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
 from newmark_cli.problems import python_problem
@@ -163,14 +162,6 @@ def test_constraints_are_met_beyond_the_rounding_of_coordinates(name, engine, su
     assert (np.abs(state.lows) <= np.spacing(np.abs(state.past[:2])) / 2).all()
 
 
-@each("name, engine", [*itertools.product([*QUADRATIC, "undriven"], ENGINES[:1]), *SLOWLY])
-def test_carried_phi_is_that_of_the_sum(name, engine, subjects):
-    """What Newton leaves of Φ is carried on: seen where it may correct only once in a step."""
-    state, change, rounding = march_100(subjects[name], engine, STEPS_OF[name], 1)
-    assert np.abs(change).max() > 1e3 * rounding
-    assert np.abs(change - state.phi).max() <= 100 * rounding
-
-
 # A march in long numbers
 
 
@@ -277,22 +268,6 @@ def assert_same_increments(subject, scheme, first, second):
     np.testing.assert_allclose(first.phi, second.phi, rtol=0, atol=unit * np.linalg.norm(gradient))
 
 
-@each("name, engine", [*itertools.product(STEPS_OF, ENGINES[:1]), *SLOWLY])
-def test_stretches_join(name, engine, subjects):
-    """A march in pieces is the march, bit by bit."""
-    subject, form = subjects[name], FORMS["u-v-lambda"]
-    scheme = Scheme(
-        Newmark(), form, named_scaling("left", form), STEPS_OF[name], evaluation=COMPENSATED
-    )
-    whole, pieces = initial_state(subject, scheme), initial_state(subject, scheme)
-    norms, _ = march(engine, subject, scheme, whole, 0, 12)
-    first, _ = march(engine, subject, scheme, pieces, 0, 5)
-    second, _ = march(engine, subject, scheme, pieces, 5, 7)
-    np.testing.assert_array_equal(np.concatenate([first, second]), norms)
-    for one, other in zip(whole, pieces, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 # Orders in h
 
 
@@ -300,14 +275,6 @@ ORDERS = {
     DIRECT: {"u": 0, "v": -1, "a": -2, "lambda": -2},
     COMPENSATED: {"u": 1, "v": 0, "a": -1, "lambda": -1},
 }
-
-
-@each("form", FORMS.values())
-def test_predicted_orders(form):
-    """All physical corrections gain one order, with stiffness and damping or without."""
-    for damped_, stiff in ((True, True), (True, False), (False, True), (False, False)):
-        found = form_orders(form, damped_, stiff, compensated=True)
-        assert found.physical_corrections() == ORDERS[COMPENSATED]
 
 
 @cache

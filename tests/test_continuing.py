@@ -167,15 +167,6 @@ def test_states_remember_their_h():
             assert [warning.filename for warning in caught] == [__file__]
 
 
-def test_rows_of_a_frame_are_a_start_of_ones_own():
-    """They are refused where they miss the constraints, and projected where that is asked for."""
-    frame = newmark.march("pendulum", h=0.01, t_end=1, integrator=ALPHA).to_frame()
-    u, v = (frame.filter(regex=rf"^{key}\[").to_numpy()[-1] for key in "uv")
-    with pytest.raises(newmark.ArgumentError, match="v0 misses the constraints"):
-        newmark.march("pendulum", h=0.005, steps=1, u0=u, v0=v)
-    newmark.march("pendulum", h=0.005, steps=1, u0=u, v0=v, project=True)
-
-
 @pytest.mark.bits("a start on the constraints is no longer on them")
 def test_nothing_is_said_where_nothing_is_lost():
     """The same h, but for rounding; no step taken; rest; straight lines; λ recovered."""
@@ -206,17 +197,6 @@ def test_nothing_is_said_where_nothing_is_lost():
             options = {"integrator": ALPHA, "evaluation": evaluation}
             state = newmark.march(mechanism, h=0.01, t_end=3, every=0, **options).state
             newmark.march(mechanism, h=0.005, steps=1, state=state, **options)
-
-
-def test_in_space():
-    """The governor loses its order with index 3 and keeps it with GGL."""
-    for formulation, count in (("index-3", 1), ("ggl", 0)):
-        options = {"integrator": ALPHA, "formulation": formulation, "form": "a-lambda"}
-        state = newmark.march("governor", h=1e-3, steps=10, every=0, **options).state
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            newmark.march("governor", h=5e-4, steps=1, state=state, **options)
-        assert len(caught) == count
 
 
 def test_what_integrators_carry_is_scaled():

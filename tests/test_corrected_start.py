@@ -1,6 +1,5 @@
 """Corrected starts: from them the trapezoidal rule's multipliers do not alternate."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +9,6 @@ from marching import march
 from mpmath import matrix, mp, mpf
 
 from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import HHT, GeneralizedAlpha, Newmark
@@ -18,7 +16,6 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, Scheme
 from newmark_cli.problems import python_problem
-from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.starting import constraint_jerk, corrected_velocity
 
@@ -75,17 +72,6 @@ def worst_near(subject, h, t, integrator, correct):
     return max(
         abs(multiplier(subject, h, s, integrator, correct=correct) - exact(s)) for s in times
     )
-
-
-def test_the_thrown_pendulum_has_a_jerk_of_three(tmp_path):
-    """Gᵀu‴₀ = −3 v·a = 3, whatever its mass; from rest there is none."""
-    for mass in ("1", "2.5"):
-        subject = thrown(tmp_path, mass)
-        np.testing.assert_allclose(constraint_jerk(subject), [3.0], rtol=1e-15)
-        change = corrected_velocity(subject, 0.1) - subject.v0
-        np.testing.assert_allclose(change, [-3 * 0.01 / 12, 0.0], rtol=1e-13, atol=1e-18)
-    at_rest = problem("pendulum")
-    np.testing.assert_array_equal(corrected_velocity(at_rest, 0.1), at_rest.v0)
 
 
 def test_the_jerk_of_a_driven_crank_is_that_of_its_motion(tmp_path):
@@ -228,12 +214,3 @@ def test_other_betas_rest_at_another_error(tmp_path, beta):
         errors = [worst_near(subject, s, 0.5, integrator, share(constant)) for s in h]
         slopes.append(np.polyfit(np.log(h), np.log(errors), 1)[0])
     assert slopes == [pytest.approx(2, abs=0.2), pytest.approx(1, abs=0.2)]
-
-
-def test_corrected_accelerations_hardly_differ(tmp_path):
-    """Those of the index-1 system at the corrected velocities are off by order h²."""
-    subject, h = thrown(tmp_path), 1e-2
-    _, before = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
-    corrected = replace(subject, v0=corrected_velocity(subject, h))
-    _, after = Index1(corrected).accelerations(0.0, corrected.u0, corrected.v0)
-    assert abs(after - before)[0] < h**2

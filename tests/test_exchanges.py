@@ -1,7 +1,5 @@
 """Partial pivoting by code for known row exchanges: the same bits as by loops, or given up."""
 
-import itertools
-
 import numpy as np
 import pytest
 from each import each
@@ -103,55 +101,6 @@ def test_the_march_halts_where_code_is_given_up(monkeypatch):
     assert halts == [20, *[5] * 8]
 
 
-def test_compiler_is_bounded(monkeypatch):
-    """Exchanges that are new at every look: looked up now and then, compiled more seldom."""
-    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "optimal", 1e-3)
-    orders = itertools.cycle(np.array(rows) for rows in itertools.permutations(range(3)))
-    monkeypatch.setattr(exchanges, "row_order", lambda matrix: next(orders))
-    monkeypatch.setattr(Written, "is_made", lambda written: False)
-    monkeypatch.setattr(Written, "address", lambda written: 1)
-    found = Engine(subject, scheme).exchanges
-    state, coded = initial_state(subject, scheme), []
-    for step in range(30):
-        found.at(state, step)
-        coded.append(found.coded)
-        found.took(np.ones(1000, np.int64))
-    assert found.looks == 29
-    # One order after 5000 steps, another after 10000; of six each comes back at every sixth look.
-    assert coded[:12] == [False] * 5 + [True] + [False] * 4 + [True, True]
-    assert found.compiled == 5
-
-
-def test_memory_is_bounded(monkeypatch):
-    """However many orders of rows there are: more than so many are not remembered."""
-    orders = itertools.cycle(np.array(rows) for rows in itertools.permutations(range(3)))
-    monkeypatch.setattr(exchanges, "row_order", lambda matrix: next(orders))
-    monkeypatch.setattr(exchanges, "_MOST_KNOWN", 4)
-    monkeypatch.setattr(Written, "is_made", lambda written: True)
-    monkeypatch.setattr(Written, "address", lambda written: 1)
-    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "optimal", 1e-3)
-    found, state, coded = Engine(subject, scheme).exchanges, initial_state(subject, scheme), []
-    for step in range(13):
-        found.at(state, step)
-        coded.append(found.coded)
-        found.took(np.ones(1000, np.int64))
-    assert coded == [False] + ([True] * 4 + [False] * 2) * 2
-
-
-def test_code_that_is_there_is_taken():
-    """However few steps there have been: only compiling takes time."""
-    subject, scheme = problem("andrews"), scheme_of("u-lambda", "optimal", 1e-6)
-    run(subject, scheme, 3, 20)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exchanges, "_BETWEEN", 20)
-        engine, state = Engine(subject, scheme), initial_state(subject, scheme)
-        for look in range(2):
-            norms = np.zeros((20, 2))
-            engine.march(state, 20 * look, norms, np.zeros(20, np.int64))
-    assert engine.exchanges.coded
-    assert (engine.exchanges.looks, engine.exchanges.compiled) == (1, 0)
-
-
 def test_no_code_for_formulations_or_much_fill(monkeypatch):
     """Systems with rows that the lists do not know, and eliminations with many operations."""
     scheme = scheme_of("u-lambda", "optimal", 1e-3, formulation=Formulation("index-2"))
@@ -230,12 +179,6 @@ def test_solved_or_given_up(values, rows, fit):
         np.testing.assert_array_equal(b, expected)
 
 
-def test_rows_that_stand_above():
-    """Row 0 makes way for row 1 and stands above row 2 from then on: places in the order."""
-    assert generated._came_before([1, 2, 0]) == [{2}, {2}, set()]
-    assert generated._came_before([2, 1, 0]) == [{1, 2}, set(), set()]
-
-
 @given(values=st.lists(st.integers(-3, 3), min_size=16, max_size=16))
 def test_exchanges_of_a_matrix(values):
     """Every pivot is the largest that is left in its column; none of a singular matrix."""
@@ -251,8 +194,3 @@ def test_exchanges_of_a_matrix(values):
         assert pivot > 0
         assert pivot == abs(left[k:, k]).max()
         left[k + 1 :] -= np.outer(left[k + 1 :, k] / left[k, k], left[k])
-
-
-def test_no_exchanges_of_what_is_not_a_number():
-    """A matrix with NaN."""
-    assert exchanges.row_order(np.full((3, 3), np.nan)) is None

@@ -92,24 +92,6 @@ def test_floors_of_formulations_are_predicted(formulation):
         assert np.all(np.abs(np.median(found, axis=0)) < np.log(2))
 
 
-def test_scaling_does_not_change_physical_floors():
-    """Nor does it change what the solver sees but for the factor."""
-    subject, state = subject_of("andrews"), None
-    found = {}
-    for variant in ("none", "left", "right", "optimal"):
-        scheme = scheme_of("u-lambda", 1e-5, variant=variant)
-        state = state or initial_state(subject, scheme)
-        predicted = floor(subject, scheme, 0.0, state, samples=60)
-        found[variant] = predicted.physical
-        for unknown, factor in zip(scheme.form.unknowns, scheme.right, strict=True):
-            assert predicted.physical[unknown] == pytest.approx(
-                factor * predicted.scaled[unknown], rel=1e-12
-            )
-    for variant in ("none", "left", "right"):
-        for unknown, size in found[variant].items():
-            assert 0.5 < size / found["optimal"][unknown] < 2
-
-
 def test_floors_of_an_independent_march():
     """A pendulum in plain NumPy: (v, λ), unscaled, corrections until they grow."""
     h, steps, gamma, beta = 1e-3, 1000, 0.5, 0.25
@@ -239,20 +221,3 @@ def test_floors_of_matrices_are_those_of_the_problem():
     expected = floor(subject, march.scheme, march.t, march.here, samples=100)
     for unknown in ("u", "lambda"):
         assert 1 / 3 < found.physical[unknown] / expected.physical[unknown] < 3
-
-
-REFUSED = [
-    ("penalty", "andrews", {"formulation": "augmented-lagrangian factor=10"}),
-    ("at most quadratic", "shaken-pendulum", {"evaluation": "compensated"}),
-    ("needs a state", {"M": [[1, 0], [0, 1]], "G": [[1], [0]]}, {}),
-    ("rate of G", {"M": [[1, 0], [0, 1]], "G": [[1], [0]]}, {"formulation": "ggl"}),
-    ("u-lambda", "andrews", {"form": "u-lamda"}),
-    ("h must be", "andrews", {"h": -1}),
-]
-
-
-@each("said, subject, options", REFUSED)
-def test_what_the_library_refuses(said, subject, options):
-    """One line that says what is wrong."""
-    with pytest.raises(newmark.ArgumentError, match=said):
-        newmark.floor(subject, **{"h": 1e-3} | options)

@@ -5,14 +5,13 @@ import random
 from dataclasses import replace
 from functools import cache
 
-import exact_orders
 import numpy as np
 from covering import covering
 from each import each
-from exact_orders import CONSTRAINTS, LAYOUT, ONE, ZERO, H, Measured, Number, System, random_system
+from exact_orders import CONSTRAINTS, ZERO, Measured, System, random_system
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import METHODS, Formulation
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling, sensitivity
 
@@ -88,21 +87,6 @@ def measured_of(y, x, form, formulation) -> Measured:
     return Measured(system(y, x), form, formulation)
 
 
-def test_exact_numbers():
-    """Sums that cancel leave what is left; orders add in products."""
-    five = Number.of(5)
-    assert (five * H * H / H).order == 1
-    assert (five + H - five).order == 1
-    assert not (five + H - five - H).unit
-    assert (ONE / H + five).order == -1
-    assert ZERO.order == np.inf
-    matrix = [[H, five], [ONE, ONE / H]]
-    unit = exact_orders.product(matrix, exact_orders.inverse(matrix))
-    assert [[(x - y).order for x, y in zip(r, s, strict=True)] for r, s in zip(
-        unit, [[ONE, ZERO], [ZERO, ONE]], strict=True
-    )] == [[np.inf] * 2] * 2  # fmt: skip
-
-
 @each("formulation, form, terms", covering(CONSTRAINTS, FORMS, TERMS))
 def test_blocks(formulation, form, terms):
     """J, J⁻¹, the residual and all corrections in general position, with and without X and Y."""
@@ -168,16 +152,6 @@ def test_corrections(formulation):
         assert tuple(orders.physical_corrections().values()) == COMPENSATED[formulation], form
 
 
-def test_corrections_through_the_weights_alone_would_be_wrong():
-    """In GGL, compensated, (w − Pη)/β̃ cancels: a is −1 by its terms, and 0 in truth."""
-    orders = form_orders(applied("ggl", "u-lambda"), compensated=True)
-    physical = orders.physical_corrections()
-    terms = [orders.weights[2, 0] + physical["u"], orders.weights[2, 1] + physical["eta"]]
-    assert min(terms) == -1
-    assert physical["a"] == 0
-    assert Measured(system(), "u-lambda", "ggl").corrections(random.Random(3), True)["a"] == 0
-
-
 @each("form", FORMS)
 def test_fixed_penalty(form):
     """A penalty that does not grow leaves an ordinary differential equation, and λ as it is."""
@@ -196,21 +170,6 @@ def test_condition_numbers(formulation, form):
     found = [orders.condition(named_scaling(v, orders.form)) for v in ("none", "left", "right")]
     assert found == [int(expected[i : i + 2]) for i in (0, 2, 4)]
     assert orders.condition(named_scaling("optimal", orders.form)) == 0
-
-
-def test_partial_scaling():
-    """In (u, v, λ) of index 3 half of the cure: C from −3 to −1, λ̄ from −2 to −1.
-
-    In (u, λ) C from −4 to −2.
-    """
-    orders = form_orders(FORMS["u-v-lambda"])
-    partial = named_scaling("partial", FORMS["u-v-lambda"])
-    assert orders.condition(named_scaling("none", FORMS["u-v-lambda"])) == -3
-    assert orders.condition(partial) == -1
-    assert orders.corrections(partial) == {"u": 0, "v": -1, "lambda": -1}
-    orders = form_orders(FORMS["u-lambda"])
-    assert orders.condition(named_scaling("none", FORMS["u-lambda"])) == -4
-    assert orders.condition(named_scaling("partial", FORMS["u-lambda"])) == -2
 
 
 @each("formulation, form", itertools.product(CONSTRAINTS, FORMS))
@@ -257,10 +216,3 @@ def test_bounds_by_exact_arithmetic(form):
         physical = orders.physical_corrections()
         smaller = {name for name, order in without.items() if order > physical[name]}
         assert smaller == set(orders.bounded)
-
-
-def test_layouts_agree():
-    """The second writing has every form, and every formulation."""
-    assert set(LAYOUT) == set(FORMS)
-    methods = {Formulation.parse(label).method for label in CONSTRAINTS}
-    assert methods == set(METHODS)

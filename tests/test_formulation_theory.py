@@ -1,7 +1,6 @@
 """Theory of formulations as commands, verdicts and library calls."""
 
 import csv
-import itertools
 import json
 import math
 import re
@@ -17,17 +16,10 @@ import newmark_cli
 from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import (
-    CONSISTENT,
-    CORRECTED,
-    NEWTON,
-    RECOVERED,
-    TOTAL,
-    Formulation,
     FormulationError,
-    Projection,
 )
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.newmark.truncation import ROUNDING, March
+from newmark_cli.newmark.truncation import ROUNDING
 from newmark_cli.report import formulation_tables
 from newmark_cli.report.verdicts import MISS, PASS, UNDECIDED, Evidence, judge
 from newmark_cli.report.words import in_words
@@ -38,119 +30,7 @@ TRAPEZOIDAL, DAMPED = Newmark(), GeneralizedAlpha(0.9)
 REDUCED = ("index-2", "index-1", "baumgarte", "baumgarte rate_h=1", "ggl")
 
 
-def march(formulation="index-3", projection="none", reported=NEWTON, **rest):
-    """A march, the trapezoidal rule's if nothing else is said."""
-    usual = {"integrator": TRAPEZOIDAL, "start": CONSISTENT, "compensated": False}
-    return March(
-        formulation=Formulation.parse(formulation),
-        projection=Projection.parse(projection),
-        reported=reported,
-        **(usual | rest),
-    )
-
-
-def same(found, expected):
-    """Whether two orders are the same; NaN is."""
-    return found == expected or (math.isnan(found) and math.isnan(expected))
-
-
 # -- orders of errors and drift -----------------------------------------------------------------
-
-
-@each("formulation", REDUCED)
-@each("integrator", [TRAPEZOIDAL, DAMPED])
-def test_reduced_index_has_the_order_of_the_integrator(formulation, integrator):
-    """u, v and λ, whichever λ is reported, with dissipation and without."""
-    for reported in (NEWTON, RECOVERED):
-        found = march(formulation, reported=reported, integrator=integrator)
-        assert [found.error(q) for q in ("u", "v", "lambda")] == [2, 2, 2]
-
-
-def test_multipliers_of_index_3():
-    """Order 2 with dissipation; without it none, unless the start is corrected."""
-    assert march(integrator=DAMPED).error("lambda") == 2
-    assert march(integrator=DAMPED, reported=RECOVERED).error("lambda") == 2
-    assert math.isnan(march().error("lambda"))
-    assert math.isnan(march(compensated=True).error("lambda"))
-    assert math.isnan(march(reported=RECOVERED).error("lambda"))
-    assert math.isnan(march(start=CORRECTED).error("lambda"))
-    assert march(start=CORRECTED, compensated=True).error("lambda") == 2
-    other = Newmark(0.3, 0.5)
-    assert math.isnan(march(start=CORRECTED, compensated=True, integrator=other).error("lambda"))
-    assert march().error("u") == march().error("v") == 2
-
-
-@each(
-    "projection, reported, undamped, damped",
-    [
-        ("velocity", RECOVERED, 2, 2),
-        ("velocity", NEWTON, 1, 1),
-        ("velocity", TOTAL, math.nan, 2),
-        ("position-velocity", RECOVERED, 2, 2),
-        ("velocity accelerations", RECOVERED, 2, 2),
-        ("velocity accelerations", TOTAL, math.nan, math.nan),
-    ],
-)
-def test_projected_multipliers_of_index_3(projection, reported, undamped, damped):
-    """Recovered: order 2 always.  Newton's: 1.  The total: 2 with dissipation only."""
-    for integrator, expected in ((TRAPEZOIDAL, undamped), (DAMPED, damped)):
-        found = march(projection=projection, reported=reported, integrator=integrator)
-        assert same(found.error("lambda"), expected)
-        assert found.error("u") == found.error("v") == 2
-
-
-@each("formulation", ["index-2", "index-1", "baumgarte", "ggl"])
-def test_projected_multipliers_of_a_reduced_index(formulation):
-    """Order 2, whichever is reported: the projection's μ is O(h³)."""
-    for integrator, reported in itertools.product((TRAPEZOIDAL, DAMPED), (NEWTON, TOTAL)):
-        found = march(formulation, "velocity", reported, integrator=integrator)
-        assert found.error("lambda") == 2
-        assert not found.alternates
-
-
-def test_augmented_lagrangian_is_as_index_3_or_unknown():
-    """A penalty that grows as inertia ends where index 3 does; a fixed one does not converge."""
-    for quantity, integrator in itertools.product(("u", "lambda"), (TRAPEZOIDAL, DAMPED)):
-        grows = march("augmented-lagrangian", integrator=integrator).error(quantity)
-        assert same(grows, march(integrator=integrator).error(quantity))
-        fixed = march("augmented-lagrangian penalty=3", integrator=integrator)
-        assert math.isnan(fixed.error(quantity))
-        assert math.isnan(fixed.drift("position"))
-
-
-@each(
-    "formulation, position, velocity",
-    [
-        ("index-3", ROUNDING, 2),
-        ("index-2", 2, ROUNDING),
-        ("index-1", 2, 2),
-        ("baumgarte", 2, 2),
-        ("baumgarte rate_h=1", 3, 2),
-        ("ggl", ROUNDING, ROUNDING),
-        ("augmented-lagrangian", ROUNDING, 2),
-    ],
-)
-def test_drift(formulation, position, velocity):
-    """What Φ and its rate keep; a projection leaves rounding of what it projects."""
-    found = march(formulation, integrator=DAMPED)
-    assert (found.drift("position"), found.drift("velocity")) == (position, velocity)
-    velocities = march(formulation, "velocity", RECOVERED, integrator=DAMPED)
-    assert velocities.drift("velocity") == ROUNDING
-    both = march(formulation, "position-velocity", RECOVERED, integrator=DAMPED)
-    assert (both.drift("position"), both.drift("velocity")) == (ROUNDING, ROUNDING)
-    assert both.drift("multiplier") == ROUNDING
-    assert math.isnan(found.drift("energy"))
-
-
-def test_rate_of_index_3_without_dissipation_is_unknown():
-    """It alternates; index 1 has no such error."""
-    assert math.isnan(march().drift("velocity"))
-    assert march("index-1").drift("velocity") == 2
-    assert march("index-1").drift("multiplier") == ROUNDING
-    assert math.isnan(march("index-2").drift("multiplier"))
-    assert math.isnan(march("index-1", "velocity").drift("multiplier"))
-    assert march().alternates
-    assert not march(projection="velocity").alternates
 
 
 # -- predictions of series ------------------------------------------------------------------------
@@ -195,12 +75,6 @@ def test_predictions_follow_the_formulation():
     assert predicted("correction", "eta", formulation="ggl") == 0
     assert predicted("sensitivity", "eta", formulation="ggl", row_block="Cv") == 1
     assert predicted("sensitivity", formulation="ggl", row_block="C") == -1
-
-
-def test_no_prediction_of_a_fixed_penalty():
-    """Its iteration ends at the cap."""
-    for measure in ("physical_correction", "correction", "error"):
-        assert math.isnan(predicted(measure, formulation="augmented-lagrangian penalty=7"))
 
 
 def test_drift_of_index_3_is_shown_not_judged():
@@ -343,16 +217,6 @@ def test_tables_of_formulations(cli):
     docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
     assert "`newmark-study tables --formulations` makes the tables" in docs
     assert markdown.strip() in docs
-
-
-def test_values_of_the_new_axes_in_words():
-    """Projections, multipliers and starts say what they are of."""
-    assert in_words("projection", "none") == "no projection"
-    given = "velocity accelerations"
-    assert in_words("projection", given) == "velocity projection with accelerations"
-    assert in_words("multipliers", "newton") == "Newton's λ"
-    assert in_words("start", "corrected") == "corrected start"
-    assert in_words("formulation", "ggl") == "ggl"
 
 
 # -- the library -----------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """Formulations and projections: their Jacobians, and the engines held to each other."""
 
 import itertools
-from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -327,17 +326,6 @@ def test_directions_are_those_of_least_change():
         np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
 
 
-def test_directions_under_a_mass_matrix_too_large_to_invert(monkeypatch):
-    """P = G over the diagonal of M, and G where that has a zero."""
-    monkeypatch.setattr(constraints, "_LARGEST_BLOCK", 1)
-    subject = subject_of("general")
-    diagonal = np.diag(subject.M)[subject.pattern.g_rows]
-    np.testing.assert_array_equal(projector(subject).values, 1 / diagonal)
-    hollow = subject.M - np.diag(np.eye(subject.n)[0] * subject.M[0, 0])
-    massless = replace(subject, mass_values=hollow.ravel())
-    np.testing.assert_array_equal(projector(massless).values, 1)
-
-
 @each("most", [300, 0])
 @each("name", ["andrews", "slider-crank", "general"])
 def test_least_inertia_is_the_least_eigenvalue(name, most, monkeypatch):
@@ -484,24 +472,6 @@ def test_carried_sums_are_the_constraints_at_the_end(formulation, engine):
     assert drifted[0].tolist() == [not by_position, "Cv" not in rows]
 
 
-def test_the_kernel_records_total_reactions_as_python_runs_it():
-    """λ + μ/h of single steps, with the time that BDF2 has for h, like the SciPy march."""
-    h = 0.05
-    for integrator, acting in ((GeneralizedAlpha(0.9), h), (BDF2(), 2 * h / 3)):
-        scheme = scheme_of(
-            "index-3", h=h, integrator=integrator, projection="velocity", reported=TOTAL
-        )
-        records = []
-        for engine in ("interpreted", "dense"):
-            march = march_of(subject_of("quadrics"), scheme, engine)
-            records.append(march.advance(3, [1, 3]).record.multipliers)
-            state = march.state
-            expected = state.multipliers + state.impulse / acting
-            np.testing.assert_allclose(records[-1][1], expected, rtol=1e-13)
-            assert np.abs(state.impulse / acting).max() > 1e-3 * np.abs(expected).max()
-        np.testing.assert_allclose(*records, rtol=1e-9)
-
-
 @each(
     "formulation, engine",
     itertools.product(
@@ -544,26 +514,6 @@ def test_each_block_is_recorded_until_it_grows(formulation, engine):
         np.testing.assert_array_equal(found, recorded)
         assert np.any(last > recorded)
     assert early or formulation != "ggl"
-
-
-def test_plain_functions_have_the_rows_of_compiled_ones():
-    """Φ', Φ'' and their tangents by differences: one set of numbers, anywhere and at any time.
-
-    Those of plain functions are held to exact ones in `test_constraint_rows`.
-    """
-    plain, subject = car_axis(compiled=False), car_axis(compiled=True)
-    assert (plain.compiled, subject.compiled) == (False, True)
-    assert plain.rows_given == subject.rows_given == "differences"
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        t = random.uniform(0, 3)
-        u = subject.u0 + 0.2 * random.normal(size=subject.n)
-        v, w = 2 * random.normal(size=subject.n), 5 * random.normal(size=subject.n)
-        found, expected = (one.constraint_rows(t, u, v, w) for one in (subject, plain))
-        for one, other, tolerance in zip(found, expected, (1e-11, 1e-10, 1e-10, 1e-9), strict=True):
-            size = np.abs(other).max()
-            assert size > 1e-3
-            np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * size)
 
 
 def test_plain_functions_march_like_compiled_ones():
@@ -771,18 +721,3 @@ def test_bad_formulations_are_refused(label, words):
     ):
         with pytest.raises(FormulationError, match=words):
             Projection.parse(label)
-
-
-def test_weights_of_the_rows():
-    """s₀, s₁, s₂ as the page of equations has them."""
-    expected = {
-        "index-3": [[1, 0, 0]],
-        "index-2": [[0, 1, 0]],
-        "index-1": [[0, 0, 1]],
-        "baumgarte rate=20": [[400, 40, 1]],
-        "baumgarte rate_h=0.5": [[25, 10, 1]],
-        "ggl": [[1, 0, 0], [0, 1, 0]],
-    }
-    for label, rows in expected.items():
-        np.testing.assert_allclose(Formulation.parse(label).weights(0.1), rows, rtol=1e-15)
-    assert Formulation.parse("augmented-lagrangian").weights(0.1).shape == (0, 3)

@@ -9,7 +9,6 @@ from mechanisms import TWO_BODIES
 from mpmath import ellipfun, mp, mpf
 
 from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
@@ -93,23 +92,6 @@ def test_misfits_of_the_pendulum():
     assert found["energy"] == pytest.approx((abs(error), 0.5 * v @ v - u[1]), rel=1e-12)
 
 
-@each("body", range(7))
-def test_position_is_a_distance(body):
-    """A bar of Andrews' mechanism longer by 1e-9 m: so much, whatever its length."""
-    subject = problem("andrews")
-    random = np.random.default_rng(body)
-    gradient = subject.evaluate(0, subject.u0, subject.v0, np.zeros(7)).G
-    wanted = np.zeros(7)
-    wanted[body] = 1e-9 * np.linalg.norm(gradient[:, body])
-    u = subject.u0 + np.linalg.lstsq(gradient.T, wanted, rcond=None)[0]
-    v = np.linalg.lstsq(gradient.T, 1e6 * wanted, rcond=None)[0]
-    found = invariants(subject, 0.0, state_of(subject, u, v, random.normal(size=7)))
-    assert found["position"].error == pytest.approx(1e-9, rel=1e-3)
-    assert found["velocity"].error == pytest.approx(1e-3, rel=1e-3)
-    assert found["position"].sizes[0] == pytest.approx(np.abs(u).max())
-    assert found["velocity"].sizes[0] == pytest.approx(np.abs(v).max())
-
-
 def test_driven_points_are_compared_with_their_laws(tmp_path):
     """Φ_t counts, in the misfit and in its size; a motion has no energy."""
     path = tmp_path / "driven.yaml"
@@ -134,15 +116,6 @@ def test_driven_points_are_compared_with_their_laws(tmp_path):
     assert (velocity.error, *velocity.sizes) == pytest.approx((8.0, 8.0))
 
 
-def test_large_mechanism_through_sparse_factors():
-    """Chain of 200 links after a march: λ and the constraints to rounding and scheme."""
-    subject = FAMILIES["chain"].problem("chain", {"links": 200})
-    u, v = subject.u0, np.zeros(subject.n)
-    found = invariants(subject, 0.0, consistent(subject, u, v))
-    assert abs(found["multiplier"].errors).max() <= 1e-12 * found["multiplier"].sizes.max()
-    assert found["position"].error <= 1e-14 * found["position"].sizes[0]
-
-
 @each("value", [np.nan, np.inf, 1e300])
 def test_states_that_are_not_finite(value):
     """Not a number, and no exception."""
@@ -157,34 +130,8 @@ def test_states_that_are_not_finite(value):
     assert np.isnan(relative(subject, [found])["multiplier"])
 
 
-@pytest.mark.bits("the start itself is what is tested")
-def test_equilibrium_has_no_division_by_zero(tmp_path):
-    """Hanging at rest: no speed, no energy, all misfits zero."""
-    path = tmp_path / "rest.yaml"
-    path.write_text(
-        "points: {O: {fixed: [0, 0]}, P: {at: [0, -1], mass: 1}}\n"
-        "bars: {rod: {from: O, to: P, length: 1}}\ngravity: [0, -1]\n"
-    )
-    subject = loading.load(path, "rest")
-    found = relative(subject, [invariants(subject, 0.0, start(subject))])
-    assert found == dict.fromkeys(INVARIANTS, 0.0)
-
-
 def misfit(errors, size):
     return Misfit(np.array(errors), np.array([size]))
-
-
-def test_samples_are_compared_with_the_largest_size():
-    """The order of samples does not matter; statistics run over them; nothing is no sample."""
-    samples = [
-        {"position": misfit([1e-3, 0.0], 1e-3), "energy": misfit([0.0], 0.0)},
-        {"position": misfit([3e-3, -4e-3], 2.0), "energy": misfit([0.0], 0.0)},
-    ]
-    found = measures.invariants(None, samples)
-    assert list(found) == ["position", "energy"]
-    assert found["position"] == pytest.approx(np.array([[0.5e-3, 0], [1.5e-3, -2e-3]]))
-    assert found["energy"].tolist() == [[0], [0]]
-    assert measures.invariants(None, []) == {}
 
 
 def test_errors_are_relative_in_the_max_norm():

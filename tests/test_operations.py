@@ -45,24 +45,6 @@ def test_elements_add_up():
     )
 
 
-def test_numbers_that_count_compute_as_others_do():
-    """Interpreted on them, a mechanism's functions give what they give compiled."""
-    subject = problem("shaken-pendulum")
-    tally = operations.Tally()
-    expected = subject.values(0.1, subject.u0, subject.v0, np.ones(subject.m))
-    out = [tally.array(np.full(len(part), np.nan)) for part in expected]
-    given = (tally.array(array) for array in (subject.u0, subject.v0, np.ones(subject.m)))
-    function = operations.interpreted(subject.function)
-    function(tally.number(0.1), *given, subject.ints, tally.array(subject.reals), *out)
-    for part, one in zip(expected, out, strict=True):
-        np.testing.assert_allclose(one.astype(float), part, rtol=1e-15)
-
-
-def test_functions_of_the_users_are_not_counted():
-    """Of a problem in Python the linear systems are."""
-    assert operations.evaluation(subject_of("car axis")) == (0, 0)
-
-
 # -- eliminations -------------------------------------------------------------------------------
 
 
@@ -144,26 +126,6 @@ def test_eliminations_of_mechanisms(name, formulation, form):
     assert operations.elimination(lists) == solved(ordered, random.normal(size=system.size))
 
 
-def test_partial_pivoting_takes_about_as_many():
-    """The kernel's elimination, in the order that the numbers demand: 0.5 to 2 of the count."""
-    subject = problem("andrews")
-    for scaling in ("none", "optimal"):
-        scheme = scheme_of("index-3", scaling=scaling, h=1e-4)
-        march = March(subject, scheme, "dense-lu")
-        march.advance(20)
-        values = subject.values(march.t, *march.state.fields[:2], march.state.multipliers)
-        matrix = march.system.matrix(values).toarray()
-        tally = operations.Tally()
-        given = tally.array(matrix), tally.array(np.ones(len(matrix)))
-        for array in given:
-            array[array.astype(float) == 0] = 0
-        solve = operations.interpreted(kernel.solve_in_place)
-        assert solve(*given, np.zeros(len(matrix), np.int64), tally.array(np.zeros(len(matrix))))
-        system = SparseSystem(subject, scheme)
-        lists = EliminationLists(system.order, system.rows, system.columns)
-        assert 0.5 < tally.operations / operations.elimination(lists) < 2
-
-
 # -- what a step calls --------------------------------------------------------------------------
 
 
@@ -241,20 +203,6 @@ def test_corrections_of_positions_are_counted_by_each_engine():
     assert kernel_march.positions == other.positions > 10
     # Rounding ends Newton a correction earlier or later.
     assert abs(kernel_march.corrections - other.corrections) <= 10
-
-
-def test_recovered_multipliers_are_part_of_every_step():
-    """One evaluation and one system each."""
-    subject = problem("andrews")
-    newton = scheme_of("index-3", reported="newton")
-    system = March(subject, newton, "dense-lu").system
-    plain, recovering = (
-        operations.work(subject, replace(newton, reported=reported), system)
-        for reported in ("newton", "recovered")
-    )
-    given = operations.evaluation(subject)
-    assert plain.step == 0
-    assert recovering.step == recovering.position + given.derivatives > given.values
 
 
 # -- Krylov solvers -----------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 from each import each
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.orders import form_orders, min_plus
+from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 
 #: Table 1's last row, first line; the others are Section 4's and high precision's.
@@ -62,18 +62,3 @@ def test_optimal_scaling_makes_every_block_order_zero_or_more():
         jacobian, inverse = form_orders(form).scaled(named_scaling("optimal", form))
         assert jacobian.min() == 0
         assert inverse.min() == 0
-
-
-def test_printed_v_row_costs_one_order():
-    """With the V row as printed C grows like 1/h."""
-    form = FORMS["u-v-a-lambda"]
-    assert form_orders(form).condition(named_scaling("optimal-printed", form)) == -1
-
-
-def test_min_plus_is_the_order_of_a_product():
-    """Orders of a product of matrices of monomials, against values at a small h."""
-    random = np.random.default_rng(7)
-    left, right = random.integers(-3, 4, (3, 2)), random.integers(-3, 4, (2, 4))
-    h = 1e-9
-    product = (h ** left.astype(float)) @ (h ** right.astype(float))
-    np.testing.assert_array_equal(min_plus(left, right), np.round(np.log(product) / np.log(h)))

@@ -29,17 +29,6 @@ t_end: 0.3
 """
 
 
-#: One cell of it.
-ONE = """\
-study: mine
-problem: hoist.yaml
-form: u-lambda
-preconditioning: optimal
-h: 1e-2
-t_end: 0.3
-"""
-
-
 @pytest.fixture
 def hoist(cli):
     """The example mechanism and a study of it."""
@@ -64,23 +53,6 @@ def test_a_mechanism_of_ones_own(cli, hoist):
     assert by_series["u-lambda", "none", "jacobian", "condition"]["expected"] == -4
     cli("draw", "hoist.yaml", "--at", "0.1")
     assert (cli.folder / "results/figures/hoist.png").stat().st_size > 5000
-
-
-def test_advice_names_the_file(cli, hoist):
-    """A mechanism is called by its file, not by one of its bodies."""
-    told = cli(
-        "advise", "hoist.yaml", "--h", "1e-3", "--integrator", "generalized-alpha rho=0.9"
-    ).stdout
-    assert told.startswith("hoist.yaml: n = 4 coordinates, m = 3 constraints, ")
-
-
-def test_files_are_found_beside_the_config(cli, hoist):
-    """A mechanism is looked for in the folder of the config that names it."""
-    cli.write("mine.yaml", ONE)
-    (cli.folder / "studies").mkdir()
-    for name in ("hoist.yaml", "mine.yaml"):
-        (cli.folder / name).rename(cli.folder / "studies" / name)
-    assert "1 ok" in cli("run", "studies/mine.yaml").stdout
 
 
 def test_mistakes_in_a_mechanism_stop_the_run(cli, hoist):
@@ -222,22 +194,6 @@ def test_every_spatial_mechanism_can_be_drawn(name):
     assert ("point" in known) == bool(subject.drawing.points)
 
 
-def test_view_has_up_against_gravity_and_keeps_its_hand():
-    """The projection of a right-handed frame, seen from the outside, upright."""
-    for name in ("bricard", "heavy-top"):
-        subject = problem(name)
-        seen = draw_spatial.view(subject.drawing)
-        up = int(np.argmax(np.abs(subject.drawing.mechanism.gravity)))
-        assert seen[up].real == 0
-        assert seen[up].imag > 0.9
-        # The view's own direction completes two rows to an orthonormal frame.
-        across, upwards = seen.real, seen.imag
-        assert across @ upwards == pytest.approx(0, abs=1e-15)
-        towards = np.cross(across, upwards)
-        assert np.linalg.norm(towards) == pytest.approx(1)
-        assert towards[up] == pytest.approx(np.sin(np.radians(20)))
-
-
 def test_animation(cli, monkeypatch):
     """A GIF with as many different frames as asked for, each with its time."""
     cli("draw", "slider-crank", "--at", "0.3", "--animate", "motion.gif", "--frames", "5")
@@ -283,42 +239,6 @@ def test_validate_says_what_was_assembled(cli):
     )
     *_, last = cli("validate", "turn.yaml").stdout.splitlines()
     assert last == f"  assembled: box has turned most, by {np.degrees(np.arctan(0.3)):.3g}°"
-
-
-#: A bead on an arm, and a block on the ground.
-GUIDED = {
-    "points": {
-        "O": {"fixed": [0, 0]}, "A": {"at": [1, 0], "mass": 1},
-        "P": {"at": [0.5, 0], "mass": 1}, "B": {"at": [2, 1], "mass": 1},
-    },
-    "bodies": {"arm": {
-        "from": "O", "to": "A", "length": 1, "mass": 1, "centre": [0.5, 0], "inertia": 0.1,
-    }},
-    "sliders": {
-        "bead": {"point": "P", "on": "arm", "through": [0, 0], "direction": [2, 0]},
-        "rail": {"point": "B", "through": [0, 1], "direction": [-3, 0]},
-    },
-}  # fmt: skip
-
-
-def test_guides_do_not_travel():
-    """One stands where its point starts, on the ground or its body, and reaches it."""
-    subject = newmark.problem(GUIDED)
-    assert subject.points == ("A", "P", "B")
-    half = 0.12 * 2
-    for u, bead, rail in (
-        ([1, 0, 0.5, 0, 2, 1], (0.5 - half, 0.5 + half), (2 + half, 2 - half)),
-        # The arm upright, the bead further out, the block further to the left.
-        ([0, 1, 0, 0.8, 1.5, 1], (1j * (0.5 - half), 1j * (0.8 + half)), (2 + half, 1.5 - half)),
-        (
-            [0, -1, 0, -0.1, 2.5, 1],
-            (-1j * (0.1 - half), -1j * (0.5 + half)),
-            (2.5 + half, 2 - half),
-        ),
-    ):
-        scene = draw_mechanism._scene(subject, np.array(u, float), 1.0)
-        found = [mark.places for mark in draw_mechanism._marks(scene) if mark.symbol == "guide"]
-        np.testing.assert_allclose(found, [bead, np.array(rail) + 1j], atol=1e-12)
 
 
 def test_draw_refuses(cli):

@@ -93,21 +93,6 @@ def test_drag_of_compiled_code(folder):
     np.testing.assert_allclose(terms.Y, expected, rtol=1e-8)
 
 
-def test_plain_functions_act_on_points_of_bodies(folder):
-    """The work of a force on a point of a body is that on its generalised force."""
-    text = PENDULUM.replace("drag", "apart").replace("[A, O]", "[M, W]")
-    folder.write("swing.yaml", text)
-    problem = loading.load(folder.folder / "swing.yaml", "swing", allow_code=True)
-    assert not problem.compiled
-    u = problem.u0
-    place = u[:2] * 0.5 + 0.1 * np.array([-u[1], u[0]])
-    force = 0.1 * (place - [0, 2])
-    expected = force * 0.5 + 0.1 * np.array([force[1], -force[0]]) + [0, -2 * 9.81]
-    terms = problem.evaluate(0.0, u, np.zeros(2), np.zeros(1))
-    np.testing.assert_allclose(terms.force, expected, atol=1e-14)
-    np.testing.assert_allclose(terms.X, -0.1 * (0.25 + 0.01) * np.eye(2), atol=1e-9)
-
-
 def test_studies_with_forces_in_python(folder):
     """Refused without --allow-code in one line; slopes as predicted; code is part of a cell."""
     said = "line 7: python_forces.air.python: forces.py is code, which runs only with --allow-code"

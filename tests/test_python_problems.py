@@ -73,20 +73,6 @@ def test_plain_and_compiled_functions_march_alike(car_axis, form):
         )
 
 
-def test_what_starts_a_march_is_plain_whether_compiled_or_not(car_axis):
-    """Rate and curvature of compiled problems are those of plain ones, to the bit."""
-    for seed in range(5):
-        random = np.random.default_rng(seed)
-        u = car_axis[False].u0 + 0.2 * random.normal(size=4)
-        v = 2 * random.normal(size=4)
-        found, expected = (
-            car_axis[compiled].constraint_derivatives(0.7, u, v) for compiled in (True, False)
-        )
-        for one, other in zip(found, expected, strict=True):
-            np.testing.assert_array_equal(one, other)
-            assert np.abs(other).max() > 0
-
-
 @each("frequency", [0.1, 1.0, 10.0, 100.0, 1000.0])
 @each("t", [0.0, 0.37, 2.9])
 def test_derivatives_of_constraints_at_any_frequency(frequency, t):
@@ -116,20 +102,6 @@ def test_derivatives_of_constraints_at_any_frequency(frequency, t):
     # Slow motions: rounding of Φ over the square of the longest step.
     allowed = 3e-10 * np.abs(expected).max() + 1e-11
     np.testing.assert_allclose(curvature, expected, rtol=0, atol=allowed)
-
-
-def test_curvature_of_a_fixed_surface_is_exact_to_rounding():
-    """Where Φ does not depend on time nothing is lost at low speed."""
-    functions = {
-        "constraints": lambda u, t: np.array([(u @ u - 1) / 2]),
-        "gradient": lambda u, t: u[:, None],
-    }
-    rate, curvature = np.zeros(1), np.zeros(1)
-    derivatives = constraint_rows.rates(functions, {})
-    for u, v in (([0.6, 0.8], [-8e-4, 6e-4]), ([0.0, 0.0], [3.0, 4.0])):
-        derivatives(0.0, np.array(u), np.array(v), None, None, rate, curvature)
-        assert rate[0] == 0
-        assert curvature[0] == pytest.approx(np.dot(v, v), rel=1e-9)
 
 
 def test_tangents_by_differences_are_good(car_axis):
@@ -337,26 +309,3 @@ def test_compiled_functions_may_return_lists_and_tuples(tmp_path):
     assert not plain.compiled
     ours, theirs = march(compiled_march, compiled, 1e-2, 1.0), march(scipy_march, plain, 1e-2, 1.0)
     np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
-
-
-def test_functions_that_return_arrays_are_called_themselves():
-    """Nothing stands between the march and a function that returns arrays."""
-    source = python_problem._Source("problem")
-    for given, itself in (
-        (lambda: np.array([0, -1]), True),
-        (lambda: [0, -1], False),
-        (lambda: (0, -1), False),
-    ):
-        value, function = python_problem._called(given, (), "force", source, (2,))
-        np.testing.assert_array_equal(value, [0.0, -1.0])
-        assert (function is given) == itself
-        np.testing.assert_array_equal(function(), [0.0, -1.0])
-
-
-def test_unknown_arguments_and_missing_files(tmp_path):
-    """The factory's own signature speaks."""
-    path = write(tmp_path, GOOD)
-    with pytest.raises(ProblemError, match="unexpected keyword argument 'size'"):
-        python_problem.load(path, "factory", {"size": 1}, "mine")
-    with pytest.raises(ProblemError, match="cannot be read"):
-        python_problem.load(tmp_path / "none.py", "factory", {}, "mine")

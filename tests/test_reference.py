@@ -1,7 +1,6 @@
 """References: against exact and published motions, their own estimates, and their storage."""
 
 import json
-import threading
 from functools import partial
 
 import numpy as np
@@ -9,7 +8,6 @@ import oracles
 import pytest
 from each import each
 from examples import car_axis
-from marching import start
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
@@ -19,7 +17,7 @@ from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.mechanisms.spec import PythonFactory, Shipped, Sized
+from newmark_cli.mechanisms.spec import PythonFactory, Shipped
 from newmark_cli.newmark import compiled_march, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
@@ -419,16 +417,6 @@ def test_long_chain():
     assert sum(end) == pytest.approx(sum(begin), abs=1e-11 * end[0])
 
 
-def test_start_is_its_own_reference():
-    """t = 0, for `steps: 0`: the initial state and its multipliers."""
-    subject = problem("andrews")
-    found = solution(subject, 0.0)
-    np.testing.assert_array_equal(found.u, subject.u0)
-    np.testing.assert_array_equal(found.v, subject.v0)
-    assert found.multipliers == pytest.approx(start(subject).multipliers)
-    assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-14
-
-
 @each(
     "limit, value, words",
     [
@@ -451,15 +439,6 @@ def test_work_can_be_ended():
 
     with pytest.raises(KeyboardInterrupt):
         solution(problem("pendulum"), 1.0, stop)
-
-
-@each(
-    "found, given, expected",
-    [([1.0, 2.2], [1.0, 2.0], 0.1), ([0.0], [0.0], 0.0), ([1.0], [0.0], np.inf)],
-)
-def test_relative_error(found, given, expected):
-    """Largest component over largest component; never 0/0."""
-    assert relative_error(np.array(found), np.array(given)) == pytest.approx(expected)
 
 
 @pytest.fixture
@@ -498,20 +477,6 @@ def test_known_solutions_come_first(tmp_path, counted):
     assert not (tmp_path / "references").exists()
     assert stored.of(Shipped("andrews"), 0.003).source == "converged"
     assert counted == [0.003]
-
-
-def test_computed_once_for_all_threads(tmp_path, counted):
-    """Threads that ask for the same wait for one of them."""
-    stored, found = References(tmp_path), []
-    threads = [
-        threading.Thread(target=lambda: found.append(stored.of(SPEC, 0.2))) for _ in range(4)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert counted == [0.2]
-    assert all(reference is found[0] for reference in found)
 
 
 def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
@@ -637,31 +602,6 @@ def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeyp
     assert [path.name.rsplit("-", 1)[0] for path in files(tmp_path)] == [
         "a.py-swing-0.05", "a.py-swing-weight=2.0-0.05", "b.py-swing-0.05",
     ]  # fmt: skip
-
-
-def test_members_of_a_family_have_names_of_files(tmp_path):
-    """No parentheses or blanks."""
-    References(tmp_path).of(Sized("chain", (("links", 3),)), 0.25)
-    (path,) = files(tmp_path)
-    assert path.name.startswith("chain-links=3-0.25-")
-
-
-def test_failures_are_remembered_and_not_stored(tmp_path, monkeypatch, counted):
-    """A run tries once for each problem and time, the next run again."""
-    monkeypatch.setattr(reference, "_MOST_STEPS", 10)
-    for tried in (1, 2):
-        stored = References(tmp_path)
-        said = []
-        for _ in range(3):
-            with pytest.raises(NoReference) as caught:
-                stored.of(SPEC, 10.0)
-            said.append(str(caught.value))
-        assert counted == [10.0] * tried
-        assert len(set(said)) == 1
-    with pytest.raises(NoReference, match="no reference beyond t = "):
-        stored.of(SPEC, 9.0)
-    assert counted[2:] == [9.0]
-    assert not (tmp_path / "references").exists()
 
 
 def test_energy_of_a_python_problem_is_checked(tmp_path):

@@ -177,25 +177,6 @@ def test_four_bars_fall_through_the_horizontal():
     np.testing.assert_allclose(tops[0], [math.sin(turned), math.cos(turned)], atol=1e-10)
 
 
-def test_a_position_that_is_singular_to_ten_digits_is_none(tmp_path):
-    """With a longer rod the slider stays where the pin has passed it, after a jerk."""
-    for rod, stays in (("1", False), ("1.0001", True)):
-        subject = built(tmp_path, mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", rod)))
-        found = solution(subject, 0.5)
-        begin, end = (
-            sum(subject.energies(*at))
-            for at in ((0, subject.u0, subject.v0), (0.5, found.u, found.v))
-        )
-        assert end == pytest.approx(begin, rel=1e-10)
-        assert found.u[0] < -0.1
-        assert found.u[2] == pytest.approx(0 if stays else 2 * found.u[0], abs=1e-3)
-    text = mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1.00000000001"))
-    with pytest.raises(
-        NoReference, match=r"beyond t = 0\.[34]\d*, close to which the constraints lose rank"
-    ):
-        solution(built(tmp_path, text), 1.0)
-
-
 LAWS = {
     # The slider is pulled beyond its reach.
     "pulled": (
@@ -235,28 +216,6 @@ def test_motions_that_do_not_get_through(tmp_path, law):
     with pytest.raises(NoReference, match=words) as caught:
         solution(subject, t)
     assert "\n" not in str(caught.value)
-
-
-def test_multipliers_close_to_a_singular_position(tmp_path, monkeypatch):
-    """What is left of them is estimated, and no reference if that is too little.
-
-    Closer still, rounding decides whether there is a motion to estimate them of.
-    """
-    linkage, bars, t, _ = LAWS["at the end"]
-    subject = built(tmp_path, mechanism(linkage, bars))
-    found = solution(subject, 0.9999 * t)
-    assert singular.smallest(subject, 0.9999, found.u) < 1e-4
-    assert found.u_error < 1e-11
-    assert 1e-7 < found.multipliers_error < 1e-3
-
-    def singular_on_the_way(*arguments):
-        raise reference._SingularError
-
-    monkeypatch.setattr(reference, "_straight", singular_on_the_way)
-    assert solution(subject, 0.99 * t).u_error < 1e-13
-    monkeypatch.setattr(reference, "_WORST", 1e-12)
-    with pytest.raises(NoReference, match=r"nearly lose rank there, and λ is known to .* only"):
-        solution(subject, 0.99 * t)
 
 
 def test_driven_through(tmp_path):
@@ -320,25 +279,6 @@ def test_python_problem_through_its_dead_centre(tmp_path, monkeypatch, weight, r
     u, v = (part[:3] for part in SLIDER_CRANK.at(0.6, 1.9))
     assert relative_error(found.u, u) < 1e-10
     assert relative_error(found.v, v) < 1e-10
-
-
-def test_regular_motions_are_not_computed_anew(monkeypatch):
-    """Collocation is for singular positions only, though it would give the same."""
-
-    def never(*given):
-        raise AssertionError
-
-    subject = problem("double-pendulum")
-    found = solution(subject, 1.0)
-    system = Index1(subject)
-    sizes = reference._initial_sizes(system, 1.0)
-    passage = collocation.motion(subject, 1.0, sizes, 12, 1e-14, system.projected, lambda: None)
-    assert passage.singular == ()
-    assert relative_error(passage.u, found.u) < 1e-12
-    assert relative_error(passage.v, found.v) < 1e-12
-    monkeypatch.setattr(collocation, "motion", never)
-    for name, t in (("double-pendulum", 1.0), ("andrews", 0.02), ("pendulum", 3.0)):
-        assert solution(problem(name), t).u_error < 1e-11
 
 
 @each("nodes", [8, 10, 12])

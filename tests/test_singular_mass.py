@@ -6,7 +6,6 @@ import pytest
 import newmark_cli as newmark
 from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.constraints import projector
-from newmark_cli.problems.index_1 import weightless
 from newmark_cli.problems.problem import ProblemError
 
 DAMPED = "generalized-alpha rho=0.9"
@@ -51,17 +50,6 @@ def test_a_python_problem_with_a_free_massless_coordinate_is_refused():
         newmark.problem(shadowed(False))
 
 
-def test_positive_on_what_is_free():
-    """Of a singular M only the part on the kernel of Gᵀ counts."""
-    mass = np.diag([1.0, 0.0])
-    assert weightless(mass, np.array([[0.0], [1.0]])).size == 0
-    assert weightless(mass, np.array([[1.0], [1.0]])).size == 0
-    for gradient in (np.array([[1.0], [0.0]]), np.zeros((2, 0))):
-        (motion,) = weightless(mass, gradient).T
-        np.testing.assert_allclose(np.abs(motion), [0, 1], atol=1e-15)
-    assert weightless(np.diag([1e-9, 1e9]), np.zeros((2, 0))).size == 0
-
-
 CARRIED = {
     "points": {
         "C": {"at": (0, 0), "velocity": (0.8, 0)},
@@ -71,16 +59,6 @@ CARRIED = {
     "motions": {"drive": {"point": "C", "x": {"amplitude": 0.1, "frequency": 8}, "y": {}}},
     "gravity": (0, -9.81),
 }
-
-
-def test_a_driven_point_needs_no_mass():
-    """A pendulum on a driven point moves the same, whatever the point weighs."""
-    heavy = CARRIED | {"points": {**CARRIED["points"], "C": {**CARRIED["points"]["C"], "mass": 3}}}
-    options = {"h": 1e-3, "t_end": 0.2, "every": 0, "integrator": DAMPED}
-    one, other = (newmark.march(given, **options) for given in (CARRIED, heavy))
-    np.testing.assert_allclose(one.point("P"), other.point("P"), rtol=0, atol=1e-11)
-    rods = (one.constraint("bars.rod"), other.constraint("bars.rod"))
-    np.testing.assert_allclose(*rods, rtol=0, atol=1e-6)
 
 
 def test_a_massless_point_that_moves_is_refused():

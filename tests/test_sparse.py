@@ -3,17 +3,15 @@
 import itertools
 
 import numpy as np
-import pytest
-from conftest import QUICK
 from covering import covering
 from damped import damped
 from each import each
 from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
-from newmark_cli import algebra, documents
+from newmark_cli import algebra
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import compiled_march, march_data, perturbation, scipy_march
+from newmark_cli.newmark import compiled_march, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import scaled_jacobian
@@ -21,8 +19,6 @@ from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.study import config, results
-from newmark_cli.study.compute import compute
 
 CHAIN = Sized("chain", (("links", 6),))
 FOUR_BARS = Sized("four-bars", (("windows", 4),))
@@ -111,17 +107,6 @@ def test_condition_estimate(name, form, variant, h):
     assert system.balanced(0.0, state).condition() == found
 
 
-@each("form", FORMS)
-def test_same_sensitivities(form):
-    """Columns of J̄⁻¹ through the sparse factors."""
-    subject = SUBJECTS[CHAIN.label]
-    scheme, state = scheme_of(form, "none", 1e-5), in_motion(subject)
-    expected = perturbation.sensitivities(subject, scheme, 0.0, state)
-    found = perturbation.sensitivities(subject, scheme, 0.0, state, SparseSystem(subject, scheme))
-    rounding = 1e-12 * max(expected.values())
-    assert found == pytest.approx(expected, rel=1e-9, abs=rounding)
-
-
 @each("name", STEPS)
 def test_consistent_starts_agree(name, monkeypatch):
     """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
@@ -146,22 +131,3 @@ def test_singular_and_infinite_matrices_end_the_march():
     with np.errstate(all="ignore"):
         ending = scipy_march.march(subject, scheme, state, 0, norms, iterations, system)
     assert ending == (march_data.DIVERGED, 0)
-
-
-def test_studies_name_the_solver(tmp_path):
-    """The same grid with both solvers: the CSV tells them apart, the slopes agree."""
-    cases = "cases: [{linear_solver: dense-lu}, {linear_solver: sparse-lu}]\n"
-    study = config.parse(documents.parse(QUICK + "measure: [correction, condition]\n" + cases, "q"))
-    cells = study.cells()
-    table = results.rows("quick", cells, [compute(cell) for cell in cells])
-    assert {row["status"] for row in table} == {"ok"}
-    solvers = [row["linear_solver"] for row in table]
-    half = len(table) // 2
-    assert solvers == ["dense-lu"] * half + ["sparse-lu"] * half
-    for dense, sparse in zip(table[:half], table[half:], strict=True):
-        assert dense["quantity"] == sparse["quantity"]
-        # In the 1-norm C is within a factor N = 3 of that in the 2-norm.
-        if dense["measure"] == "condition":
-            assert dense["median"] / 3 <= sparse["median"] <= 3 * dense["median"]
-        else:
-            assert sparse["rms"] == pytest.approx(dense["rms"], rel=1)

@@ -9,10 +9,8 @@ from covering import covering
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import copy, in_motion, march, scheme_of, start
+from marching import in_motion, scheme_of, start
 
-import newmark_cli as newmark
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
@@ -20,7 +18,7 @@ from newmark_cli.newmark import compiled_march, static_elimination
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
-from newmark_cli.newmark.linear import exact, generated
+from newmark_cli.newmark.linear import exact
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC, choose
 from newmark_cli.newmark.linear.dense import DenseSystem, no_tables
 from newmark_cli.newmark.linear.sparse import SparseSystem
@@ -179,23 +177,6 @@ def test_fill_is_that_of_the_elimination(size, seed, density):
         lower = lower_rows[lower_starts[j] : lower_starts[j + 1]]
         np.testing.assert_array_equal(upper, np.flatnonzero(filled[:j, j]))
         np.testing.assert_array_equal(lower, j + 1 + np.flatnonzero(filled[j + 1 :, j]))
-
-
-@each("name", ["andrews", "chain", "slider-crank"])
-@each("form", ["u-lambda", "u-v-lambda", "v-a-lambda"])
-def test_multipliers_wait_for_their_coordinates(name, form):
-    """Each row and unknown comes once; a multiplier after all coordinates of its constraint."""
-    subject = subject_of(name)
-    system = StaticSystem(subject, scheme_of(form, "none", 1e-3))
-    rows, columns = system.elimination.lists.order
-    for side in (rows, columns):
-        np.testing.assert_array_equal(np.sort(side), np.arange(system.elimination.size))
-    fields = len(FORMS[form].kept)
-    place = np.argsort(columns)
-    for i, k in zip(subject.pattern.g_rows, subject.pattern.g_columns, strict=True):
-        moments = [place[field * subject.n + i] for field in range(fields)]
-        assert place[fields * subject.n + k] > max(moments)
-        assert max(moments) == moments[-1]
 
 
 @each("name", ["andrews", "four-bar", "slider-crank", "double-pendulum"])
@@ -441,26 +422,6 @@ def test_studies_that_it_cannot_solve_are_refused(cli, tmp_path, keys, message):
 # -- code made for a pattern ------------------------------------------------------------------
 
 
-def test_code_of_a_pattern_is_made_once():
-    """Step size and scaling are no part of it; another form is.
-
-    Large patterns go through lists, and no code is made.
-    """
-    tables = [
-        StaticSystem(problem("andrews"), scheme_of(form, variant, h)).elimination.tables
-        for form, variant, h in (
-            ("u-lambda", "none", 1e-3), ("u-lambda", "optimal", 1e-6), ("v-a-lambda", "none", 1e-3)
-        )
-    ]  # fmt: skip
-    first, same, other = (int(each.room[static_elimination.ADDRESS]) for each in tables)
-    assert first == same != other
-    assert first != 0
-    system = StaticSystem(Sized("chain", (("links", 60),)).load(), scheme_of("u-lambda", "none", 1))
-    assert system.elimination.lists.operations > generated.OPERATIONS_AT_MOST
-    assert system.elimination.solve is static_elimination.solve_in_order
-    assert system.elimination.tables.room[static_elimination.ADDRESS] == 0
-
-
 def test_states_that_are_not_finite_end_as_with_pivoting():
     """A march that overflows has diverged, whoever eliminates."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 1e-2)
@@ -470,18 +431,3 @@ def test_states_that_are_not_finite_end_as_with_pivoting():
         with np.errstate(all="ignore"):
             march_.advance(3)
         assert (march_.ending, march_.done) == (2, 0)
-
-
-def test_an_engine_is_reused():
-    """Its tables hold nothing of a state: two marches do not disturb each other."""
-    subject, scheme = problem("andrews"), scheme_of("u-lambda", "optimal", 1e-4)
-    engine = compiled_march.Engine(subject, scheme, StaticSystem(subject, scheme))
-    first = initial_state(subject, scheme)
-    second = copy(first)
-    norms = np.zeros((5, 2)), np.zeros(5, np.int64)
-    engine.march(first, 0, *norms)
-    before = copy(first)
-    engine.march(second, 0, *norms)
-    for ours, theirs in zip(before, second, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    march(compiled_march, subject, scheme, second, 5, 1)

@@ -7,7 +7,7 @@ import pytest
 from conftest import QUICK
 from covering import covering
 from each import each
-from marching import INTEGRATORS, march
+from marching import march
 
 from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms.registry import problem
@@ -16,7 +16,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import EVALUATIONS, Scheme, Tolerance
+from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.study import config
 
 ENGINES = each("engine", [compiled_march, scipy_march])
@@ -98,22 +98,6 @@ def test_rule(subject, field, scaled, tolerance, cap, engine):
     np.testing.assert_allclose(state.multipliers, multipliers, rtol=0, atol=1e-6 * size)
 
 
-@each("integrator, form, evaluation", covering(INTEGRATORS, FORMS.values(), EVALUATIONS))
-def test_engines_count_alike(integrator, form, evaluation):
-    """Where rounding is far below the tolerance both engines meet it after as many corrections."""
-    subject = problem("four-bar")
-    for stop in (Tolerance(absolute=1e-6), Tolerance(relative=1e-7)):
-        scheme = Scheme(
-            integrator, form, named_scaling("optimal", form), 1e-3, 20, evaluation, stop=stop
-        )
-        counts = []
-        for engine in (compiled_march, scipy_march):
-            state = initial_state(subject, scheme)
-            counts.append(march(engine, subject, scheme, state, 0, 6)[1].tolist())
-        assert counts[0] == counts[1]
-        assert min(counts[0]) > 0
-
-
 @EVERY_FORM
 def test_tolerance_is_met_at_every_step_size_only_when_unknowns_are_scaled(form):
     """1e-8 on Andrews' mechanism: unscaled rounding of λ is larger below h = 1e-4.
@@ -169,13 +153,6 @@ def test_config_mistakes(tmp_path, old, new, line, words):
         config.load(path, "c.yaml")
     assert str(caught.value).startswith(f"c.yaml, line {line}: ")
     assert words in str(caught.value)
-
-
-def test_labels():
-    """As the CSV names it."""
-    assert Tolerance(absolute=1e-8).label == "absolute 1e-08"
-    assert Tolerance(relative=2.5e-8).label == "relative 2.5e-08"
-    assert Tolerance(1e-8, 1e-3).label == "absolute 1e-08 relative 0.001"
 
 
 def rows(cli):

@@ -6,14 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from each import each
-from hypothesis import given
-from hypothesis import strategies as st
 from mpmath import MPContext
 
 import newmark_cli as newmark
 from newmark_cli.errors import ArgumentError
 from newmark_cli.newmark.statistics import standard_error
-from newmark_cli.newmark.twins import spread
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.measures import MEASURES
 
@@ -71,16 +68,6 @@ def test_twins_are_other_marches_of_the_same_problem():
     np.testing.assert_array_equal(found.rounding["lambda"], again.rounding["lambda"])
 
 
-def test_precision_is_that_of_the_march():
-    """A twin in float32 starts a unit of float32 away."""
-    fine, coarse = (
-        newmark.march("pendulum", h=1e-2, t_end=0.5, every=0, twins=3, precision=precision)
-        for precision in ("float64", "float32")
-    )
-    ratio = coarse.rounding["v"].max() / fine.rounding["v"].max()
-    assert 1e7 < ratio < 1e11
-
-
 @each("options", [{"steps": True}, {"callback": print}, {"state": ...}])
 def test_twins_of_what_has_none(options):
     """A loop, a callback, a march that goes on: refused in one line."""
@@ -88,11 +75,6 @@ def test_twins_of_what_has_none(options):
         options = {"state": newmark.march("pendulum", h=1e-2, t_end=0.1).state}
     with pytest.raises(ArgumentError, match="twins: not with steps=True, callback or state"):
         newmark.march("pendulum", h=1e-2, t_end=0.5, twins=1, **options)
-
-
-def test_a_twin_that_does_not_arrive():
-    """Then nobody knows what rounding changes."""
-    assert np.isinf(spread([np.ones(3), np.empty(0)])).all()
 
 
 # -- the column of the CSV ----------------------------------------------------------------------
@@ -164,12 +146,3 @@ def test_the_error_of_an_rms_of_independent_steps():
     alike = [np.repeat(values[::20], 20) for values in draws]
     told = [standard_error(values) / np.sqrt(np.mean(values**2)) for values in alike]
     assert np.mean(told) == pytest.approx(1 / np.sqrt(40), rel=0.25)
-
-
-@given(st.lists(st.floats(1e-20, 1e3), min_size=2, max_size=40), st.integers(-40, 40))
-def test_the_error_has_the_unit_of_the_values(values, power):
-    """Multiplied by a power of two it is that power of two larger; alike, it is 0."""
-    values = np.array(values)
-    assert standard_error(2.0**power * values) == pytest.approx(2.0**power * standard_error(values))
-    assert standard_error(np.full(7, values[0])) == pytest.approx(0, abs=1e-12 * values[0])
-    assert np.isnan(standard_error(values[:1]))
