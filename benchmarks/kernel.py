@@ -25,7 +25,7 @@ from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.compiled_march import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, Scheme

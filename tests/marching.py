@@ -8,11 +8,11 @@ import pytest
 from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.linear.written.specialised import unspecialised
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State, recording
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import DIRECT, Scheme
-from newmark_cli.newmark.specialised import unspecialised
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.

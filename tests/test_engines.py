@@ -15,7 +15,7 @@ from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import scaled_jacobian
-from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling

@@ -9,16 +9,16 @@ from marching import STEP, copy
 
 from newmark_cli import machine_code
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel, static_elimination
+from newmark_cli.newmark import kernel
 from newmark_cli.newmark.compiled_march import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
-from newmark_cli.newmark.linear import exchanges, generated
 from newmark_cli.newmark.linear.assembly import Constants, Sums
-from newmark_cli.newmark.linear.generated import Written
-from newmark_cli.newmark.linear.lists import EliminationLists
 from newmark_cli.newmark.linear.ordering import Order
+from newmark_cli.newmark.linear.written import exchanges, generated, static_elimination
+from newmark_cli.newmark.linear.written.generated import Written
+from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
 from newmark_cli.newmark.scaling import named_scaling

@@ -17,9 +17,9 @@ from newmark_cli.newmark.formulation import NEWTON
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.linear import krylov
 from newmark_cli.newmark.linear.choice import Krylov
-from newmark_cli.newmark.linear.lists import EliminationLists
 from newmark_cli.newmark.linear.ordering import Order
 from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march import March, initial_state
 
 # -- the functions of a mechanism ---------------------------------------------------------------

@@ -12,12 +12,12 @@ from marching import copy, march
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.newmark import specialised
 from newmark_cli.newmark.compiled_march import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
-from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.linear.written import specialised
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme

@@ -14,7 +14,7 @@ from marching import in_motion, scheme_of, start
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.newmark import compiled_march, static_elimination
+from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
@@ -22,7 +22,8 @@ from newmark_cli.newmark.linear import exact
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC, choose
 from newmark_cli.newmark.linear.dense import DenseSystem, no_tables
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.linear.static import StaticBalancedJacobian, StaticSystem
+from newmark_cli.newmark.linear.written import static_elimination
+from newmark_cli.newmark.linear.written.static import StaticBalancedJacobian, StaticSystem
 from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import PIVOTING, Counts, recording
 from newmark_cli.newmark.monomial import Monomial

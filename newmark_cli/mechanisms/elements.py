@@ -335,7 +335,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
     )  # fmt: skip
 
 
-#: By itself, for `newmark_cli.newmark.specialised`.
+#: By itself, for `newmark_cli.newmark.linear.written.specialised`.
 accumulate = cached_njit(nogil=True, error_model="numpy")(
     getattr(_accumulate, "py_func", _accumulate)
 )

@@ -10,9 +10,11 @@ from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel, scipy_march
 from newmark_cli.newmark.constraints import Constraining, constraining_of
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
-from newmark_cli.newmark.linear.exchanges import Exchanges
-from newmark_cli.newmark.linear.generated import Written
-from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.linear.written.exchanges import Exchanges
+from newmark_cli.newmark.linear.written.generated import Written
+from newmark_cli.newmark.linear.written.specialised import specialised, unspecialised
+from newmark_cli.newmark.linear.written.static import StaticSystem
+from newmark_cli.newmark.linear.written.static_elimination import solve_in_order
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     PIVOTING,
@@ -24,8 +26,6 @@ from newmark_cli.newmark.march_data import (
     recording,
 )
 from newmark_cli.newmark.scheme import Scheme, Tolerance
-from newmark_cli.newmark.specialised import specialised, unspecialised
-from newmark_cli.newmark.static_elimination import solve_in_order
 from newmark_cli.problems.problem import Problem
 
 

@@ -14,7 +14,7 @@ from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
-from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1

@@ -26,11 +26,11 @@ from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Tangents, constraining_of
 from newmark_cli.newmark.formulation import RECOVERED
 from newmark_cli.newmark.linear.krylov import KrylovSystem
-from newmark_cli.newmark.linear.lists import EliminationLists
 from newmark_cli.newmark.linear.ordering import Order
 from newmark_cli.newmark.linear.sparse import SparseSystem, elimination_order
-from newmark_cli.newmark.linear.static import StaticSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
+from newmark_cli.newmark.linear.written.lists import EliminationLists
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values

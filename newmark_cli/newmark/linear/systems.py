@@ -10,7 +10,7 @@ from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, STATIC, Kry
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.krylov import KrylovSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.linear.static import StaticSystem
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values

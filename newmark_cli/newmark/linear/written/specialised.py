@@ -25,8 +25,8 @@ from newmark_cli.arrays import IndexArray
 from newmark_cli.cached_code import bitcode, cached_njit
 from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark import kernel
-from newmark_cli.newmark.linear import generated
-from newmark_cli.newmark.linear.generated import Written
+from newmark_cli.newmark.linear.written import generated
+from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.march_data import UNSOLVED, ProblemTables
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Elements, Problem

@@ -12,13 +12,13 @@ import numpy as np
 
 from newmark_cli.algebra import Factors
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.newmark import static_elimination
-from newmark_cli.newmark.linear import assembly, generated
+from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.dense import assembled, no_tables
-from newmark_cli.newmark.linear.generated import Written
-from newmark_cli.newmark.linear.lists import EliminationLists
 from newmark_cli.newmark.linear.ordering import Order
+from newmark_cli.newmark.linear.written import generated, static_elimination
+from newmark_cli.newmark.linear.written.generated import Written
+from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem

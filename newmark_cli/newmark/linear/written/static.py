@@ -7,14 +7,11 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.newmark import static_elimination
 from newmark_cli.newmark.constraints import Tangents
-from newmark_cli.newmark.linear import assembly, generated
+from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
 from newmark_cli.newmark.linear.dense import BalancedJacobian, DenseSystem
-from newmark_cli.newmark.linear.generated import Written
-from newmark_cli.newmark.linear.lists import EliminationLists
 from newmark_cli.newmark.linear.ordering import inverse, static_order
 from newmark_cli.newmark.linear.sparse import (
     SparseBalancedJacobian,
@@ -22,6 +19,9 @@ from newmark_cli.newmark.linear.sparse import (
     inverse_norm,
     mass_matrix,
 )
+from newmark_cli.newmark.linear.written import generated, static_elimination
+from newmark_cli.newmark.linear.written.generated import Written
+from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march_data import COMPLETED, MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values

@@ -227,5 +227,5 @@ def _call(typing, address, sources, rhs, constant, coefficients, work):
 def solve_generated(
     sources, rhs, constant, places, origins, coefficients, structure, room, work
 ):  # fmt: skip
-    """The same by the code that `linear.generated` has made for the pattern."""
+    """The same by the code that `generated` has made for the pattern."""
     return _call(room[ADDRESS], sources, rhs, constant, coefficients, work)  # type: ignore[call-arg]

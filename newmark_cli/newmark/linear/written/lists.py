@@ -3,9 +3,9 @@
 import numpy as np
 
 from newmark_cli.arrays import IndexArray
-from newmark_cli.newmark import static_elimination
 from newmark_cli.newmark.linear.assembly import Constants, Sums
 from newmark_cli.newmark.linear.ordering import Order, inverse
+from newmark_cli.newmark.linear.written import static_elimination
 from newmark_cli.newmark.march_data import MatrixTables
 
 
