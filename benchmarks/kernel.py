@@ -57,7 +57,8 @@ TORQUE = MECHANISM.torques["drive"].torque
 def scheme(evaluation=DIRECT):
     """The (u, λ) form, optimally scaled."""
     form = FORMS["u-lambda"]
-    return Scheme(Newmark(BETA, GAMMA), form, named_scaling("optimal", form), H, CAP, evaluation)
+    scaling = named_scaling("optimal", form)
+    return Scheme(Newmark(BETA, GAMMA), form, scaling, H, iteration_cap=CAP, evaluation=evaluation)
 
 
 SETTLED_BELOW = scheme().settled_below

@@ -135,7 +135,9 @@ def march_100(subject, engine, h, cap):
     """State after 100 steps, the change of Φ(high + low), and the rounding of one step's."""
     form = FORMS["u-lambda"]
     scaling = named_scaling("optimal", form)
-    scheme = Scheme(GeneralizedAlpha(0.9), form, scaling, h, cap, evaluation=COMPENSATED)
+    scheme = Scheme(
+        GeneralizedAlpha(0.9), form, scaling, h, iteration_cap=cap, evaluation=COMPENSATED
+    )
     state = initial_state(subject, scheme)
     begin = exact_phi(subject, exactly(state.past[0]))
     march(engine, subject, scheme, state, 0, 100)

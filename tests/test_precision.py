@@ -113,8 +113,9 @@ def test_march_computes_in_its_precision(form, evaluation, stop, precision):
     subject = problem("four-bar")
     integrator = BDF2() if evaluation == "direct" else GeneralizedAlpha(0.9)
     scheme = Scheme(
-        integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision, stop
-    )
+        integrator, form, named_scaling("optimal", form), 1e-3, evaluation=evaluation,
+        precision=precision, stop=stop,
+    )  # fmt: skip
     ours = require_interpreted_steps(subject, scheme, 3)
     assert {array.dtype for array in ours} == {np.dtype(precision)}
 
@@ -138,8 +139,8 @@ def test_formulations_march_in_their_precision(
     of = Formulation(formulation)
     form = of.applied(FORMS[name])
     scheme = Scheme(
-        integrator, form, named_scaling("optimal", form), 1e-3, 50, evaluation, precision,
-        None, of, Projection.parse(projection),
+        integrator, form, named_scaling("optimal", form), 1e-3, evaluation=evaluation,
+        precision=precision, formulation=of, projection=Projection.parse(projection),
     )  # fmt: skip
     require_interpreted_steps(subject, scheme, 2)
 

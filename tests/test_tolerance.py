@@ -89,7 +89,9 @@ def test_rule(subject, field, scaled, tolerance, cap, engine):
         subject, h, steps, cap, field, scaled, absolute, relative
     )
     scaling = named_scaling("optimal" if scaled else "none", form)
-    scheme = Scheme(Newmark(), form, scaling, h, cap, stop=Tolerance(absolute, relative))
+    scheme = Scheme(
+        Newmark(), form, scaling, h, iteration_cap=cap, stop=Tolerance(absolute, relative)
+    )
     state = initial_state(subject, scheme)
     _, iterations = march(engine, subject, scheme, state, 0, steps)
     assert iterations.tolist() == expected
@@ -108,8 +110,8 @@ def test_tolerance_is_met_at_every_step_size_only_when_unknowns_are_scaled(form)
     for h in (1e-4, 1e-5, 1e-6):
         for variant in PAPER_VARIANTS:
             scheme = Scheme(
-                GeneralizedAlpha(0.9), form, named_scaling(variant, form), h, 20,
-                stop=Tolerance(absolute=1e-8),
+                GeneralizedAlpha(0.9), form, named_scaling(variant, form), h,
+                iteration_cap=20, stop=Tolerance(absolute=1e-8),
             )  # fmt: skip
             state = initial_state(subject, scheme)
             _, iterations = march(compiled_march, subject, scheme, state, 0, steps)

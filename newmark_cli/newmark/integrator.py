@@ -116,23 +116,52 @@ class Integrator(Protocol):
         """Coefficients at step size h (s)."""
 
 
-def _alpha_relations(
-    beta: float, gamma: float, alpha_m: float, alpha_f: float, h: float
-) -> Relations:
+class _Labelled:
+    """What the CSV calls an integrator: its method, and its parameters to the last bit."""
+
+    @property
+    def label(self) -> str:
+        """How the CSV names it; `parse` reads it back."""
+        method = next(name for name, kind in INTEGRATORS.items() if isinstance(self, kind))
+        values = (f" {name}={float(getattr(self, name))!r}" for name in parameters(method))
+        return method + "".join(values)
+
+
+class _Alpha(_Labelled):
     """Newmark's V and K in an auxiliary acceleration a, which v' follows.
 
     (1 − α_m) a + α_m a_n = (1 − α_f) v' + α_f v'_n,  a_0 = v'_0; the past is
     (u_n, v_n, a_n, v'_n).
     """
-    return Relations(
-        v_from_a=gamma * h,
-        u_from_a=beta * h**2,
-        v_past=np.array([0.0, 1.0, (1 - gamma) * h, 0.0]),
-        u_past=np.array([1.0, h, (0.5 - beta) * h**2, 0.0]),
-        acceleration=np.array([1 - alpha_m, 0.0, 0.0, alpha_m, -alpha_f]) / (1 - alpha_f),
-        advance=np.array([NEW_U, NEW_V, NEW_A, TRUE_ACCELERATION]),
-        start=np.eye(3)[[0, 1, 2, 2]],
-    )
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """β, γ, α_m, α_f."""
+        raise NotImplementedError
+
+    @property
+    def order(self) -> int:
+        """Two."""
+        return 2
+
+    def symbols(self, h: float) -> dict[str, float]:
+        """β and γ per unit of v': Newmark's times (1 − α_f)/(1 − α_m)."""
+        beta, gamma, alpha_m, alpha_f = self.parameters
+        share = (1 - alpha_f) / (1 - alpha_m)
+        return {"beta": beta * share, "gamma": gamma * share, "h": h}
+
+    def relations(self, h: float) -> Relations:
+        """Coefficients over the past (u_n, v_n, a_n, v'_n) at step size h (s)."""
+        beta, gamma, alpha_m, alpha_f = self.parameters
+        return Relations(
+            v_from_a=gamma * h,
+            u_from_a=beta * h**2,
+            v_past=np.array([0.0, 1.0, (1 - gamma) * h, 0.0]),
+            u_past=np.array([1.0, h, (0.5 - beta) * h**2, 0.0]),
+            acceleration=np.array([1 - alpha_m, 0.0, 0.0, alpha_m, -alpha_f]) / (1 - alpha_f),
+            advance=np.array([NEW_U, NEW_V, NEW_A, TRUE_ACCELERATION]),
+            start=np.eye(3)[[0, 1, 2, 2]],
+        )
 
 
 def _refuse_outside(name: str, value: float, low: float, high: float, why: str) -> None:
@@ -141,7 +170,7 @@ def _refuse_outside(name: str, value: float, low: float, high: float, why: str) 
 
 
 @dataclass(frozen=True)
-class Newmark:
+class Newmark(_Labelled):
     """Newmark's scheme (eqs. 12b, 12c); β = 1/4, γ = 1/2 is the trapezoidal rule.
 
     Under constraints an alternating error of a and λ grows by a factor in every step
@@ -176,11 +205,6 @@ class Newmark:
             )
 
     @property
-    def label(self) -> str:
-        """Method and both parameters."""
-        return _label("newmark", self)
-
-    @property
     def order(self) -> int:
         """Two for γ = 1/2, else one."""
         return 2 if self.gamma == 0.5 else 1
@@ -209,7 +233,7 @@ class Newmark:
 
 
 @dataclass(frozen=True)
-class GeneralizedAlpha:
+class GeneralizedAlpha(_Alpha):
     """Generalized-α for constrained systems (Chung & Hulbert 1993; Arnold & Brüls 2007).
 
     Attributes:
@@ -230,16 +254,6 @@ class GeneralizedAlpha:
         _refuse_outside("rho", self.rho, 0, 1, "above 1 the scheme is unstable")
 
     @property
-    def label(self) -> str:
-        """Method and ρ∞."""
-        return _label("generalized-alpha", self)
-
-    @property
-    def order(self) -> int:
-        """Two."""
-        return 2
-
-    @property
     def damped(self) -> bool:
         """Whether ρ∞ < 1."""
         return self.rho < 1
@@ -252,17 +266,9 @@ class GeneralizedAlpha:
         gamma = 0.5 + alpha_f - alpha_m
         return (gamma + 0.5) ** 2 / 4, gamma, alpha_m, alpha_f
 
-    def symbols(self, h: float) -> dict[str, float]:
-        """β and γ per unit of v': Newmark's times (1 − α_f)/(1 − α_m)."""
-        return _alpha_symbols(*self.parameters, h)
-
-    def relations(self, h: float) -> Relations:
-        """Coefficients over the past (u_n, v_n, a_n, v'_n) at step size h (s)."""
-        return _alpha_relations(*self.parameters, h)
-
 
 @dataclass(frozen=True)
-class HHT:
+class HHT(_Alpha):
     """The method of Hilber, Hughes and Taylor (1977): generalized-α with α_m = 0.
 
     Attributes:
@@ -285,16 +291,6 @@ class HHT:
         )  # fmt: skip
 
     @property
-    def label(self) -> str:
-        """Method and α."""
-        return _label("hht", self)
-
-    @property
-    def order(self) -> int:
-        """Two."""
-        return 2
-
-    @property
     def damped(self) -> bool:
         """Whether α > 0."""
         return self.alpha > 0
@@ -304,32 +300,12 @@ class HHT:
         """β, γ, α_m, α_f."""
         return (1 + self.alpha) ** 2 / 4, 0.5 + self.alpha, 0.0, self.alpha
 
-    def symbols(self, h: float) -> dict[str, float]:
-        """β and γ per unit of v': Newmark's times 1 − α_f."""
-        return _alpha_symbols(*self.parameters, h)
-
-    def relations(self, h: float) -> Relations:
-        """Coefficients over the past (u_n, v_n, a_n, v'_n) at step size h (s)."""
-        return _alpha_relations(*self.parameters, h)
-
-
-def _alpha_symbols(
-    beta: float, gamma: float, alpha_m: float, alpha_f: float, h: float
-) -> dict[str, float]:
-    share = (1 - alpha_f) / (1 - alpha_m)
-    return {"beta": beta * share, "gamma": gamma * share, "h": h}
-
 
 @dataclass(frozen=True)
-class BDF1:
+class BDF1(_Labelled):
     """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
 
     description: ClassVar[str] = "implicit Euler method, order 1; no parameters"
-
-    @property
-    def label(self) -> str:
-        """The method."""
-        return _label("bdf1", self)
 
     @property
     def order(self) -> int:
@@ -359,7 +335,7 @@ class BDF1:
 
 
 @dataclass(frozen=True)
-class BDF2:
+class BDF2(_Labelled):
     """Two-step backward differences (Brenan, Campbell & Petzold 1996, Chapter 3).
 
     With the increments of the last step, w_n and ν_n, in place of u and v of the
@@ -371,11 +347,6 @@ class BDF2:
     """
 
     description: ClassVar[str] = "two-step backward differences, order 2; no parameters"
-
-    @property
-    def label(self) -> str:
-        """The method."""
-        return _label("bdf2", self)
 
     @property
     def order(self) -> int:
@@ -437,11 +408,6 @@ def is_trapezoidal(integrator: Integrator) -> bool:
 def parameters(method: str) -> tuple[str, ...]:
     """Names of a method's parameters."""
     return tuple(field.name for field in fields(INTEGRATORS[method]))
-
-
-def _label(method: str, integrator: Integrator) -> str:
-    values = (f" {name}={float(getattr(integrator, name))!r}" for name in parameters(method))
-    return method + "".join(values)
 
 
 def parse(label: str) -> Integrator:

@@ -169,7 +169,7 @@ def work(problem: Problem, scheme: Scheme, system: LinearSystem) -> Work:
     """
     values, derivatives = evaluation(problem)
     constraining = constraining_of(problem, scheme)
-    sparse = SparseSystem(problem, scheme)
+    sparse = system if isinstance(system, SparseSystem) else SparseSystem(problem, scheme)
     correction = values + 2 * sparse.terms
     if isinstance(system, StaticSystem):
         correction += elimination(system.elimination.lists)

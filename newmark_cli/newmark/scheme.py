@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -87,6 +87,7 @@ class Scheme:
     form: Form
     scaling: Scaling
     h: float
+    _: KW_ONLY
     iteration_cap: int = 50
     evaluation: str = DIRECT
     precision: str = "float64"

@@ -31,14 +31,14 @@ def scheme_of(cell: Cell) -> Scheme:
         form,
         cell.preconditioning.scaling(form),
         cell.h,
-        cell.iteration_cap,
-        cell.evaluation,
-        cell.precision,
-        cell.stop,
-        cell.formulation,
-        cell.projection,
-        cell.reported,
-        cell.start,
+        iteration_cap=cell.iteration_cap,
+        evaluation=cell.evaluation,
+        precision=cell.precision,
+        stop=cell.stop,
+        formulation=cell.formulation,
+        projection=cell.projection,
+        reported=cell.reported,
+        start=cell.start,
     )
 
 

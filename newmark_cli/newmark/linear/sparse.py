@@ -324,7 +324,6 @@ class SparseSystem:
         self.rows = self.order.rows[self._indices]
         self.columns = self.order.columns[keys // self.size]
         left, right = scaling_factors(scheme, n, m)
-        self._left, self._right = left, right
         self._entry_left, self._entry_right = left[self.rows], right[self.columns]
 
     def entries(self, values: Values, tangents: Tangents | None = None) -> Array:

@@ -1,8 +1,8 @@
 """Code that is written out for one mechanism, and elimination in an order that is fixed.
 
-An iteration on a small mechanism takes a third of a microsecond.  General loops, which look up
-where each number belongs, would take several times as long; so what a mechanism and a form
-decide once is decided before the march:
+An iteration on Andrews' mechanism takes 0.3 µs with written code, and 1.0 µs in general loops,
+which look up where each number belongs.  So what a mechanism and a form decide once is decided
+before the march:
 
 1. `lists` finds the fill of an elimination in a given order, and lists it.  The order is that
    of `newmark_cli.newmark.linear.ordering`, without row exchanges, or one in which partial
@@ -18,6 +18,4 @@ decide once is decided before the march:
 All code takes its numbers as arguments: one function serves every parameter, step size and
 scaling, and is kept on disk under a digest of the pattern.  It computes what the loops compute,
 to the same bits; `tests/test_specialised.py` and `tests/test_exchanges.py` hold them to that.
-On Andrews' mechanism an iteration takes 0.28 µs with written code and static elimination, 0.36 µs
-with partial pivoting, and twice to three times as long in loops.
 """
