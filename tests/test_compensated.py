@@ -16,7 +16,7 @@ from damped import damped
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, copy, march, one_ulp_apart, states
+from marching import EPS, INTEGRATORS, STEP, copy, march, states
 from mpmath import mp, mpf
 
 from newmark_cli.documents import DocumentError
@@ -24,15 +24,13 @@ from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
+from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import ProblemError
-from newmark_cli.report.fits import power_law
 from newmark_cli.study import config
-from newmark_cli.study.measures import corrections
 
 ENGINES = (compiled_march, scipy_march)
 
@@ -273,56 +271,6 @@ def assert_same_increments(subject, scheme, first, second):
 # Orders in h
 
 
-ORDERS = {
-    DIRECT: {"u": 0, "v": -1, "a": -2, "lambda": -2},
-    COMPENSATED: {"u": 1, "v": 0, "a": -1, "lambda": -1},
-}
-
-
-@cache
-def in_motion(name, h, t):
-    """A problem from where it is at time t; Andrews' mechanism starts at rest."""
-    subject, form = problem(name), FORMS["u-lambda"]
-    scheme = Scheme(
-        GeneralizedAlpha(0.9), form, named_scaling("optimal", form), h, evaluation=COMPENSATED
-    )
-    state = initial_state(subject, scheme)
-    march(compiled_march, subject, scheme, state, 0, round(t / h))
-    return replace(subject, u0=state.fields[0].copy(), v0=state.fields[1].copy())
-
-
-#: Problem → where it is in motion, step sizes, and how long it is marched.
-MEASURED = {
-    "andrews": (0.02, [1e-4, 1e-5, 2e-6], 5e-3),
-    "four-bar": (0.1, [1e-3, 1e-4, 2e-5], 5e-2),
-}
-
-
-@each("form, variant, evaluation, name", covering(FORMS, PAPER_VARIANTS, EVALUATIONS, MEASURED))
-def test_measured_orders(form, variant, evaluation, name):
-    """Physical corrections, ± 0.15: every form under every scaling, direct or compensated.
-
-    Of Andrews' mechanism or of one of our own; any two of these meet. From one start a slope
-    scatters by 0.05, so it is that of the mean over starts one unit in the last place apart.
-    """
-    begin, h, duration = MEASURED[name]
-    subject, form, logs = in_motion(name, 1e-5, begin), FORMS[form], {}
-    for step, start in itertools.product(h, one_ulp_apart(subject, 5)):
-        scheme = Scheme(Newmark(), form, named_scaling(variant, form), step, evaluation=evaluation)
-        state = initial_state(start, scheme)
-        norms, iterations = march(compiled_march, start, scheme, state, 0, round(duration / step))
-        assert np.all(iterations > 0)
-        for found in corrections(scheme, norms, iterations):
-            if found.measure == "physical_correction":
-                logs.setdefault(found.quantity, []).append(np.log(found.statistics.rms))
-    slopes = {
-        key: power_law(np.array(h), np.exp(np.reshape(rms, (len(h), -1)).mean(axis=1))).slope
-        for key, rms in logs.items()
-    }
-    expected = ORDERS[evaluation]
-    assert slopes == {key: pytest.approx(order, abs=0.15) for key, order in expected.items()}
-
-
 # Refusals
 
 
@@ -352,14 +300,6 @@ def definition(tmp_path, **changes):
     path = tmp_path / "pendulum.py"
     path.write_text(text)
     return python_problem.load(path, "pendulum", {}, "pendulum")
-
-
-def test_python_problems_say_that_they_are_quadratic(tmp_path):
-    """Only those that do; the shipped mechanisms are as they stand."""
-    assert definition(tmp_path).quadratic
-    assert not definition(tmp_path, QUADRATIC="False").quadratic
-    assert all(problem(name).quadratic for name in QUADRATIC)
-    assert not problem("shaken-pendulum").quadratic
 
 
 @each("changes, words", [

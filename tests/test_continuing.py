@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-import re
 import warnings
 from functools import cache
 
@@ -121,30 +120,6 @@ def test_what_is_said():
         "pendulum", h=0.005, t_end=2, state=halfway(0.01), integrator=ALPHA, projection="velocity"
     )
     assert error(rest) < 2e-4
-
-
-@each(
-    "first, second, said",
-    [
-        ({}, {"integrator": "bdf2"}, "integrator generalized-alpha rho=0.9, here bdf2"),
-        ({}, {"formulation": "index-2"}, "projection index-3, none, here index-2, none"),
-        ({"formulation": "index-2"}, {}, "projection index-2, none, here index-3, none"),
-        ({"formulation": "index-2"}, {"formulation": "ggl"}, "index-2, none, here ggl, none"),
-        ({"formulation": "index-1"}, {"formulation": "index-2"}, "index-1, none, here index-2"),
-        ({"formulation": "index-1"}, {"multipliers": "recovered"}, "index-1, none, here index-3"),
-        ({}, {"projection": "velocity", "multipliers": "total"}, "leave multipliers='auto'"),
-        ({}, {"evaluation": "compensated", "h": 0.005}, "h = 0.01, here 0.005"),
-        ({"evaluation": "compensated", "h": 1e-5}, {"h": 2e-5}, "h = 1e-05, here 2e-05"),
-        ({"h": 1e-4}, {"h": 5e-5}, "h = 0.0001, here 5e-05"),
-        ({"precision": "float32", "h": 0.05}, {"h": 0.1}, "h = 0.05, here 0.1"),
-    ],
-)
-def test_other_changes_that_lose_the_order(first, second, said):
-    """Of the integrator or what is enforced, at the same h; in every evaluation and precision."""
-    known = {"h": 0.01, "integrator": ALPHA, "form": "a-lambda", "linear_solver": "dense-lu"}
-    state = newmark.march("pendulum", v0=[0, 1], steps=90, every=0, **known | first).state
-    with pytest.warns(newmark.NewmarkWarning, match=re.escape(said)):
-        newmark.march("pendulum", steps=1, state=state, **known | second)
 
 
 def test_states_remember_their_h():

@@ -75,18 +75,6 @@ def test_the_same_bits(subject, form, variant, integrator, evaluation, precision
         np.testing.assert_array_equal(mine, theirs)
 
 
-def test_ever_other_exchanges():
-    """Andrews' mechanism in large steps: code is given up in each, and is looked up so often."""
-    subject, seen = problem("andrews"), []
-    scheme = scheme_of("u-lambda", "optimal", 1e-3)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(exchanges, "_PATIENCE", 5)
-        _, code = run(subject, scheme, 20, 20, after_stretch=lambda ex: seen.append(ex.given_up))
-    for mine, theirs in zip(code, run(subject, scheme, 20, NEVER)[1], strict=True):
-        np.testing.assert_array_equal(mine, theirs)
-    assert max(seen) == 20
-
-
 def test_the_march_halts_where_code_is_given_up(monkeypatch):
     """After so many such steps, and not at the end of a stretch only."""
     halts, took = [], exchanges.Exchanges.took

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import math
 import re
 from pathlib import Path
 
@@ -13,13 +12,8 @@ from conftest import QUICK
 from each import each
 
 import newmark_cli
-from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import (
-    FormulationError,
-)
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.newmark.truncation import ROUNDING
 from newmark_cli.report import formulation_tables
 from newmark_cli.report.verdicts import MISS, PASS, UNDECIDED, Evidence, judge
 from newmark_cli.report.words import in_words
@@ -75,14 +69,6 @@ def test_predictions_follow_the_formulation():
     assert predicted("correction", "eta", formulation="ggl") == 0
     assert predicted("sensitivity", "eta", formulation="ggl", row_block="Cv") == 1
     assert predicted("sensitivity", formulation="ggl", row_block="C") == -1
-
-
-def test_drift_of_index_3_is_shown_not_judged():
-    """As before there were formulations; projected, it is judged."""
-    assert math.isnan(predicted("invariant", "position"))
-    assert predicted("invariant", "position", projection="velocity") == ROUNDING
-    assert predicted("invariant", "position", formulation="baumgarte rate_h=2") == 3
-    assert math.isnan(predicted("invariant", "position", formulation="ggl", stop="1e-8 q"))
 
 
 # -- verdicts --------------------------------------------------------------------------------
@@ -175,20 +161,6 @@ def test_orders_of_a_config_with_formulations(cli):
     ]
 
 
-def test_orders_refuses_formulations(cli):
-    """Unknown ones, wrong parameters, and a config besides."""
-    assert "did you mean 'ggl'" in cli.refused("orders", "--formulation", "gg")
-    assert "formulation ggl has no 'rate'; it has none" in cli.refused(
-        "orders", "--formulation", "ggl rate=1"
-    )
-    assert "rate = -1: must be positive" in cli.refused(
-        "orders", "--formulation", "baumgarte rate=-1"
-    )
-    assert "--config already names" in cli.refused(
-        "orders", "--formulation", "ggl", "--config", "x"
-    )
-
-
 def test_tables_of_formulations(cli):
     """Markdown, which docs/theory.md has, CSV and LaTeX of every formulation and form."""
     done = cli("tables", "--formulations")
@@ -238,11 +210,3 @@ def test_scaling_of_a_formulation(form):
     assert other.left["B"] == pytest.approx(0.25e-4)
     assert other.formulation == "baumgarte rate_h=2.0"
     assert newmark_cli.scaling(form, h=1e-2, formulation="index-1").left["Ca"] == other.left["B"]
-
-
-def test_scaling_refuses_formulations():
-    """Unknown text, and what is none at all."""
-    with pytest.raises(FormulationError, match="did you mean 'ggl'"):
-        newmark_cli.scaling("a-lambda", h=1e-2, formulation="gg")
-    with pytest.raises(DocumentError, match="formulation: must be a mapping"):
-        newmark_cli.scaling("a-lambda", h=1e-2, formulation=3)

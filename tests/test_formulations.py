@@ -34,7 +34,6 @@ from newmark_cli.newmark.formulation import (
 )
 from newmark_cli.newmark.integrator import BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import form_blocks, scaling_factors
-from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.linear.dense import condition_number
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import March
@@ -431,23 +430,6 @@ def test_engines_agree_on_other_constraints(
     assert_engines_agree(name, formulation, form, integrator, variant, DIRECT, projection, engines)
 
 
-@each(
-    "formulation, form, name, projection",
-    covering(FORMULATIONS, KEPT, ["general", "quadrics"], PROJECTIONS),
-)
-def test_the_kernel_agrees_as_python_runs_it(formulation, form, name, projection):
-    """The kernel without numba takes the step of the SciPy march.
-
-    It is the same code; where it is changed to see whether a test notices, nothing has to be
-    compiled.
-    """
-    evaluation = COMPENSATED if name == "quadrics" else DIRECT
-    assert_engines_agree(
-        name, formulation, form, GeneralizedAlpha(0.8), "optimal", evaluation, projection,
-        engines=("interpreted", "dense"),
-    )  # fmt: skip
-
-
 @each("formulation, engine", itertools.product(FORMULATIONS, ["interpreted", "dense"]))
 def test_carried_sums_are_the_constraints_at_the_end(formulation, engine):
     """Compensated: Φ and Ψ, summed up from increments, are those of u and v, to rounding.
@@ -565,22 +547,6 @@ def test_the_kernel_computes_in_single_precision(formulation):
             unit = 2.0**-23
             assert 0 < np.abs(one.fields[0] - other.fields[0]).max() < 30 * unit
             assert np.abs(one.fields[1] - other.fields[1]).max() < 100 * unit / h
-
-
-@each("formulation", ["index-2", "index-1", "baumgarte rate_h=1", "ggl"])
-def test_krylov_solvers_take_formulations(formulation):
-    """GMRES takes the step that the factors take, to its tolerance."""
-    subject, h = subject_of("andrews"), 1e-5
-    for form in ("u-lambda", "a-lambda", "u-v-a-lambda"):
-        scheme = scheme_of(formulation, form, h, projection="velocity")
-        direct = March(subject, scheme)
-        krylov = March(subject, scheme, "gmres", Krylov(tolerance=1e-12))
-        for march in (direct, krylov):
-            march.advance(3)
-            assert march.ending == COMPLETED
-        difference, size = balanced_difference(subject, scheme, direct.state, krylov.state)
-        assert difference <= 1e-11 * size
-        assert krylov.system.iterations
 
 
 @each("formulation", FORMULATIONS)

@@ -153,22 +153,6 @@ def test_multipliers_of_andrews(formulation):
             assert found == pytest.approx(error, rel=0.08)
 
 
-def test_recovered_multipliers_of_andrews():
-    """Order 2 from u and v: with velocities projected also after the trapezoidal rule.
-
-    Newton's are lost there.
-    """
-    assert andrews_error("index-3", "a-lambda", 1e-5, TRAPEZOIDAL) > 0.02
-    expected = {"none": 3.8e-5, "velocity": 3.7e-5, "velocity accelerations": 2.5e-5}
-    for projection, error in expected.items():
-        integrators = (DAMPED,) if projection == "none" else (TRAPEZOIDAL, DAMPED)
-        for integrator in integrators:
-            found = andrews_error(
-                "index-3", "a-lambda", 1e-5, integrator, projection=projection, reported=RECOVERED
-            )
-            assert found == pytest.approx(error, rel=0.05)
-
-
 #: Drift of Andrews at h = 1e-5: largest |Φ| and |Gᵀv| until the end; None where it is rounding.
 DRIFT = {
     "index-3": (None, 9.9e-7),
@@ -202,21 +186,6 @@ def test_drift(formulation):
             assert found[1][k] == pytest.approx(expected, rel=0.1)
             order = 3 if formulation == "baumgarte rate_h=1" and k == 0 else 2
             assert np.log2(found[0][k] / found[1][k]) == pytest.approx(order, abs=0.2)
-
-
-@each("engine", ["kernel", "dense"])
-def test_the_augmented_lagrangian_contracts_by_its_factor(engine):
-    """One constraint: each correction of λ is 1/(1 + k) of the one before."""
-    for factor in (3.0, 10.0):
-        sizes = []
-        for cap in (3, 4, 5):
-            scheme = scheme_of(
-                f"augmented-lagrangian factor={factor}", "a-lambda", 1e-2, iteration_cap=cap
-            )
-            march = march_of(subject_of("thrown"), scheme, engine)
-            sizes.append(march.advance(1).norms[0, 1])
-        ratios = np.array(sizes[1:]) / sizes[:-1]
-        np.testing.assert_allclose(ratios, 1 / (1 + factor), rtol=0.02)
 
 
 def test_the_augmented_lagrangian_needs_a_penalty_that_grows():
@@ -279,35 +248,3 @@ def test_the_corrected_start_repairs_the_trapezoidal_rule():
     ]
     np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.1)
     assert errors[-1] < 3e-6
-
-
-def test_a_corrected_start_carries_what_its_velocities_miss():
-    """Compensated: Ψ starts from Gᵀδv, so that index 2 returns to Gᵀv = 0."""
-    scheme = scheme_of(
-        "index-2", "a-lambda", 1e-2, TRAPEZOIDAL, start=CORRECTED, evaluation=COMPENSATED
-    )
-    march = March(subject_of("thrown"), scheme)
-    rate = Index1(march.problem).rate(0.0, march.state.fields[0], march.state.fields[1])
-    np.testing.assert_array_equal(march.state.psi, rate)
-    assert rate[0] == pytest.approx(-3 * 1e-4 / 12, rel=1e-9)
-    march.advance(1)
-    u, v = march.state.fields[:2]
-    assert abs(Index1(march.problem).rate(march.t, u, v)[0]) < 1e-15
-
-
-def test_accelerations_that_miss_the_constraints():
-    """a₀ off by 1 %, trapezoidal, compensated: λ of index 3 is lost, that of others not."""
-
-    def off(state):
-        change = along_constraints(0.01 * float(np.linalg.norm(state.fields[2])))
-        for accelerations in (state.fields[2], state.past[2]):
-            accelerations += change
-
-    def error(formulation, h=5e-6):
-        return andrews_error(
-            formulation, "a-lambda", h, TRAPEZOIDAL, evaluation=COMPENSATED, change=off
-        )
-
-    assert error("index-3", 1e-5) > 0.5
-    for formulation, expected in (("index-2", 5.4e-6), ("ggl", 6.4e-6), ("index-1", 4.0e-6)):
-        assert error(formulation) == pytest.approx(expected, rel=0.1)

@@ -10,14 +10,8 @@ from mpmath import ellipfun, mp, mpf
 
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import compiled_march, march_data
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
-from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study import measures
@@ -146,36 +140,6 @@ def test_errors_are_relative_in_the_max_norm():
     assert found["v"].tolist() == [[0, 0]]
     assert found["lambda"] == pytest.approx(np.array([[1e-10]]), rel=1e-6)
     assert [off.shape for off in measures.errors(None, state).values()] == [(0, 1)] * 3
-
-
-@each(
-    "name, t_end, h, multipliers",
-    [
-        ("pendulum", 0.6, [1e-1, 3e-2, 1e-2, 3e-3], (0, 0.1)),
-        ("slider-crank", 0.3, [3e-3, 1e-3, 3e-4], (5, 10)),
-    ],
-)
-def test_trapezoidal_rule_misses_energy_and_rate_at_second_order(name, t_end, h, multipliers):
-    """Φ is solved for, at every step; Φ' and the energy follow at order 2, λ need not."""
-    subject, form, integrator = problem(name), FORMS["u-lambda"], Newmark()
-    found = []
-    for step in h:
-        scheme = Scheme(integrator, form, named_scaling("optimal", form), step)
-        state, samples = initial_state(subject, scheme), []
-        steps = round(t_end / step)
-        for first in range(0, steps, steps // 2):
-            ending = compiled_march.march(
-                subject, scheme, state, first,
-                np.zeros((steps // 2, 2)), np.zeros(steps // 2, np.int64),
-            )  # fmt: skip
-            assert ending == (march_data.COMPLETED, steps // 2)
-            samples.append(invariants(subject, (first + steps // 2) * step, state))
-        found.append(relative(subject, samples))
-    for quantity in ("velocity", "energy"):
-        values = [entry[quantity] for entry in found]
-        assert np.polyfit(np.log(h), np.log(values), 1)[0] == pytest.approx(2.0, abs=0.15)
-    assert all(entry["position"] < 1e-12 for entry in found)
-    assert all(multipliers[0] < entry["multiplier"] < multipliers[1] for entry in found)
 
 
 SPRUNG = (
@@ -315,15 +279,3 @@ def test_energy_of_a_python_problem():
     gained = 0.5 * (2 * v[0] ** 2 + 3 * v[1] ** 2)
     assert found.errors == pytest.approx([gained - 3.2])
     assert found.sizes == pytest.approx([gained + 3.2])
-
-
-def test_andrews_published_state_keeps_its_invariants():
-    """Points of the table are off the loops by what their angles are off."""
-    subject = problem("andrews")
-    with mp.workdps(30):
-        parts = oracles.andrews_points(oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES)
-    u, v = (np.array(part, float) for part in parts)
-    found = relative(subject, [invariants(subject, 0.03, consistent(subject, u, v))])
-    assert found["position"] < 1e-9
-    assert found["velocity"] < 1e-8
-    assert found["multiplier"] < 1e-12

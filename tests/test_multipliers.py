@@ -229,21 +229,6 @@ def test_a_driven_point_with_any_mass_does_not_rule(tmp_path, turned):
     assert parts[0].min() == pytest.approx(1)
 
 
-def test_what_carries_no_load_is_compared_with_what_does(tmp_path):
-    """A block on a rail, drawn by a spring from a driven point: only the drive does work."""
-    path = tmp_path / "base.yaml"
-    path.write_text(
-        "points: {C: {at: [0, 0], mass: 1}, S: {at: [1, 0], mass: 1}}\n"
-        "sliders: {one: {point: C, through: [0, 0], direction: [1, 0]},\n"
-        "          two: {point: S, through: [0, 0], direction: [1, 0]}}\n"
-        "springs: {s: {from: C, to: S, stiffness: 5, rest_length: 0.9}}\n"
-        "motions: {drive: {point: C, x: {acceleration: 3}}}\n"
-    )
-    multipliers, found = at_start(loading.load(path, "base"))
-    assert np.abs(multipliers) == pytest.approx([0, 0, 2.5], abs=1e-12)
-    np.testing.assert_allclose(found.scales(multipliers), 2.5)
-
-
 def test_the_largest_multiplier_of_each_step():
     """In the unit of the constraint with the largest of all; at rest there is none."""
     _, found = at_start(problem("slider-crank"))

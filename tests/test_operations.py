@@ -15,8 +15,6 @@ from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark import kernel, operations, scipy_march
 from newmark_cli.newmark.formulation import NEWTON
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.linear import krylov
-from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.linear.ordering import Order
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written.lists import EliminationLists
@@ -206,31 +204,6 @@ def test_corrections_of_positions_are_counted_by_each_engine():
 
 
 # -- Krylov solvers -----------------------------------------------------------------------------
-
-
-def test_gmres_counts_what_it_multiplies(monkeypatch):
-    """Its products, those of its basis and those with the matrix: within 15 %."""
-    subject = Sized("random-chain", (("links", 30),)).load()
-    scheme = scheme_of("index-3", integrator=Newmark(), h=1e-3)
-    march = March(subject, scheme, "gmres", Krylov())
-    done = 0
-
-    def counting(first, second, product=krylov.product):
-        nonlocal done
-        found = product(first, second)
-        done += 2 * first.size * (second.shape[1] if second.ndim == 2 else 1)
-        return found
-
-    monkeypatch.setattr(krylov, "product", counting)
-    march.advance(2)
-    counts = march.system.iterations
-    done += 2 * march.system.entries * sum(counts)
-    assert sum(counts) > 40
-    assert 0.85 < operations.krylov(march.system, counts) / done < 1.15
-    assert operations.of_march(march) == (
-        len(counts) * operations.work(subject, scheme, march.system).correction
-        + operations.krylov(march.system, counts)
-    )
 
 
 # -- studies ------------------------------------------------------------------------------------

@@ -16,12 +16,12 @@ from numba import njit
 from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import compiled_march, kernel, march_data
+from newmark_cli.newmark import compiled_march, kernel
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS, Formulation, Projection
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
+from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 from newmark_cli.study import config
 
@@ -146,33 +146,6 @@ def test_formulations_march_in_their_precision(
 
 
 # Floors
-
-
-DAMPED = GeneralizedAlpha(0.9)
-
-
-@each("form", FORMS.values())
-def test_row_k_needs_left_scaling_below_the_root_of_rounding(form):
-    """Where h² < eps, elimination loses β/γ h in row K unless row D is scaled down to it.
-
-    Row D has X = O(1) and M/(γh) or larger; chosen as the pivot, it wipes row K out
-    and leaves a zero.  In double precision this begins at h = 1e-8.
-    """
-    subject, h, steps = problem("pendulum"), 1e-4, 10_000
-    assert h**2 < np.finfo(np.float32).eps
-    endings = {}
-    for variant in PAPER_VARIANTS:
-        scheme = Scheme(DAMPED, form, named_scaling(variant, form), h, precision="float32")
-        state = initial_state(subject, scheme)
-        norms, iterations = np.zeros((steps, len(form.unknowns))), np.zeros(steps, np.int64)
-        endings[variant] = compiled_march.march(subject, scheme, state, 0, norms, iterations)[0]
-    unscaled = march_data.SINGULAR if "K" in form.rows else march_data.COMPLETED
-    assert endings == {
-        "none": unscaled,
-        "left": march_data.COMPLETED,
-        "right": unscaled,
-        "optimal": march_data.COMPLETED,
-    }
 
 
 # Refusals

@@ -406,17 +406,6 @@ def test_index_1_system_by_both_factorisations(monkeypatch):
     np.testing.assert_allclose(gradient @ normal, subject.M @ (v - speed), atol=1e-11)
 
 
-def test_long_chain():
-    """Sparse factors along the whole motion; its energy, which nothing enforces, is kept."""
-    subject = FAMILIES["chain"].problem("chain", {"links": 60})
-    found = solution(subject, 1.0)
-    assert found.u_error < 1e-12
-    begin, end = (
-        subject.energies(*at) for at in ((0, subject.u0, subject.v0), (1, found.u, found.v))
-    )
-    assert sum(end) == pytest.approx(sum(begin), abs=1e-11 * end[0])
-
-
 @each(
     "limit, value, words",
     [

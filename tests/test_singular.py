@@ -12,11 +12,8 @@ from scipy.integrate import solve_ivp
 from newmark_cli import apart
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.known import KNOWN
-from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import PythonFactory
-from newmark_cli.problems import collocation, reference, singular
-from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems import singular
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.problems.singular import Crossing, crossings
 
@@ -231,22 +228,6 @@ def test_driven_through(tmp_path):
         assert relative_error(found.v, np.array([1.2 * y / x, -1.2, 1.2 * y / x, -1.2])) < 1e-11
 
 
-def test_large_problems_end_there(monkeypatch):
-    """At once, in a line; where they pass by luck they are what they were."""
-    subject = FAMILIES["four-bars"].problem("four-bars", {"windows": 1})
-    through = solution(subject, 1.0)
-    monkeypatch.setattr(collocation, "LARGEST", 5)
-    assert relative_error(solution(subject, 1.0).u, through.u) < 1e-11
-    subject = FAMILIES["four-bars"].problem("four-bars", {"windows": 2})
-    monkeypatch.setattr(collocation, "LARGEST", 10)
-    with pytest.raises(
-        NoReference,
-        match=r"no reference beyond t = 0\.71\d*, where the constraints lose rank: a problem of "
-        "more than 10 coordinates and constraints is not followed through",
-    ):
-        solution(subject, 2.0)
-
-
 @each("weight, right", [(9.81, True), (9.8, False)])
 def test_python_problem_through_its_dead_centre(tmp_path, monkeypatch, weight, right):
     """Plain functions, tangents by differences: the slider-crank in three coordinates.
@@ -279,18 +260,6 @@ def test_python_problem_through_its_dead_centre(tmp_path, monkeypatch, weight, r
     u, v = (part[:3] for part in SLIDER_CRANK.at(0.6, 1.9))
     assert relative_error(found.u, u) < 1e-10
     assert relative_error(found.v, v) < 1e-10
-
-
-@each("nodes", [8, 10, 12])
-def test_collocation_alone(nodes):
-    """On the pendulum: as good as rounding allows, whatever the number of nodes."""
-    subject = problem("pendulum")
-    system = Index1(subject)
-    sizes = reference._initial_sizes(system, 3.0)
-    found = collocation.motion(subject, 3.0, sizes, nodes, 1e-14, system.projected, lambda: None)
-    exact = KNOWN["pendulum"](3.0)
-    assert relative_error(found.u, exact.u) < 1e-12
-    assert relative_error(found.v, exact.v) < 1e-12
 
 
 @each("angle", [0.0, 1e-6, 0.01, 0.3])
