@@ -16,7 +16,6 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.report import formulation_tables
 from newmark_cli.report.verdicts import MISS, PASS, UNDECIDED, Evidence, judge
-from newmark_cli.report.words import in_words
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
 

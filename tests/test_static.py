@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import in_motion, scheme_of, start
 
+import newmark_cli as newmark
+from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
