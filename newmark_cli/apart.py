@@ -351,9 +351,7 @@ def _import_rest() -> None:
     """What the cells need, while the first process loads a problem."""
     for name in _IMPORTED:
         importlib.import_module(name)
-    from newmark_cli.problems import python_problem
-
-    python_problem.warm()
+    importlib.import_module(_FIRST).warm()
     gc.collect()
     gc.freeze()  # a collection in a fork would copy every page
 

@@ -153,7 +153,7 @@ REPEAT = (
         usual="1",
         initial="1",
         since=(6, 6),
-        config=lambda: _keys().OneOrMore[str],
+        config=lambda keys: keys.OneOrMore[str],
         default=("1",),
         about="names of repetitions",
     )

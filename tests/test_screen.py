@@ -17,7 +17,7 @@ import newmark_cli
 from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import as_json_text
 from newmark_cli.errors import one_line, visible, visible_lines
-from newmark_cli.report import check, draw, paper_tables, text
+from newmark_cli.report import check, draw, text
 from newmark_cli.report.panels import Layout, Panel, Sheet, Trace, look
 from newmark_cli.report.style import rendered
 
@@ -208,7 +208,7 @@ def test_a_mechanism_of_any_name_is_drawn(cli):
 
 def test_latex_takes_names_as_text():
     """Nothing of a name is a command, a ligature of signs, or ends a line."""
-    found = paper_tables.latex_text('\\input{/etc/passwd} $ % & _ # { } ~ ^ \\ < > | " `\n\n' + BAD)
+    found = text.latex_text('\\input{/etc/passwd} $ % & _ # { } ~ ^ \\ < > | " `\n\n' + BAD)
     without = re.sub(r"\\(textbackslash|textasciitilde|textasciicircum|textless|textgreater"
                      r"|textbar|textasciigrave|char34)\{\}|\\[&%$#_{}]", "", found)  # fmt: skip
     assert not set(without) & set('\\{}$%&_#~^<>|"`')

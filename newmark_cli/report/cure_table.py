@@ -27,16 +27,16 @@ from newmark_cli.report.cures import (
     Cure,
 )
 from newmark_cli.report.curves import Curve
-from newmark_cli.report.figures import Figure, Results
 from newmark_cli.report.fits import format_order
 from newmark_cli.report.panels import Legend, Panel, Sheet
-from newmark_cli.report.text import markdown
+from newmark_cli.report.text import latex_text, markdown
 from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.report.work import costs
 from newmark_cli.study import results
 from newmark_cli.study.axes import SeriesKey
 
 if TYPE_CHECKING:
+    from newmark_cli.report.figures import Figure, Results
     from newmark_cli.report.slopes import Slope
 
 #: Where orders are read, and where the alternation starts with the motion.
@@ -99,7 +99,7 @@ class Evidence:
         results: What they come from.
     """
 
-    def __init__(self, found: Results) -> None:
+    def __init__(self, found: "Results") -> None:
         """Take results that have the studies."""
         self.results = found
         self._by_key: Mapping[SeriesKey, Slope] = found.by_key
@@ -305,7 +305,7 @@ SYMPTOMS = (
 )  # fmt: skip
 
 
-def build(found: Results) -> dict[tuple[str, str], Cell]:
+def build(found: "Results") -> dict[tuple[str, str], Cell]:
     """Cells by cure and symptom.
 
     Raises:
@@ -382,9 +382,6 @@ def as_markdown(cells: Mapping[tuple[str, str], Cell]) -> str:
 
 def as_latex(cells: Mapping[tuple[str, str], Cell]) -> str:
     """The table of each group as a journal takes it, as wide as the page."""
-    # Which imports the figures, of which this is one.
-    from newmark_cli.report.paper_tables import latex_text
-
     parts = ["% needs \\usepackage{booktabs,graphicx}; glyphs of Unicode: lualatex or xelatex"]
     for group, (_, rows) in zip(GROUPS, grids(cells), strict=True):
         lines = [" & ".join(map(latex_text, row)) + r" \\" for row in rows]
@@ -483,7 +480,7 @@ def _width(symptom: Symptom) -> float:
     return _WIDTHS.get(symptom.name, _OTHER)
 
 
-def sheet(figure: Figure, found: Results) -> Sheet:
+def sheet(figure: "Figure", found: "Results") -> Sheet:
     """The table as one panel.
 
     Args:

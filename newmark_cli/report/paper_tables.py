@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli import files
-from newmark_cli.errors import ResultsError, visible
+from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import FIELDS
@@ -26,7 +26,7 @@ from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.report.fits import Fit, fit_parts, format_fit, format_order, power_law
 from newmark_cli.report.slopes import Slope
-from newmark_cli.report.text import markdown
+from newmark_cli.report.text import latex_text, markdown
 from newmark_cli.report.verdicts import MISS, PASS
 from newmark_cli.study import results
 
@@ -264,12 +264,6 @@ NOTE = (
 )
 
 #: Characters that LaTeX does not print as they are.
-_SPECIAL = {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
-    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\char34{}",
-    "`": r"\textasciigrave{}",
-}  # fmt: skip
 GREEK = {"lambda": r"\lambda", "eta": r"\eta", "beta": r"\beta", "gamma": r"\gamma"}
 _SUBJECTS = {
     1: "orders in $h$ of the last decreasing Newton corrections and of the condition number $C$, "
@@ -415,11 +409,6 @@ def latex_factor(text: str) -> str:
     if below:
         divisor = f"/({divisor})" if len(below) > 1 else f"/{divisor}"
     return f"${' '.join(above)}{divisor}$"
-
-
-def latex_text(text: str) -> str:
-    """Text that LaTeX prints as it is."""
-    return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))
 
 
 def _title(problem: str) -> str:

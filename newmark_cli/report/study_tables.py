@@ -5,8 +5,9 @@ from collections.abc import Iterable, Sequence
 from newmark_cli.errors import InputError
 from newmark_cli.report.check import format_prediction
 from newmark_cli.report.fits import format_fit
-from newmark_cli.report.paper_tables import latex_row, latex_table, latex_text, markdown_table
+from newmark_cli.report.paper_tables import latex_row, latex_table, markdown_table
 from newmark_cli.report.slopes import Slope
+from newmark_cli.report.text import latex_text
 from newmark_cli.report.words import joined_values
 from newmark_cli.spelling import nearest
 from newmark_cli.study import results

@@ -184,3 +184,17 @@ def format_orders(slope: "Slope") -> str:
         "–" if math.isnan(order) else f"{order:.2f}".replace("-", "−")
         for order in slope.local_orders
     )
+
+
+#: Letters that mean something to LaTeX.
+_SPECIAL = {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\char34{}",
+    "`": r"\textasciigrave{}",
+}  # fmt: skip
+
+
+def latex_text(text: str) -> str:
+    """Text that LaTeX prints as it is."""
+    return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))

@@ -64,9 +64,10 @@ class Axis:
         inner: Whether it varies inside the axes that are not, in a study's order of cells.
         since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
             brought it: columns are appended, never moved.
-        config: What a config may give, as an annotation of pydantic; None where the key
-            is not the config's.
-        default: What a config that lacks the key means.
+        config: What a config may give, as an annotation of pydantic, from the module
+            `newmark_cli.study.keys`, which those who read CSVs do without; None where the
+            key is not the config's.
+        default: What a config that lacks the key means, or a function of the same module.
         about: What the key means, for JSON Schema and the docs.
         shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
         many: Whether a config may give several values, which then span a grid.
@@ -84,7 +85,7 @@ class Axis:
     computed: bool = True
     inner: bool = False
     since: tuple[int, int] = (3, 3)
-    config: Callable[[], Any] | None = None
+    config: Callable[[Any], Any] | None = None
     default: Any = ...
     about: str = ""
     shows: str = ""
@@ -123,13 +124,6 @@ def _axis(name: str, declared: dict[str, Any]) -> Axis:
     return Axis(name, title, write, **declared)
 
 
-def _keys() -> Any:
-    # Pydantic is for configs; those who read CSVs do without.
-    from newmark_cli.study import keys
-
-    return keys
-
-
 @dataclass(frozen=True, kw_only=True)
 class Cell:
     """One cell's computation; steps = 0 measures at the consistent initial state."""
@@ -137,7 +131,7 @@ class Cell:
     problem: "ProblemSpec" = axis(
         write=lambda cell: cell.problem.label,
         since=(0, 1),
-        config=lambda: _keys().Problems,
+        config=lambda keys: keys.Problems,
         about="name of a problem, mechanism file, family with its size, Python factory, or a list",
         shows="the problem, as the config names it",
     )
@@ -145,15 +139,15 @@ class Cell:
         write=lambda cell: cell.integrator.label,
         usual=TRAPEZOIDAL,
         since=(0, 1),
-        config=lambda: _keys().Integrators,
-        default=lambda: (_keys().IntegratorConfig(),),
+        config=lambda keys: keys.Integrators,
+        default=lambda keys: (keys.IntegratorConfig(),),
         about="an integrator or a list; default: trapezoidal",
         shows="method and parameters",
     )
     form: str = axis(
         since=(0, 0),
         inner=True,
-        config=lambda: _keys().Forms,
+        config=lambda keys: keys.Forms,
         about="name of a form, or a list",
         shows="the form, by the unknowns that it keeps",
     )
@@ -162,7 +156,7 @@ class Cell:
         same=cache(canonical),
         since=(0, 0),
         inner=True,
-        config=lambda: _keys().Variants,
+        config=lambda keys: keys.Variants,
         about="variant, scaling of your own, or a list",
         shows="variant, or a scaling of your own with its factors: "
         "`name[left D=…; right lambda=…]`",
@@ -172,7 +166,7 @@ class Cell:
         usual=DIRECT,
         initial=DIRECT,
         since=(0, 2),
-        config=lambda: _keys().Evaluations,
+        config=lambda keys: keys.Evaluations,
         default=(DIRECT,),
         about="in the unknowns themselves, or in compensated increments",
         shows="how residuals are evaluated: `direct` or `compensated`",
@@ -181,7 +175,7 @@ class Cell:
         usual="float64",
         initial="float64",
         since=(0, 2),
-        config=lambda: _keys().Precisions,
+        config=lambda keys: keys.Precisions,
         default=("float64",),
         about="arithmetic of the march",
     )
@@ -191,7 +185,7 @@ class Cell:
         usual=DENSE,
         initial=AUTO,
         since=(0, 2),
-        config=lambda: _keys().LinearSolvers,
+        config=lambda keys: keys.LinearSolvers,
         default=(AUTO,),
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
@@ -203,8 +197,8 @@ class Cell:
         usual=INDEX_3,
         initial=CONSTRAINTS,
         since=(4, 4),
-        config=lambda: _keys().Formulations,
-        default=lambda: (_keys().FormulationConfig(),),
+        config=lambda keys: keys.Formulations,
+        default=lambda keys: (keys.FormulationConfig(),),
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
@@ -213,8 +207,8 @@ class Cell:
         usual=UNPROJECTED.label,
         initial=UNPROJECTED,
         since=(4, 4),
-        config=lambda: _keys().Projections,
-        default=lambda: (_keys().ProjectionConfig(),),
+        config=lambda keys: keys.Projections,
+        default=lambda keys: (keys.ProjectionConfig(),),
         about="what is projected after each step, a name or a mapping, or a list",
         shows="what is projected after each step",
     )
@@ -223,7 +217,7 @@ class Cell:
         usual=NEWTON,
         initial=AUTO,
         since=(4, 4),
-        config=lambda: _keys().Reported,
+        config=lambda keys: keys.Reported,
         default=(AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
@@ -232,7 +226,7 @@ class Cell:
         usual=CONSISTENT,
         initial=CONSISTENT,
         since=(4, 4),
-        config=lambda: _keys().Starts,
+        config=lambda keys: keys.Starts,
         default=(CONSISTENT,),
         about="velocities that the march starts from",
     )
@@ -242,7 +236,7 @@ class Cell:
         initial=None,
         since=(2, 2),
         many=False,
-        config=lambda: _keys().StopConfig | None,
+        config=lambda keys: keys.StopConfig | None,
         default=None,
         about="tolerance on the scaled correction; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a tolerance",
@@ -251,7 +245,7 @@ class Cell:
         series=False,
         since=(0, 0),
         inner=True,
-        config=lambda: _keys().StepSizes,
+        config=lambda keys: keys.StepSizes,
         about="step sizes (s)",
         shows="step size (s; without unit for the pendulum)",
     )
@@ -259,34 +253,34 @@ class Cell:
         "end of the march, from 0 (s)",
         shows="end of the march as configured (s)",
         since=(0, 0),
-        config=lambda: _keys().Positive | None,
+        config=lambda keys: keys.Positive | None,
         default=None,
     )
     steps: int = setting(
         "steps to take, in place of t_end; 0: measure at the initial state",
         shows="steps taken: whole steps up to `t_end`; 0: measured at the initial state",
         since=(0, 0),
-        config=lambda: _keys().StepCount | None,
+        config=lambda keys: keys.StepCount | None,
         default=None,
     )
     measure: tuple[str, ...] = setting(
         "what is measured",
         column=False,
-        config=lambda: _keys().Measures,
+        config=lambda keys: keys.Measures,
         default=("correction", "condition"),
     )
     iteration_cap: int = setting(
         "most Newton corrections in a step",
         column=False,
         initial=50,
-        config=lambda: _keys().Count,
+        config=lambda keys: keys.Count,
         default=50,
     )
     samples: int = setting(
         "most steps at which J is evaluated for condition and sensitivity",
         column=False,
         initial=32,
-        config=lambda: _keys().Count,
+        config=lambda keys: keys.Count,
         default=32,
     )
     twins: int = setting(
@@ -294,21 +288,21 @@ class Cell:
         "invariants and drifts is measured; 0: none",
         column=False,
         initial=0,
-        config=lambda: _keys().TwinCount,
+        config=lambda keys: keys.TwinCount,
         default=3,
     )
     krylov: Krylov | None = setting(
         "when gmres and minres stop",
         column=False,
         initial=None,
-        config=lambda: _keys().KrylovConfig,
-        default=lambda: _keys().KrylovConfig(),
+        config=lambda keys: keys.KrylovConfig,
+        default=lambda keys: keys.KrylovConfig(),
     )
     trajectory: Kept | None = setting(
         "which steps `trajectory` keeps, and what of them; default: all",
         column=False,
         initial=None,
-        config=lambda: _keys().TrajectoryConfig | None,
+        config=lambda keys: keys.TrajectoryConfig | None,
         default=None,
     )
     accept: tuple[str, ...] = setting(
@@ -317,7 +311,7 @@ class Cell:
         computed=False,
         compare=False,
         initial=(),
-        config=lambda: _keys().Accepted,
+        config=lambda keys: keys.Accepted,
         default=(),
     )
 

@@ -57,7 +57,7 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.spelling import closest, nearest
-from newmark_cli.study import axes, drawing, expecting, fitting
+from newmark_cli.study import axes, drawing, expecting, fitting, keys
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
@@ -319,8 +319,8 @@ class _Rules(StrictModel):
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
     assert axis.config is not None
-    default = axis.default() if callable(axis.default) else axis.default
-    return axis.config(), Field(default, description=axis.about)
+    default = axis.default(keys) if callable(axis.default) else axis.default
+    return axis.config(keys), Field(default, description=axis.about)
 
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Projection, reported
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
 from newmark_cli.spelling import nearest
-from newmark_cli.study import axes
+from newmark_cli.study import axes, keys
 from newmark_cli.study.axes import Axis
 from newmark_cli.study.cell import STATUSES
 from newmark_cli.study.keys import (
@@ -90,7 +90,7 @@ class _Rules(StrictModel):
 def chosen(axis: Axis) -> tuple[Any, Any]:
     """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
     assert axis.config is not None
-    annotation = axis.config()
+    annotation = axis.config(keys)
     # Of `OneOrMore[Item]`, or of `Item | None`.
     inner = get_args(annotation)
     item = get_args(inner[0])[0] if axis.many else next(one for one in inner if one is not NoneType)
