@@ -121,14 +121,14 @@ def test_histories_that_no_memory_holds_are_refused(cli):
     line = cli.refused("run", "long.yaml")
     # Pairs of 3000 samples of 10000 steps, 5000 steps, 1000 links, two forms.
     assert line == (
-        "newmark-study: long.yaml, line 8: samples: history of 22000000 multipliers, "
+        "newmark-study: long.yaml, line 8: samples: history of 22000000 numbers, "
         "at most 5000000; lower samples, given 3000"
     )
     assert not (cli.folder / "results").exists()
     cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 625"))
     assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
     cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 626"))
-    assert "history of 5008000 multipliers" in cli.refused("validate", "long.yaml")
+    assert "history of 5008000 numbers" in cli.refused("validate", "long.yaml")
 
 
 def test_histories_of_all_cases_count(cli):

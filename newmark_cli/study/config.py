@@ -162,7 +162,9 @@ class _Rules(StrictModel):
         for name, numbers in self.recorded().items():
             key, mend = _RECORDED[name]
             if numbers > _MOST_RECORDED:
-                yield misfit(key, f"{name} of {numbers} numbers, at most {_MOST_RECORDED}; {mend}")
+                given = f", given {self.samples}" if key == "samples" else ""
+                text = f"{name} of {numbers} numbers, at most {_MOST_RECORDED}; {mend}{given}"
+                yield misfit(key, text)
         yield from self._missed()
         yield from self._beyond()
         if not (
