@@ -101,7 +101,9 @@ def _label(axes: Any, panel: Panel, sheet: Sheet, place: int) -> None:
     if place % sheet.columns == 0 or not sheet.share_y:
         axes.set_ylabel(panel.y_label)
     if panel.title:
-        axes.set_title(plain(panel.title))
+        width = 0.8 * axes.figure.bbox.width / sheet.columns  # labels take the rest
+        size = _points(mpl.rcParams["axes.titlesize"])
+        axes.set_title(_wrapped(axes.figure, plain(panel.title), size, width))
 
 
 #: Names and handles of entries in the legend.
@@ -203,7 +205,11 @@ def _write(axes: Any, panel: Panel) -> None:
     zeros = sum(trace.zeros for trace in panel.traces)
     if zeros and panel.tell_zeros and panel.y_scale == "log":
         text = "1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0"
-        axes.annotate(text, (0.02, 0.02), xycoords="axes fraction")
+        size, width = _points(mpl.rcParams["legend.fontsize"]), axes.get_window_extent().width
+        axes.annotate(
+            _wrapped(axes.figure, text, size, 0.6 * width), (0.04, 0.04),
+            xycoords="axes fraction", fontsize=size,
+        )  # fmt: skip
 
 
 def _write_fits(axes: Any, panel: Panel) -> None:
