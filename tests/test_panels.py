@@ -13,7 +13,6 @@ from newmark_cli.report.panels import (
     Layout,
     Legend,
     Level,
-    Name,
     Panel,
     Reference,
     Sheet,
@@ -221,21 +220,19 @@ def test_a_trace_as_it_is_drawn():
 
 
 def test_what_is_written_in_a_panel():
-    """Slopes at their lines, names at points, words on levels, and how many zeros are missing."""
+    """Slopes at their lines, words on levels, and how many zeros are missing."""
     panel = Panel(
         (trace(0, "a"), Trace("zeros", H, np.array([0.0, 0.0, 1.0, np.nan]), look(1))),
         x_room=0.2,
         references=(Reference(H[[0, -1]], H[[0, -1]] * 3, "h¹"),),
         levels=(Level(0.5, "the most"),),
-        names=(Name(1e-1, 1e-1, "float64"),),
     )
     drawing = draw.drawn(Sheet("", (panel,)))
     (axes,) = drawing.axes
     assert [text.get_text() for text in axes.texts] == [
-        "h¹", "float64", "the most", "2 values are exactly 0"
+        "h¹", "the most", "2 values are exactly 0"
     ]  # fmt: skip
     assert axes.texts[0].xy == (1e-1, pytest.approx(0.3))
-    assert axes.texts[1].xy == (1e-1, 1e-1)
     assert texts(drawing.legends[0]) == ["a", "zeros", "predicted"]
     left, right = axes.get_xlim()
     assert right / 1e-1 > 3 * (1e-4 / left)

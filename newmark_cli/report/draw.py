@@ -157,7 +157,7 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
             trace.y[chosen],
             color=look.color,
             marker=look.marker or "None",
-            markersize=trace.size * look.markersize,
+            markersize=look.markersize,
             markerfacecolor=look.color if filled else "none",
             linestyle=linestyle if np.count_nonzero(chosen) > 1 else "none",
             linewidth=look.linewidth,
@@ -171,9 +171,7 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
         # On a logarithmic axis a decade at most, which is all that it has room for.
         least = 0.1 * y if panel.y_scale == "log" else -np.inf
         below, above = np.maximum(y - bars, least), y + bars
-        axes.vlines(
-            trace.x[uncertain], below, above, color=look.color, alpha=0.5, linewidth=trace.size
-        )
+        axes.vlines(trace.x[uncertain], below, above, color=look.color, alpha=0.5, linewidth=1.0)
     # Also without a point, for the legend.
     handle = points(shown & ~apart, look.linestyle, look.filled)
     if (shown & apart).any():
@@ -189,11 +187,6 @@ def _write(axes: Any, panel: Panel) -> None:
                 line.text, (line.x[-1], line.y[-1]), textcoords="offset points", xytext=(7, 0),
                 ha="left", va="center", style="italic", fontsize=7, color="0.35",
             )  # fmt: skip
-    for name in panel.names:
-        axes.annotate(
-            name.text, (name.x, name.y), textcoords="offset points", xytext=(8, 0),
-            ha="left", va="center",
-        )  # fmt: skip
     for level in panel.levels:
         axes.axhline(level.y, color="0.55", linewidth=0.6, zorder=1)
         axes.annotate(

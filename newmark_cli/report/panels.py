@@ -93,7 +93,6 @@ class Trace:
         apart: (points,) which points are not joined and have open markers: cells of which
             the value is a limit, not a result; none when omitted.
         bars: (points,) what rounding alone changes in each y; NaN where it is not known.
-        size: Factor of the look's markers.
         fit: Fitted slope as text; empty for none.
         said: The trace in words, for those who do not see it; empty where another trace
             has said it.
@@ -105,7 +104,6 @@ class Trace:
     look: Look
     apart: Mask | None = None
     bars: Array | None = None
-    size: float = 1.0
     fit: str = ""
     said: str = ""
 
@@ -159,20 +157,6 @@ class Level:
     text: str
 
 
-@dataclass(frozen=True)
-class Name:
-    """Something that is written right of a point.
-
-    Attributes:
-        x, y: The point.
-        text: What is written.
-    """
-
-    x: float
-    y: float
-    text: str
-
-
 class Scene(Protocol):
     """A drawing inside a panel that is not made of traces, such as a mechanism."""
 
@@ -197,7 +181,6 @@ class Panel:
         x_room: Room right of the points for what is written there, as a share of their span.
         references: Thin lines, such as predicted slopes.
         levels: Thin lines across.
-        names: What is written right of points.
         fits: Whether the fits of the traces are written into a corner that is free.  The
             legend has them otherwise, which suits a single panel.
         tell_zeros: Whether it says how many zeros a logarithmic ordinate cannot show.
@@ -215,7 +198,6 @@ class Panel:
     x_room: float = 0.0
     references: tuple[Reference, ...] = ()
     levels: tuple[Level, ...] = ()
-    names: tuple[Name, ...] = ()
     fits: bool = False
     tell_zeros: bool = True
     scene: Scene | None = None

@@ -37,7 +37,6 @@ def trace(
     slope: "Slope",
     label: str,
     look: Look,
-    size: float = 1.0,
     fit: str | None = None,
     name: str | None = None,
 ) -> Trace:
@@ -47,7 +46,6 @@ def trace(
         slope: The series.
         label: Its name in the legend.
         look: How it looks.
-        size: Factor of its markers.
         fit: Fitted slope as text; when omitted, as `format_fit` has it where theory predicts one.
         name: Its name in words, where the label is not enough.
     """
@@ -64,7 +62,6 @@ def trace(
         apart=stagnated[order],
         # Of corrections it is the scatter of steps, which is no rounding of the rms.
         bars=None if slope.record.kind == "rounding" else slope.rounding[order],
-        size=size,
         fit=fit,
         said=in_words(name or label, slope),
     )
