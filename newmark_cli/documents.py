@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeVar
 
 import yaml
 from pydantic import (
@@ -313,6 +313,23 @@ def together(misfits: Iterable[PydanticCustomError]) -> None:
     if first:
         error, *also = first.values()
         raise PydanticCustomError("own", "{message}", {**(error.context or {}), "also": also})
+
+
+class RuledModel(StrictModel):
+    """Strict model whose keys are tied together by rules, each broken one a `misfit`."""
+
+    if TYPE_CHECKING:  # models that are made from tables have fields that mypy does not see
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        together(self._misfits())
+        return self
+
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        """Keys that do not fit each other."""
+        yield from ()
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from pydantic import (
     Field,
     PrivateAttr,
     create_model,
-    model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
@@ -26,6 +25,7 @@ from newmark_cli.documents import (
     Document,
     DocumentError,
     KeyPath,
+    RuledModel,
     StrictModel,
     misfit,
 )
@@ -94,22 +94,12 @@ _RECORDED = {
 }
 
 
-class _Rules(StrictModel):
+class _Rules(RuledModel):
     """Rules that tie the keys of a case together; the keys are the axes of `Cell`."""
 
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "_Rules":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.count > _MOST_CELLS:
             raise ValueError(_TOO_MANY_CELLS)
-        documents.together(self._misfits())
-        return self
-
-    def _misfits(self) -> Iterator[PydanticCustomError]:
-        """Keys that do not fit each other."""
         measures = [MEASURES[name] for name in self.measure]
         if (self.t_end is None) == (self.steps is None):
             given = "both" if self.steps is not None else "neither"

@@ -1,7 +1,7 @@
 """The key `expect` of a study config: its models, and whether the study has such series."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, product
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -14,12 +14,18 @@ from pydantic import (
     ValidationError,
     WrapValidator,
     create_model,
-    model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli import documents
-from newmark_cli.documents import Document, KeyPath, Mistakes, Number, StrictModel, misfit
+from newmark_cli.documents import (
+    Document,
+    KeyPath,
+    Mistakes,
+    Number,
+    RuledModel,
+    StrictModel,
+    misfit,
+)
 from newmark_cli.json_schema import JsonSchema, Shown, also
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Projection, reported
@@ -51,25 +57,11 @@ _AXES = tuple(axis for axis in axes.cell_axes() if axis.cell and axis.series)
 _NO_TOLERANCE = [name for name, record in RECORDS.items() if record.tolerance != record.tolerance]
 
 
-class _Rules(StrictModel):
+class _Rules(RuledModel):
     """Rules that tie the keys of an expectation together."""
 
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "_Rules":
-        documents.together(self._misfits())
-        return self
-
     def _misfits(self) -> Iterator[PydanticCustomError]:
-        known = RECORDS[self.measure].quantities
-        for quantity in self.quantity or ():
-            if quantity not in known:
-                yield misfit(
-                    "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
-                )
+        yield from unknown(self.measure, self.quantity, RECORDS[self.measure].quantities)
         low, high = self.at_least, self.at_most
         if all(getattr(self, key) is None for key in _ASSERTS):
             yield misfit("slope", f"missing: give {', '.join(_ASSERTS[:-1])} or {_ASSERTS[-1]}")
@@ -85,6 +77,16 @@ class _Rules(StrictModel):
             yield misfit("over", "divides values, and slope is of the values themselves")
         if low is not None and high is not None and low > high:
             yield misfit("at_least", f"must not exceed at_most = {high:g}, given {low:g}")
+
+
+def unknown(
+    measure: str, given: Sequence[str] | None, quantities: Collection[str]
+) -> Iterator[PydanticCustomError]:
+    """Misfits of quantities that a measure does not have."""
+    for quantity in given or ():
+        if quantity not in quantities:
+            near = nearest(quantity, quantities)
+            yield misfit("quantity", f"{measure} has no {quantity!r}{near}")
 
 
 def chosen(axis: Axis) -> tuple[Any, Any]:

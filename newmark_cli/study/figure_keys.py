@@ -3,14 +3,12 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, Strict, create_model, model_validator
+from pydantic import Field, Strict, create_model
 from pydantic_core import PydanticCustomError
 
-from newmark_cli import documents
-from newmark_cli.documents import WHOLE, StrictModel, misfit
-from newmark_cli.spelling import nearest
+from newmark_cli.documents import WHOLE, RuledModel, StrictModel, misfit
 from newmark_cli.study import axes, drawing
-from newmark_cli.study.expecting import chosen
+from newmark_cli.study.expecting import chosen, unknown
 from newmark_cli.study.keys import (
     Compared,
     Forms,
@@ -33,26 +31,12 @@ _AXES = tuple(
 )
 
 
-class _Rules(StrictModel):
+class _Rules(RuledModel):
     """Rules that tie the keys of a figure together."""
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
-
-    @model_validator(mode="after")
-    def _consistent(self) -> "_Rules":
-        documents.together(self._misfits())
-        return self
 
     def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.measure is not None:
-            known = drawing.quantities((self.measure,))
-            for quantity in self.quantity or ():
-                if quantity not in known:
-                    yield misfit(
-                        "quantity", f"{self.measure} has no {quantity!r}{nearest(quantity, known)}"
-                    )
+            yield from unknown(self.measure, self.quantity, drawing.quantities((self.measure,)))
         for axis in self.panels or ():
             if axis in (self.series or ()):
                 yield misfit("panels", f"{axis} already tells the series apart")
