@@ -267,9 +267,11 @@ def test_a_head_of_corrections_is_left_out():
 # -- condition numbers ----------------------------------------------------------------------------
 
 
-def condition(orders, expected, **rest):
-    values = 10.0 ** np.cumsum([0.0, *(-order for order in orders)])
-    return evidence(values, kind="determined", expected=expected, **({"tolerance": 0.05} | rest))
+def condition(orders, expected, values=(), **rest):
+    values = np.array(values or 10.0 ** np.cumsum([0.0, *(-order for order in orders)]))
+    rest = {"tolerance": 0.05, "typical": values} | rest
+    rest = {name: np.array(each) for name, each in rest.items()}
+    return evidence(values, kind="determined", expected=expected, **rest)
 
 
 @each("said, given, verdict", [
@@ -292,6 +294,16 @@ def test_a_crossover_at_coarse_h():
     """(u, v, λ) without scaling: the last two local orders are the predicted one."""
     found = judge(condition([-2.65, -2.989, -2.9997], -3.0))
     assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
+
+
+def test_coarse_marches_pass_other_states():
+    """Medians over a run, of two mechanisms: they may differ by as much as states of one run do."""
+    double = condition([], -2.0, values=[2614, 201811, 16149646], largest=[75075, 5.6e6, 2.2e7])
+    slider = condition([], -4.0, values=[7.1e7, 4.04e11, 2.36e15], largest=[3.7e8, 1.78e13, 7e15])
+    for varied, factor in ((double, 29), (slider, 44)):
+        require(varied, UNDECIDED, f"varies by a factor of {factor} along a run: smaller.*")
+        require(replace(varied, largest=1.1 * varied.typical), MISS)
+        require(replace(varied, expected=0.0), MISS)
 
 
 def test_a_block_that_a_problem_lacks():

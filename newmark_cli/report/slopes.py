@@ -392,6 +392,7 @@ def _judged(
         bound=record.bounded(key),
         coarse=record.coarse(key),
         typical=np.array(rows["median"], float)[order],
+        largest=np.array(rows["max"], float)[order],
         undamped=key.quantity in OF_MULTIPLIERS and record.alternates(key),
     )
     found = judge(evidence)

@@ -61,6 +61,7 @@ class Evidence:
         bound: Why the predicted order is only a lower bound; empty where it is the order.
         coarse: Orders that may show where h is too coarse, besides the predicted one.
         typical: (points,) medians over the steps; empty where they are not known.
+        largest: (points,) largest values over the steps; empty likewise.
         undamped: Whether multipliers may alternate from step to step, and stay so.
     """
 
@@ -75,6 +76,7 @@ class Evidence:
     bound: str = ""
     coarse: Collection[float] = ()
     typical: Array = field(default_factory=lambda: np.empty(0))
+    largest: Array = field(default_factory=lambda: np.empty(0))
     undamped: bool = False
 
 
@@ -291,6 +293,12 @@ def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:
                 f"terms of order {format_order(other)} rule until smaller h lets those of order "
                 f"{format_order(given.expected)} overtake"
             )
+    if given.kind == "determined" and len(given.largest):
+        # A coarse march passes other states than a fine one.
+        factor = float((given.largest[fitted] / given.typical[fitted]).max())
+        first, last = given.h[fitted][[0, -1]]
+        if abs(fit.slope - given.expected) < math.log(factor) / math.log(first / last):
+            return f"varies by a factor of {factor:.2g} along a run: smaller h would decide"
     few = given.kind == "rounding" and bool((given.uncertainty[fitted] > _FEW).any())
     if (given.bound or few) and len(given.typical):
         typical = power_law(given.h, given.typical)
