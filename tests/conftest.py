@@ -373,7 +373,7 @@ def committed_folder():
 @pytest.fixture(scope="session")
 def committed_results(committed_folder):
     """Names of studies → their results in it, whose slopes are fitted once."""
-    from newmark_cli.report.figures import Results
+    from newmark_cli.report.sheets import Results
     from newmark_cli.report.slopes import collect
 
     found = cache(lambda study: collect(committed_folder, [study]))

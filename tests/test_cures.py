@@ -11,9 +11,10 @@ import synthetic
 from each import each
 
 from newmark_cli.errors import ResultsError
-from newmark_cli.report import cure_table, cures
-from newmark_cli.report.figures import FIGURES, Results
+from newmark_cli.report import cure_table, cures, sheets
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.panels import look
+from newmark_cli.report.sheets import Results
 from newmark_cli.report.slopes import study_slopes
 from newmark_cli.study import config
 from newmark_cli.study.reading import read_study
@@ -195,7 +196,7 @@ def test_errors_of_every_cure(tmp_path):
     """Figure 16: a row for each problem, a column for each group, each trace its CSV's points."""
     figure = FIGURES["16"]
     path = synthetic.write(tmp_path, figure)
-    sheet = figure.sheet(Results(tmp_path, study_slopes(read_study(path), path)))
+    sheet = sheets.sheet(figure, Results(tmp_path, study_slopes(read_study(path), path)))
     assert (sheet.columns, sheet.rows, len(sheet.panels)) == (3, 3, 9)
     places = {curve.label: i for i, curve in enumerate(figure.curves[:21])}
     for panel, part in zip(sheet.panels, figure.parts, strict=True):
@@ -215,7 +216,7 @@ def test_drifts_over_time(tmp_path):
     path = synthetic.write(tmp_path, figure)
     synthetic.write_drifts(tmp_path, figure, {"andrews": 1e-5, "shaken-pendulum": 1e-3})
     given = Results(tmp_path, study_slopes(read_study(path), path))
-    sheet = figure.sheet(given)
+    sheet = sheets.sheet(figure, given)
     assert (sheet.columns, len(sheet.panels)) == (2, 4)
     curves = {(c.problem, c.label): c for c in figure.curves}
     for place, panel in enumerate(sheet.panels):
@@ -229,7 +230,7 @@ def test_drifts_over_time(tmp_path):
     file = tmp_path / "drift/drift.csv"
     file.write_text(file.read_text().replace("index-2", "index-1"))
     with pytest.raises(ResultsError, match="figure 18 needs index 2;"):
-        figure.require(given)
+        sheets.require(figure, given)
 
 
 def test_measure_of_drift(cli):

@@ -12,10 +12,11 @@ from each import each
 import newmark_cli
 from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.report import draw, plot, style
-from newmark_cli.report.figures import FIGURES, Results
+from newmark_cli.report import draw, plot, sheets, style
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import Fit, format_fit, power_law
 from newmark_cli.report.panels import LOOKS
+from newmark_cli.report.sheets import Results
 from newmark_cli.report.slopes import study_slopes
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
 from newmark_cli.study import config, results
@@ -33,7 +34,7 @@ def order(reference):
 @each("figure", ORDER_FIGURES)
 def test_order_figures_draw_the_csv(committed_folder, committed_results, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
-    sheet = figure.sheet(committed_results(figure.study))
+    sheet = sheets.sheet(figure, committed_results(figure.study))
     frame = read_study(committed_folder / f"{figure.study}.csv")
     (panel,) = sheet.panels
     first = figure.curves[0]
@@ -67,7 +68,7 @@ STUDY_FIGURES = [FIGURES[name] for name in ("10", "11", "12", "13")]
 def sheet_of(folder, figure, table=None):
     """What a figure past the paper draws of synthetic results."""
     path = synthetic.write(folder, figure, table)
-    return figure.sheet(Results(folder, study_slopes(read_study(path), path)))
+    return sheets.sheet(figure, Results(folder, study_slopes(read_study(path), path)))
 
 
 @each("figure", STUDY_FIGURES)
@@ -149,7 +150,7 @@ def test_sensitivities_have_a_panel_for_each_block(committed_results):
     """Unknowns down, row blocks across; slopes in the panels, and lines through the points."""
     figure = FIGURES["sensitivity"]
     given = committed_results("sensitivity")
-    sheet = figure.sheet(given)
+    sheet = sheets.sheet(figure, given)
     assert (len(sheet.panels), sheet.columns, sheet.rows) == (16, 4, 4)
     by_key = {slope.key: slope for slope in given.slopes}
     series = [by_key[curve.key] for curve in figure.curves]
@@ -172,7 +173,7 @@ def test_history_draws_the_largest_multiplier(tmp_path):
     """Figure 15: λ₂ here, above in the range of the last curve, below as far as any goes."""
     figure = FIGURES["15"]
     synthetic.write_history(tmp_path, figure)
-    sheet = figure.sheet(Results(tmp_path, []))
+    sheet = sheets.sheet(figure, Results(tmp_path, []))
     zoomed, whole = sheet.panels
     for panel in (zoomed, whole):
         assert "lambda_2" in panel.y_label
@@ -226,7 +227,7 @@ def test_damaged_history(tmp_path, history, damage, words):
     path.parent.mkdir()
     path.write_text(damage(history))
     with pytest.raises(ResultsError, match=words) as caught:
-        figure.require(Results(tmp_path, []))
+        sheets.require(figure, Results(tmp_path, []))
     assert str(path) in str(caught.value)
 
 
@@ -259,7 +260,7 @@ def test_mechanism_figures_show_every_joint(figure):
     """All points are labelled, fixed ones filled, at their initial positions in mm."""
     subject = problem(figure.problem)
     mechanism = subject.drawing
-    drawing = draw.drawn(figure.sheet(Results(Path("nowhere"), [])))
+    drawing = draw.drawn(sheets.sheet(figure, Results(Path("nowhere"), [])))
     (axes,) = drawing.axes
     labels = {text.get_text() for text in axes.texts}
     assert set("OABCDEFGH") | set(mechanism.bodies) <= labels
@@ -319,7 +320,7 @@ def test_both_files_have_the_same_bytes_again(committed_results, tmp_path):
     figure = ORDER_FIGURES[1]
     contents = []
     for name in ("one", "two"):
-        sheet = figure.sheet(committed_results(figure.study))
+        sheet = sheets.sheet(figure, committed_results(figure.study))
         files = style.save(draw.drawn(sheet), tmp_path, name)
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from each import each
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report import draw, panels, plot
-from newmark_cli.report.figures import FIGURES, Results
+from newmark_cli.report import draw, panels, plot, sheets
+from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.panels import (
     Layout,
     Legend,
@@ -21,6 +21,7 @@ from newmark_cli.report.panels import (
     look,
     spread,
 )
+from newmark_cli.report.sheets import Results
 from newmark_cli.report.slopes import study_slopes
 from newmark_cli.study import results
 from newmark_cli.study.reading import read_study
@@ -184,7 +185,7 @@ def test_shipped_figures_are_drawn_as_they_say(committed_results):
     """Every point of every trace, in its colour; every entry of the legend, none cut off."""
     given = committed_results(*dict.fromkeys(f.study for f in FIGURES.values() if f.study))
     for figure in FIGURES.values():
-        sheet = figure.sheet(given)
+        sheet = sheets.sheet(figure, given)
         drawing = draw.drawn(sheet)
         for panel, axes in zip(sheet.panels, drawing.axes, strict=True):
             drawn = {

@@ -11,9 +11,10 @@ from each import each
 
 from newmark_cli.errors import InputError
 from newmark_cli.newmark.invariants import INVARIANTS
-from newmark_cli.report import automatic, cures, draw, page, plot
-from newmark_cli.report.figures import FIGURES, TABLED, Results
+from newmark_cli.report import automatic, cures, draw, page, plot, sheets
+from newmark_cli.report.figures import FIGURES, TABLED
 from newmark_cli.report.panels import WIDTH
+from newmark_cli.report.sheets import Results
 from newmark_cli.report.slopes import collect
 from newmark_cli.study import config, drawing, results
 from newmark_cli.study.measures import RECORDS
@@ -116,7 +117,7 @@ def test_titles_and_labels_of_errors(tmp_path, quantity, said):
     found = written(tmp_path, table(quantity=quantity))
     (figure,) = drawn(found).values()
     assert figure.title == f"hoist, (u, λ) form: error of {said}"
-    (panel,) = figure.sheet(found).panels
+    (panel,) = sheets.sheet(figure, found).panels
     assert ("$ $" in panel.y_label) == (said == "force")
 
 
@@ -158,10 +159,10 @@ def test_panels_side_by_side_have_room(tmp_path):
     found = written(tmp_path, table(integrator=integrators, preconditioning=scalings))
     (figure,) = drawn(found).values()
     assert len(figure.parts) == 3
-    three = dataclasses.replace(figure, columns=3).sheet(found)
+    three = sheets.sheet(dataclasses.replace(figure, columns=3), found)
     assert three.size == (2 * WIDTH / 3, 2.6)
     assert {panel.x_room for panel in three.panels} == {0.16}
-    two = dataclasses.replace(figure, columns=2).sheet(found)
+    two = sheets.sheet(dataclasses.replace(figure, columns=2), found)
     assert two.size == (WIDTH, 2.1)
     assert {panel.x_room for panel in two.panels} == {0.08}
 
@@ -267,7 +268,7 @@ def test_sheet_of_a_single_panel(tmp_path):
     ]
     given = written(tmp_path, rows)
     (figure,) = drawn(given).values()
-    sheet = figure.sheet(given)
+    sheet = sheets.sheet(figure, given)
     (panel,) = sheet.panels
     optimal, none = panel.traces
     assert optimal.x.tolist() == sorted(H)
@@ -296,13 +297,13 @@ def test_the_fit_and_its_line_are_about_the_middle(tmp_path):
     ]
     given = written(tmp_path, rows)
     (figure,) = drawn(given).values()
-    (panel,) = figure.sheet(given).panels
+    (panel,) = sheets.sheet(figure, given).panels
     (trace,) = panel.traces
     assert trace.y.tolist() == values[::-1]
     assert trace.fit == "2.00 ± 0.02"
     assert trace.bars == pytest.approx(2e-20 / trace.x**2)
     assert trace.uncertain.tolist() == [True, False, False, False]
-    assert figure.sheet(given).heading == "fitted slope; bars: rounding"
+    assert sheets.sheet(figure, given).heading == "fitted slope; bars: rounding"
     assert panel.references[0].x == pytest.approx([1e-4, 1e-2])
 
 
@@ -315,7 +316,7 @@ def test_panels_of_one_quantity_share_their_ordinate(tmp_path):
     ]  # fmt: skip
     given = written(tmp_path, rows)
     (figure,) = drawn(given).values()
-    sheet = figure.sheet(given)
+    sheet = sheets.sheet(figure, given)
     direct, compensated = sheet.panels
     assert sheet.share_y
     assert direct.y_limits == compensated.y_limits
@@ -333,7 +334,7 @@ def test_cells_that_did_not_end_well_stand_apart(tmp_path):
     rows[1]["status"] = "not_converged"
     given = written(tmp_path, rows)
     (figure,) = drawn(given).values()
-    sheet = figure.sheet(given)
+    sheet = sheets.sheet(figure, given)
     (trace,) = sheet.panels[0].traces
     assert trace.apart.tolist() == [False, False, True, False]
     assert sheet.legend.title == "fitted slope; not joined: cells that did not end well"
@@ -349,7 +350,7 @@ def test_shares_are_drawn_from_zero_to_one(tmp_path):
     given = written(tmp_path, rows)
     (figure,) = drawn(given).values()
     assert figure.name == "mine-hoist-u-lambda-tolerance"
-    (panel,) = figure.sheet(given).panels
+    (panel,) = sheets.sheet(figure, given).panels
     assert panel.y_scale == "linear"
     assert panel.y_limits == pytest.approx((-0.06, 1.07))
     (trace,) = panel.traces
@@ -361,7 +362,7 @@ def test_names_with_dollar_signs_are_no_mathematics(tmp_path):
     """A file may be called so: it is drawn as it is written."""
     given = written(tmp_path, table(problem="a$b$\\x.yaml"))
     (figure,) = drawn(given).values()
-    drawing = draw.drawn(figure.sheet(given))
+    drawing = draw.drawn(sheets.sheet(figure, given))
     assert drawing._suptitle.get_text().startswith(r"a\$b\$\x, (u, λ)")
     drawing.canvas.draw()
 
@@ -387,7 +388,7 @@ def test_work_precision_matches_cells_to_rows(tmp_path):
     found = drawn(given)
     assert list(found) == ["mine-hoist-u-lambda-error-u", "mine-hoist-u-lambda-work-precision-u"]
     figure = found["mine-hoist-u-lambda-work-precision-u"]
-    (panel,) = figure.sheet(given).panels
+    (panel,) = sheets.sheet(figure, given).panels
     assert [trace.label for trace in panel.traces] == [
         "generalized-α (ρ∞ = 0.9), direct", "generalized-α (ρ∞ = 0.9), compensated",
         "BDF2, direct", "BDF2, compensated",
@@ -400,8 +401,8 @@ def test_work_precision_matches_cells_to_rows(tmp_path):
     assert panel.traces[0].said.endswith(
         "0.01 in 10 operations at h = 0.1; 1e-08 in 1e+04 operations at h = 0.0001"
     )
-    draw.drawn(figure.sheet(given))
-    (timed,) = figure.sheet(dataclasses.replace(given, cost="wall-time")).panels
+    draw.drawn(sheets.sheet(figure, given))
+    (timed,) = sheets.sheet(figure, dataclasses.replace(given, cost="wall-time")).panels
     assert timed.x_label == "wall time of the march (s)"
     assert timed.traces[3].x == pytest.approx(0.6 / np.array(H))
     assert timed.traces[0].said.endswith("0.01 in 1 s at h = 0.1; 1e-08 in 1e+03 s at h = 0.0001")
@@ -474,7 +475,7 @@ def test_quantities_in_one_panel(tmp_path):
     given = written(tmp_path, rows, {"config": {"figures": [entry]}})
     (figure,) = plot.chosen(["mine"], given).figures
     assert figure.name == "mine-hoist-u-lambda-error"
-    (panel,) = figure.sheet(given).panels
+    (panel,) = sheets.sheet(figure, given).panels
     assert [trace.label for trace in panel.traces] == ["u", "v", "λ"]
     assert panel.y_label == "error"
 
@@ -751,7 +752,7 @@ figures:
     assert cli("plot", "7a", "--format", "svg").stdout == "results/figures/figure-7a.svg\n"
     given = Results(cli.folder / "results", collect(cli.folder / "results"))
     (figure,) = plot.chosen(["7a"], given).figures
-    sheet = figure.sheet(given)
+    sheet = sheets.sheet(figure, given)
     assert sheet.title == "What compensation changes"
     assert sheet.heading.startswith("one pendulum")
     assert [(p.title, [t.label for t in p.traces]) for p in sheet.panels] == [
@@ -788,10 +789,10 @@ def test_drift_of_ones_own_over_time(cli):
     cli("run", "mine.yaml")
     given = Results(cli.folder / "results", collect(cli.folder / "results"))
     (figure,) = plot.chosen((), given).figures
-    assert [(p.title, [t.label for t in p.traces]) for p in figure.sheet(given).panels] == [
+    assert [(p.title, [t.label for t in p.traces]) for p in sheets.sheet(figure, given).panels] == [
         ("position", ["index-1", "ggl"]), ("velocity", ["index-1", "ggl"]),
     ]  # fmt: skip
-    assert all(len(t.x) == 10 for p in figure.sheet(given).panels for t in p.traces)
+    assert all(len(t.x) == 10 for p in sheets.sheet(figure, given).panels for t in p.traces)
 
 
 def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):

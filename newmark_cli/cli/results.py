@@ -103,7 +103,7 @@ def plot(
     """
     from newmark_cli.report import plot as plotting
     from newmark_cli.report import slopes
-    from newmark_cli.report.figures import Results
+    from newmark_cli.report.sheets import Results
 
     choice = plotting.Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
@@ -467,7 +467,7 @@ def show_cures(folder: Path) -> int:
     """Print the table of cures, and write it; 1 when a cell is not as predicted."""
     from newmark_cli.report import cure_table, slopes
     from newmark_cli.report.cures import TABLED
-    from newmark_cli.report.figures import Results
+    from newmark_cli.report.sheets import Results
     from newmark_cli.report.text import text_table, wrapped
 
     given = [study for study in TABLED if (folder / f"{study}.csv").exists()]

@@ -154,7 +154,7 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.report import expectations, outcomes, records, slopes
     from newmark_cli.report import paper_tables as tabling
     from newmark_cli.report import plot as plotting
-    from newmark_cli.report.figures import Results
+    from newmark_cli.report.sheets import Results
     from newmark_cli.report.text import wrapped
     from newmark_cli.study import reading
 

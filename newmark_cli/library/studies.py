@@ -221,7 +221,7 @@ def plot(
     """
     from newmark_cli.report import draw
     from newmark_cli.report import plot as plotting
-    from newmark_cli.report.figures import Results
+    from newmark_cli.report.sheets import Results, sheet
     from newmark_cli.report.slopes import collect
 
     axes = ("quantity", "form", "problem", "preconditioning", "integrator")
@@ -249,7 +249,7 @@ def plot(
             place = 0 if figure is None else arguments.count("figure", figure)
         if place >= len(figures):
             raise ArgumentError(f"figure must be below {len(figures)}, given {place}")
-        return draw.drawn(figures[place].sheet(found), size)
+        return draw.drawn(sheet(figures[place], found), size)
 
 
 def _study(given: Any, allow_code: bool) -> Study:

@@ -15,8 +15,9 @@ import numpy as np
 
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.curves import Curve
-from newmark_cli.report.figures import Figure, Part, Results
+from newmark_cli.report.figures import Figure, Part
 from newmark_cli.report.panels import LOOKS
+from newmark_cli.report.sheets import Results
 from newmark_cli.report.words import joined_values, measure_text, spelled
 from newmark_cli.report.work import Costs, costs
 from newmark_cli.study import axes

@@ -9,8 +9,8 @@ from newmark_cli.report.figures import FIGURES
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.slopes import Slope, in_figure_order
 from newmark_cli.report.text import format_orders, gathered, markdown
-from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.words import quantity
 
 
 def in_paper(slopes: Iterable[Slope]) -> list[Slope]:

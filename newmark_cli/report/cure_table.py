@@ -36,7 +36,8 @@ from newmark_cli.study import results
 from newmark_cli.study.axes import SeriesKey
 
 if TYPE_CHECKING:
-    from newmark_cli.report.figures import Figure, Results
+    from newmark_cli.report.figures import Figure
+    from newmark_cli.report.sheets import Results
     from newmark_cli.report.slopes import Slope
 
 #: Where orders are read, and where the alternation starts with the motion.

@@ -22,8 +22,8 @@ from newmark_cli.report.curves import floor_of
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.text import format_orders, gathered
-from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, SHOWN, UNDECIDED, joined
+from newmark_cli.report.words import quantity
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.expectations import Expectation, expectations

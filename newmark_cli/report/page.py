@@ -19,10 +19,12 @@ from newmark_cli.report import (
     paper_tables,
     plot,
     records,
+    sheets,
     slopes,
 )
 from newmark_cli.report.draw_mechanism import mechanism_sheet
-from newmark_cli.report.figures import Figure, Results
+from newmark_cli.report.figures import Figure
+from newmark_cli.report.sheets import Results
 from newmark_cli.report.slopes import Slope
 from newmark_cli.report.style import Drawing, rendered
 
@@ -158,7 +160,7 @@ def _mechanism(name: str) -> Picture:
 
 
 def _picture(figure: Figure, results: Results) -> Picture:
-    sheet = figure.sheet(results)
+    sheet = sheets.sheet(figure, results)
     svg = inline_svg(draw.drawn(sheet), f"figure-{figure.name}-", sheet.words)
     if plot.stem(figure) == figure.name:
         caption = figure.study

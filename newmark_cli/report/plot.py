@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from newmark_cli import files
 from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.report import automatic, records, rendering
-from newmark_cli.report.figures import FIGURES, TABLED, Figure, Results, explicit
+from newmark_cli.report.figures import FIGURES, TABLED, Figure, explicit
 from newmark_cli.report.panels import Sheet
+from newmark_cli.report.sheets import Results, require, sheet
 from newmark_cli.report.words import means
 from newmark_cli.report.work import COSTS
 from newmark_cli.spelling import nearest
@@ -216,7 +217,7 @@ def enough(results: Results) -> tuple[list[Figure], list[Figure]]:
     given, lacking = [], []
     for figure in FIGURES.values():
         try:
-            figure.require(results)
+            require(figure, results)
         except ResultsError:
             lacking.append(figure)
         else:
@@ -266,7 +267,7 @@ def plot(
     """
     sheets: dict[str, Sheet] = {}
     for figure in figures:
-        sheets[automatic.free(stem(figure), sheets)] = figure.sheet(results)
+        sheets[automatic.free(stem(figure), sheets)] = sheet(figure, results)
 
     settings: Mapping[str, object] = {}
     if style_file:

@@ -14,9 +14,8 @@ from newmark_cli.report.check import format_integrator, format_prediction, forma
 from newmark_cli.report.fits import format_fit
 from newmark_cli.report.slopes import Slope, study_slopes
 from newmark_cli.report.text import Entry, text_table, wrapped
-from newmark_cli.report.traces import quantity
 from newmark_cli.report.verdicts import INCOMPLETE
-from newmark_cli.report.words import in_words
+from newmark_cli.report.words import in_words, quantity
 from newmark_cli.spelling import nearest
 from newmark_cli.study import axes
 from newmark_cli.study.measures import MEASURES, symbol

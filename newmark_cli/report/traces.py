@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from newmark_cli.arrays import Array, Mask
-from newmark_cli.report.curves import Curve
 from newmark_cli.report.fits import format_fit, format_order
 from newmark_cli.report.panels import (
     Level,
@@ -19,7 +18,7 @@ from newmark_cli.report.panels import (
     power,
     spread,
 )
-from newmark_cli.study.measures import RECORDS
+from newmark_cli.report.words import quantity
 
 if TYPE_CHECKING:
     from newmark_cli.report.slopes import Slope
@@ -133,11 +132,6 @@ def in_words(name: str, slope: "Slope") -> str:
         return f"{text}: slope {format_fit(slope.fit)}, predicted {format_order(slope.expected)}"
     ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
     return f"{text}: " + ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
-
-
-def quantity(series: "Slope | Curve") -> str:
-    """The quantity that a series measures, in the field's symbols."""
-    return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"
 
 
 def _positive(values: Array) -> Mask:

@@ -2,11 +2,16 @@
 
 import re
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from newmark_cli.study import axes
 from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.drawing import WORK_PRECISION
-from newmark_cli.study.measures import symbol
+from newmark_cli.study.measures import RECORDS, symbol
+
+if TYPE_CHECKING:
+    from newmark_cli.report.curves import Curve
+    from newmark_cli.report.slopes import Slope
 
 _METHODS = {
     "newmark": "Newmark",
@@ -82,3 +87,8 @@ def in_words(axis: str, value: str) -> str:
             value, value
         )
     return f"{value} start" if axis == "start" else value
+
+
+def quantity(series: "Slope | Curve") -> str:
+    """The quantity that a series measures, in the field's symbols."""
+    return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"

@@ -9,13 +9,15 @@ import numpy as np
 
 from newmark_cli.arrays import Array
 from newmark_cli.errors import ResultsError
-from newmark_cli.report import records, traces
+from newmark_cli.report import records
 from newmark_cli.report.panels import Trace, look
+from newmark_cli.report.words import quantity
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 
 if TYPE_CHECKING:
-    from newmark_cli.report.figures import Figure, Results
+    from newmark_cli.report.figures import Figure
+    from newmark_cli.report.sheets import Results
     from newmark_cli.report.slopes import Slope
 
 #: Series → cost of the cell behind each of its points; NaN where it is not known.
@@ -39,7 +41,7 @@ class Cost:
     lacking: str
 
 
-#: By name, as `newmark_cli.report.figures.Results` has it.
+#: By name, as `newmark_cli.report.sheets.Results` has it.
 COSTS: Mapping[str, Cost] = MappingProxyType(
     {
         "operations": Cost(
@@ -141,5 +143,5 @@ def trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, pane
         look(place),
         apart=~ok[order],
         bars=slope.rounding[order],
-        said=f"{traces.quantity(slope)}, {name}: {said}",
+        said=f"{quantity(slope)}, {name}: {said}",
     )
