@@ -16,11 +16,11 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from newmark_cli import apart
 from newmark_cli.mechanisms.spec import pinned
-from newmark_cli.processors import usable
 from newmark_cli.running import executors
 from newmark_cli.study import config
+from newmark_cli.support import apart
+from newmark_cli.support.processors import usable
 
 MOST = 1.5
 PROBLEM = """\
@@ -71,7 +71,7 @@ def shared(tasks, jobs):
 
 
 def _be_own():
-    """Load problems here, as in `newmark_cli.apart`."""
+    """Load problems here, as in `newmark_cli.support.apart`."""
     apart._inside = True
 
 

@@ -14,11 +14,9 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from newmark_cli.documents import DocumentError
-    from newmark_cli.errors import ArgumentError, InputError, NewmarkError, NewmarkWarning
-    from newmark_cli.library.advising import Advice, advise
-    from newmark_cli.library.floors import floor
-    from newmark_cli.library.jacobians import JacobianAdvice, advise_jacobian
+    from newmark_cli.advice.advising import Advice, advise
+    from newmark_cli.advice.floors import floor
+    from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
@@ -32,21 +30,23 @@ if TYPE_CHECKING:
     from newmark_cli.newmark.trajectory import Step, Trajectory
     from newmark_cli.problems.problem import Problem, ProblemError
     from newmark_cli.problems.python_problem import Definition
+    from newmark_cli.support.documents import DocumentError
+    from newmark_cli.support.errors import ArgumentError, InputError, NewmarkError, NewmarkWarning
 
 #: Public name → module that it comes from.
 _HOMES = {
-    "Advice": "library.advising",
-    "ArgumentError": "errors",
+    "Advice": "advice.advising",
+    "ArgumentError": "support.errors",
     "Definition": "problems.python_problem",
-    "DocumentError": "documents",
+    "DocumentError": "support.documents",
     "Factors": "library.scalings",
     "Floor": "newmark.floor",
     "FormulationError": "newmark.formulation",
-    "InputError": "errors",
+    "InputError": "support.errors",
     "IntegratorError": "newmark.integrator",
-    "JacobianAdvice": "library.jacobians",
-    "NewmarkError": "errors",
-    "NewmarkWarning": "errors",
+    "JacobianAdvice": "advice.jacobians",
+    "NewmarkError": "support.errors",
+    "NewmarkWarning": "support.errors",
     "NewtonSystem": "newmark.newton_systems",
     "Problem": "problems.problem",
     "ProblemError": "problems.problem",
@@ -54,9 +54,9 @@ _HOMES = {
     "Step": "newmark.trajectory",
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
-    "advise": "library.advising",
-    "advise_jacobian": "library.jacobians",
-    "floor": "library.floors",
+    "advise": "advice.advising",
+    "advise_jacobian": "advice.jacobians",
+    "floor": "advice.floors",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",

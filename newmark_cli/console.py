@@ -1,6 +1,6 @@
 """The console script's way in: it answers Ctrl-C before anything else is imported."""
 
-from newmark_cli import interrupts
+from newmark_cli.support import interrupts
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from compiled import compile_all, is_kept
 from hypothesis import settings
 from warm import SCRIPT, Warm
 
-from newmark_cli import processors
+from newmark_cli.support import processors
 
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
@@ -358,7 +358,7 @@ def quick(cli):
 @pytest.fixture
 def few_draws(monkeypatch):
     """Rounding is drawn less often, for what compares no number with what rounding does."""
-    from newmark_cli.library import linearised
+    from newmark_cli.advice import linearised
 
     monkeypatch.setattr(linearised, "_SAMPLES", 2)
     monkeypatch.setattr(linearised, "_ROUGHLY", 1)
@@ -373,8 +373,8 @@ def committed_folder():
 @pytest.fixture(scope="session")
 def committed_results(committed_folder):
     """Names of studies → their results in it, whose slopes are fitted once."""
-    from newmark_cli.report.sheets import Results
-    from newmark_cli.report.slopes import collect
+    from newmark_cli.report.drawing.sheets import Results
+    from newmark_cli.report.judging.slopes import collect
 
     found = cache(lambda study: collect(committed_folder, [study]))
     return lambda *studies: Results(

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from newmark_cli import files
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.report.curves import Curve
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.reading.curves import Curve
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import results
+from newmark_cli.support import files
 
 #: Figures that claims are about.
 CLAIMING = [FIGURES[name] for name in ("10", "11", "12", "13", "14", "15", "16", "18")]

@@ -18,15 +18,15 @@ from each import each
 from test_docs import QUICKER
 
 import newmark_cli as newmark
-from newmark_cli import matrices
-from newmark_cli.library import advising, linearised
-from newmark_cli.library.advising import Equilibration
+from newmark_cli.advice import advising, linearised
+from newmark_cli.advice.advising import Equilibration
 from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.support import matrices
 
 EXAMPLE = Path(__file__).parents[1] / "docs/examples/matrices.py"
 #: Table 2 at β = 0.3, γ = 0.6, h = 1e-3, typed again as numbers.

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as arrays
 from marching import EPS
 from mpmath import mp, mpf
 
-from newmark_cli import algebra
+from newmark_cli.problems import algebra
 
 NUMBERS = st.floats(-1e100, 1e100)
 

@@ -11,7 +11,7 @@ from conftest import QUICK
 from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
-from newmark_cli.report import slopes
+from newmark_cli.report.judging import slopes
 from newmark_cli.study import axes, config, reading, results
 
 #: The columns of CSVs as they have always been, by hand.

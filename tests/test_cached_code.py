@@ -7,10 +7,10 @@ import numba
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from newmark_cli import cached_code
+from newmark_cli.support import cached_code
 
 TRIPLE = """
-from newmark_cli.cached_code import cached_njit
+from newmark_cli.support.cached_code import cached_njit
 
 @cached_njit(nogil=True)
 def triple(x):

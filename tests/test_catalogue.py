@@ -3,10 +3,10 @@
 import pytest
 from each import each
 
-from newmark_cli.documents import Document
 from newmark_cli.mechanisms import planar, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.study import catalogue
+from newmark_cli.support.documents import Document
 
 
 @pytest.fixture(scope="module")

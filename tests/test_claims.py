@@ -9,10 +9,10 @@ from click.testing import CliRunner
 from each import each
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report import expectations
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.slopes import study_slopes
-from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
+from newmark_cli.report.judging import expectations
+from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results, shipped
 from newmark_cli.study.axes import series_axes
 from newmark_cli.study.expectations import expectations as plain

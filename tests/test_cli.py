@@ -23,7 +23,7 @@ from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import MEASURES
 
@@ -196,8 +196,8 @@ def test_reproduce_keeps_the_slopes_of_other_studies(
     text = (tmp_path / "multipliers.csv").read_text()
     (tmp_path / "multipliers.csv").write_text(text.replace(",ok,", ",not_converged,"))
     monkeypatch.setattr(running, "_run", lambda *_: 0)
-    monkeypatch.setattr("newmark_cli.report.plot.plot", lambda *_: [])
-    monkeypatch.setattr("newmark_cli.report.paper_tables.build", lambda *_: [])
+    monkeypatch.setattr("newmark_cli.report.drawing.plot.plot", lambda *_: [])
+    monkeypatch.setattr("newmark_cli.report.tables.paper_tables.build", lambda *_: [])
 
     def called(command):
         code = command_line.main([command, "--results", str(tmp_path)], standalone_mode=False)

@@ -24,8 +24,8 @@ from conftest import (
 )
 
 import newmark_cli
-from newmark_cli import documents
 from newmark_cli.mechanisms.spec import MechanismFile, portable
+from newmark_cli.support import documents
 
 pytest.importorskip("distributed")
 

@@ -8,8 +8,8 @@ import synthetic
 import tampering
 from each import each
 
-from newmark_cli.report import compare as comparing
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.tables import compare as comparing
 
 MULTIPLIERS = FIGURES["10"]
 KRYLOV = FIGURES["13"]

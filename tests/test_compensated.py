@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from marching import EPS, INTEGRATORS, STEP, copy, march, states
 from mpmath import mp, mpf
 
-from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
@@ -31,6 +30,7 @@ from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.study import config
+from newmark_cli.support.documents import DocumentError
 
 ENGINES = (compiled_march, scipy_march)
 

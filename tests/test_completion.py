@@ -14,7 +14,7 @@ from warm import SCRIPT
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config
 
 EDITORS = (Path(__file__).parents[1] / "docs/editors.md").read_text(encoding="utf-8")

@@ -9,12 +9,12 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from newmark_cli import documents
-from newmark_cli.documents import DocumentError
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.study import config
+from newmark_cli.support import documents
+from newmark_cli.support.documents import DocumentError
+from newmark_cli.support.errors import InputError
 
 
 def load(tmp_path, text):

@@ -11,13 +11,13 @@ from each import each
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from newmark_cli import files
-from newmark_cli.report import slopes
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.history import read_histories
+from newmark_cli.report.judging import slopes
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.reading.history import read_histories
 from newmark_cli.study import results
 from newmark_cli.study.reading import SERIES, read_csv, read_rows, read_study
 from newmark_cli.study.results import NUMBERS, csv_text, parse_csv
+from newmark_cli.support import files
 
 #: Names that a spreadsheet would compute, or begin a cell in.
 FORMULAS = (

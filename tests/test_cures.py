@@ -10,15 +10,15 @@ import pytest
 import synthetic
 from each import each
 
-from newmark_cli.errors import ResultsError
-from newmark_cli.report import cure_table, cures, sheets
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.panels import look
-from newmark_cli.report.sheets import Results
-from newmark_cli.report.slopes import study_slopes
+from newmark_cli.report.drawing import cure_table, cures, sheets
+from newmark_cli.report.drawing.panels import look
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config
 from newmark_cli.study.reading import read_study
 from newmark_cli.study.results import COLUMNS, csv_text
+from newmark_cli.support.errors import ResultsError
 
 ROOT = Path(__file__).parents[1]
 STEPS = (1e-4, 1e-5, 1e-6)

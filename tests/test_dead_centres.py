@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from each import each
 
-from newmark_cli.documents import DocumentError, parse
 from newmark_cli.mechanisms import planar
+from newmark_cli.support.documents import DocumentError, parse
 
 #: A slider-crank whose slider is driven away from where the linkage is nearly straight.
 DRIVEN = """\

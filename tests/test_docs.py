@@ -14,21 +14,22 @@ from pages import ROOT, blocks, commands, inline, pages
 from warm import SCRIPT
 
 import newmark_cli as newmark
-from newmark_cli import documents
 from newmark_cli.cli.commands import cli as group
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
-from newmark_cli.report import check, expectations, slopes
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.judging import expectations, slopes
+from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.tables import check
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.expecting import ExpectConfig
 from newmark_cli.study.figure_keys import FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDS
 from newmark_cli.study.reading import study_files
+from newmark_cli.support import documents
 
 PAGES = pages()
 DOCS = ROOT / "docs"

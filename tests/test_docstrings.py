@@ -7,7 +7,7 @@ from pathlib import Path
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.library import linearised
+from newmark_cli.advice import linearised
 
 PUBLIC = [name for name in newmark.__all__ if name != "__version__"]
 

@@ -11,10 +11,10 @@ import yaml
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli import apart
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import PythonFactory, owner
 from newmark_cli.running import runner
+from newmark_cli.support import apart
+from newmark_cli.support.errors import InputError
 
 #: A point of 1 kg that hangs on a bar and is pushed sideways: the push is its acceleration.
 HANGS = """\

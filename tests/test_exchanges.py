@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from marching import STEP, copy
 
-from newmark_cli import machine_code
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel
 from newmark_cli.newmark.compiled_march import Engine
@@ -23,6 +22,7 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.support import machine_code
 
 NEVER = 10**9
 

@@ -10,7 +10,7 @@ import pytest
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.report import outcomes
+from newmark_cli.report.tables import outcomes
 
 #: Errors of an integrator of order 2, conditions, and |λ|, of which theory predicts no order.
 STUDY = """\

@@ -14,9 +14,10 @@ from conftest import SWING, wait_until
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli import algebra, files
-from newmark_cli.errors import ArgumentError, InputError, ResultsError
 from newmark_cli.newmark.linear import dense, exact
+from newmark_cli.problems import algebra
+from newmark_cli.support import files
+from newmark_cli.support.errors import ArgumentError, InputError, ResultsError
 
 RNG = np.random.default_rng(16)
 

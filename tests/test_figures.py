@@ -10,18 +10,18 @@ import synthetic
 from each import each
 
 import newmark_cli
-from newmark_cli.errors import ResultsError
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.report import draw, plot, sheets, style
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.fits import Fit, format_fit, power_law
-from newmark_cli.report.panels import LOOKS
-from newmark_cli.report.sheets import Results
-from newmark_cli.report.slopes import study_slopes
-from newmark_cli.report.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
+from newmark_cli.report.drawing import draw, plot, sheets, style
+from newmark_cli.report.drawing.panels import LOOKS
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.judging.fits import Fit, format_fit, power_law
+from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import RECORDS
 from newmark_cli.study.reading import read_study
+from newmark_cli.support.errors import ResultsError
 
 ORDER_FIGURES = [f for f in FIGURES.values() if f.in_paper]
 

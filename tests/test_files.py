@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from each import each
 
-from newmark_cli import files
-from newmark_cli.errors import ResultsError
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError
 
 SECRET = "a secret of somebody's"
 STUDY = """\

@@ -14,8 +14,8 @@ from each import each
 import newmark_cli
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.report import formulation_tables
-from newmark_cli.report.verdicts import MISS, PASS, UNDECIDED, Evidence, judge
+from newmark_cli.report.judging.verdicts import MISS, PASS, UNDECIDED, Evidence, judge
+from newmark_cli.report.tables import formulation_tables
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
 

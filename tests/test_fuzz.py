@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from newmark_cli.cli import main
-from newmark_cli.documents import MOST_REPORTED
 from newmark_cli.problems import python_problem
+from newmark_cli.support.documents import MOST_REPORTED
 
 ROOT = Path(__file__).parents[1]
 FILES = [

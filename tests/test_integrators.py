@@ -38,7 +38,7 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.report.fits import power_law
+from newmark_cli.report.judging.fits import power_law
 from newmark_cli.study.measures import corrections
 
 EVERY = each("integrator", INTEGRATORS)

@@ -23,8 +23,8 @@ from conftest import (
 from each import each
 from warm import SCRIPT
 
-from newmark_cli import interrupts
 from newmark_cli.study import config
+from newmark_cli.support import interrupts
 
 #: Cells of compiled code on threads, and of plain Python in processes.
 MIXED = """\

@@ -7,8 +7,8 @@ import signal
 import pytest
 from conftest import SWING, CommandLine, wait_until
 
-from newmark_cli import apart
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
+from newmark_cli.support import apart
 
 #: What a problem may do to the process that it runs in, in a line of Python.
 HARM = {

@@ -7,7 +7,6 @@ from damped import damped
 from each import each
 from marching import assert_same_step, copy, in_motion, march, scheme_of, start
 
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import march_data, scipy_march
@@ -20,6 +19,7 @@ from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.krylov import KrylovSystem, is_symmetric
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
+from newmark_cli.support.errors import InputError
 
 SUBJECTS = {name: Shipped(name).load() for name in PROBLEMS} | {
     "chain": Sized("chain", (("links", 12),)).load(),

@@ -14,8 +14,8 @@ from newmark_cli.newmark.integrator import FIELDS, Newmark
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import statistics
-from newmark_cli.report import fits
-from newmark_cli.report.fits import power_law
+from newmark_cli.report.judging import fits
+from newmark_cli.report.judging.fits import power_law
 from newmark_cli.study.measures import corrections, sample_steps
 
 norms = arrays(float, st.integers(1, 40), elements=st.floats(0, 1e300))

@@ -6,8 +6,8 @@ import pytest
 from bench import VERDICTS, bench
 from each import each
 
-from newmark_cli.report.slopes import study_slopes
-from newmark_cli.report.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
+from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
 from newmark_cli.study.reading import read_study
 
 NAMED = bench("named")

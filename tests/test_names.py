@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from each import each
 
-from newmark_cli.documents import parse
 from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.python_problem import Definition, from_definition
+from newmark_cli.support.documents import parse
 
 #: Every kind of constraint, in another order than that of the rows.
 EVERY_KIND = """\

@@ -5,9 +5,9 @@ import cmath
 from bench import VERDICTS, bench
 from each import each
 
-from newmark_cli import documents
 from newmark_cli.mechanisms import loading
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.support import documents
 
 #: Turned, in millimetres, shifted and reordered.
 THERE = bench("variants").Coordinates(0.7, 1000.0, 3 - 2j, True)

@@ -14,7 +14,7 @@ from PIL import Image
 import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.report import draw_mechanism, draw_spatial
+from newmark_cli.report.drawing import draw_mechanism, draw_spatial
 from newmark_cli.study import config
 
 EXAMPLES = Path(__file__).parents[1] / "docs/examples"

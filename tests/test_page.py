@@ -11,8 +11,10 @@ from click.testing import CliRunner
 from conftest import QUICK
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report import check, expectations, page, slopes
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report import page
+from newmark_cli.report.judging import expectations, slopes
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.tables import check
 
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 

@@ -7,9 +7,8 @@ from click.testing import CliRunner
 from each import each
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report import draw, panels, plot, sheets
-from newmark_cli.report.figures import FIGURES
-from newmark_cli.report.panels import (
+from newmark_cli.report.drawing import draw, panels, plot, sheets
+from newmark_cli.report.drawing.panels import (
     Layout,
     Legend,
     Level,
@@ -21,8 +20,9 @@ from newmark_cli.report.panels import (
     look,
     spread,
 )
-from newmark_cli.report.sheets import Results
-from newmark_cli.report.slopes import study_slopes
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import results
 from newmark_cli.study.reading import read_study
 

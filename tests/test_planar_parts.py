@@ -7,9 +7,9 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
-from newmark_cli.documents import DocumentError, parse
-from newmark_cli.errors import ArgumentError
 from newmark_cli.mechanisms import elements, loading, timed
+from newmark_cli.support.documents import DocumentError, parse
+from newmark_cli.support.errors import ArgumentError
 
 #: Undamped enough for reactions to converge: the trapezoidal rule lets them drift.
 DISSIPATIVE = {"method": "generalized-alpha", "rho": 0.9}

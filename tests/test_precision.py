@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from marching import interpreted_march, march
 from numba import njit
 
-from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march, kernel
@@ -24,6 +23,7 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 from newmark_cli.study import config
+from newmark_cli.support.documents import DocumentError
 
 # Arithmetic
 

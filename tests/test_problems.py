@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from mechanisms import TWO_BODIES
 from mpmath import mp
 
-from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.support.documents import DocumentError
 
 #: Spatial ones have tests of their own.
 PLANAR = [name for name in PROBLEMS if problem(name).axes == "xy"]

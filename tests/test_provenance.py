@@ -16,10 +16,10 @@ import scipy
 from conftest import QUICK, CommandLine
 
 import newmark_cli
-from newmark_cli.processors import usable
-from newmark_cli.report import records
+from newmark_cli.report.reading import records
 from newmark_cli.study import checkout as checkout_of_code
 from newmark_cli.study import config, provenance
+from newmark_cli.support.processors import usable
 
 ROOT = Path(__file__).parents[1]
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import newmark_cli as newmark
-from newmark_cli.documents import DocumentError, File
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.spec import ForcedMechanism, portable
 from newmark_cli.problems.problem import ProblemError
+from newmark_cli.support.documents import DocumentError, File
 
 #: Drag on a tip, and a force between it and a point of a body that pushes both apart.
 FORCES = """\

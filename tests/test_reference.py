@@ -11,8 +11,6 @@ from examples import car_axis
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
-from newmark_cli import algebra, apart
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
@@ -24,12 +22,14 @@ from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems import multipliers, python_problem, reference
+from newmark_cli.problems import algebra, multipliers, python_problem, reference
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.running import references
 from newmark_cli.running.references import References
+from newmark_cli.support import apart
+from newmark_cli.support.errors import InputError
 
 PARTS = ("u", "v", "multipliers")
 TIMES = [1e-3, 0.5, 3.0, 3.7, 20.0]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from each import each
 
-from newmark_cli.errors import InputError
-from newmark_cli.report import rendering
-from newmark_cli.report.panels import Layout, Panel, Sheet, Trace, look
+from newmark_cli.report.drawing import rendering
+from newmark_cli.report.drawing.panels import Layout, Panel, Sheet, Trace, look
+from newmark_cli.support.errors import InputError
 
 
 def sheet(exponent):

@@ -11,14 +11,14 @@ from conftest import QUICK
 from each import each
 from jsonschema import Draft7Validator, Draft202012Validator
 
-from newmark_cli import documents
-from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.study import config, keys, schema
+from newmark_cli.support import documents
+from newmark_cli.support.documents import DocumentError
 
 ROOT = Path(__file__).parents[1]
 MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"

@@ -16,10 +16,12 @@ from test_show import on_a_terminal
 import newmark_cli
 from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import as_json_text
-from newmark_cli.errors import one_line, visible, visible_lines
-from newmark_cli.report import check, draw, text
-from newmark_cli.report.panels import Layout, Panel, Sheet, Trace, look
-from newmark_cli.report.style import rendered
+from newmark_cli.report.drawing import draw
+from newmark_cli.report.drawing.panels import Layout, Panel, Sheet, Trace, look
+from newmark_cli.report.drawing.style import rendered
+from newmark_cli.report.judging import text
+from newmark_cli.report.tables import check
+from newmark_cli.support.errors import one_line, visible, visible_lines
 
 #: Moves the cursor, sets a title, rings; begins and ends lines; turns writing around.
 BAD = "\x1b[2J\x1b]0;x\x07\x9b31m\r\b\x7f\u2028\u2029\x85\u202e\u200b\nfake.csv: ok"
@@ -35,7 +37,7 @@ MAY_PRINT = {
     "cli/last_resort.py": {"print"},  # where nothing may fail
     "files.py": {"write"},  # into files
     "interrupts.py": {"write"},  # of a signal handler
-    "report/text.py": {"print"},
+    "report/judging/text.py": {"print"},
     "cli/terminal.py": {"print"},
 }
 

@@ -15,8 +15,8 @@ import synthetic
 from each import each
 from test_slopes import power, series
 
-from newmark_cli.report import text
-from newmark_cli.report.figures import FIGURES
+from newmark_cli.report.judging import text
+from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import results
 
 #: A series with an order of its own between every two step sizes: 1e-9 h² and so on.

@@ -9,13 +9,13 @@ from conftest import SWING
 from each import each
 from scipy.integrate import solve_ivp
 
-from newmark_cli import apart
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import PythonFactory
 from newmark_cli.problems import singular
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.problems.singular import Crossing, crossings
+from newmark_cli.support import apart
 
 GRAVITY = 9.81
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import newmark_cli as newmark
-from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.constraints import projector
 from newmark_cli.problems.problem import ProblemError
+from newmark_cli.support.documents import DocumentError
 
 DAMPED = "generalized-alpha rho=0.9"
 

@@ -10,8 +10,8 @@ from each import each
 from pages import ROOT, blocks, pages
 
 import newmark_cli as newmark
-from newmark_cli import documents
 from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.support import documents
 
 HOIST = (ROOT / "docs/examples/hoist.yaml").read_text()
 #: Its line with the link.

@@ -8,10 +8,9 @@ import pytest
 from each import each
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.report import check, outcomes
-from newmark_cli.report.fits import power_law
-from newmark_cli.report.slopes import COLUMNS, study_slopes, write
-from newmark_cli.report.verdicts import (
+from newmark_cli.report.judging.fits import power_law
+from newmark_cli.report.judging.slopes import COLUMNS, study_slopes, write
+from newmark_cli.report.judging.verdicts import (
     INCOMPLETE,
     MISS,
     NOT_CONVERGING,
@@ -19,6 +18,7 @@ from newmark_cli.report.verdicts import (
     SHOWN,
     UNDECIDED,
 )
+from newmark_cli.report.tables import check, outcomes
 from newmark_cli.study import results
 from newmark_cli.study.reading import read_study
 

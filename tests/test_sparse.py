@@ -8,7 +8,6 @@ from damped import damped
 from each import each
 from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
 
-from newmark_cli import algebra
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import compiled_march, march_data, scipy_march
@@ -19,6 +18,7 @@ from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
+from newmark_cli.problems import algebra
 
 CHAIN = Sized("chain", (("links", 6),))
 FOUR_BARS = Sized("four-bars", (("windows", 4),))

@@ -7,10 +7,10 @@ import pytest
 import spatial
 from each import each
 
-from newmark_cli.documents import parse
 from newmark_cli.mechanisms import loading, spatial_elements
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.support.documents import parse
 
 T = 0.4
 

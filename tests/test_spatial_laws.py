@@ -6,8 +6,8 @@ from each import each
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
-from newmark_cli.documents import DocumentError, parse
 from newmark_cli.mechanisms import loading, spatial_elements, timed
+from newmark_cli.support.documents import DocumentError, parse
 
 DISSIPATIVE = {"method": "generalized-alpha", "rho": 0.9}
 

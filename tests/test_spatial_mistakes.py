@@ -3,8 +3,8 @@
 import pytest
 from each import each
 
-from newmark_cli.documents import DocumentError, parse
 from newmark_cli.mechanisms import loading
+from newmark_cli.support.documents import DocumentError, parse
 
 ARM = """\
 dimensions: 3

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import newmark_cli as newmark
-from newmark_cli.report.draw_mechanism import mechanism_sheet
+from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 
 #: A parallelogram that swings in the plane: in space three rows are redundant.
 SWING = """\

@@ -7,10 +7,10 @@ from each import each
 from spatial import outputs
 
 import newmark_cli as newmark
-from newmark_cli.documents import parse
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.support.documents import parse
 
 DAMPED = "generalized-alpha rho=0.9"
 GRAVITY = np.array([0.3, -1, -9])

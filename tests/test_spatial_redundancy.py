@@ -6,10 +6,10 @@ import scipy.sparse
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.documents import DocumentError, parse
 from newmark_cli.mechanisms import loading, start
 from newmark_cli.newmark import needed
 from newmark_cli.problems import redundancy, singular
+from newmark_cli.support.documents import DocumentError, parse
 
 DAMPED = "generalized-alpha rho=0.9"
 BRICARD = newmark.problem("bricard").sources["bricard.yaml"].decode()

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from marching import in_motion, scheme_of, start
 
 import newmark_cli as newmark
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
@@ -31,6 +30,7 @@ from newmark_cli.newmark.march_data import PIVOTING, Counts, recording
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.scaling import Scaling, named_scaling
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.support.errors import InputError
 
 EPS = np.finfo(float).eps
 #: Forms in which large problems are solved exactly, which takes its time.

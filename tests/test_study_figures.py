@@ -9,15 +9,16 @@ import pytest
 from conftest import QUICK
 from each import each
 
-from newmark_cli.errors import InputError
 from newmark_cli.newmark.invariants import INVARIANTS
-from newmark_cli.report import automatic, cures, draw, page, plot, sheets
-from newmark_cli.report.figures import FIGURES, TABLED
-from newmark_cli.report.panels import WIDTH
-from newmark_cli.report.sheets import Results
-from newmark_cli.report.slopes import collect
+from newmark_cli.report import page
+from newmark_cli.report.drawing import automatic, cures, draw, plot, sheets
+from newmark_cli.report.drawing.panels import WIDTH
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.judging.slopes import collect
+from newmark_cli.report.reading.figures import FIGURES, TABLED
 from newmark_cli.study import config, drawing, results
 from newmark_cli.study.measures import RECORDS
+from newmark_cli.support.errors import InputError
 
 TRAPEZOIDAL, DAMPED = "newmark beta=0.25 gamma=0.5", "generalized-alpha rho=0.9"
 H = (1e-1, 1e-2, 1e-3, 1e-4)

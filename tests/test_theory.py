@@ -21,8 +21,8 @@ from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.perturbation import perturbation, sensitivities
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.report import paper_tables
-from newmark_cli.report.verdicts import MISS, PASS
+from newmark_cli.report.judging.verdicts import MISS, PASS
+from newmark_cli.report.tables import paper_tables
 
 #: Powers of h in Table 2, typed again; the V row is h¹.
 POWERS = {

@@ -9,7 +9,6 @@ from covering import covering
 from each import each
 from marching import march
 
-from newmark_cli.documents import DocumentError
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
@@ -18,6 +17,7 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.study import config
+from newmark_cli.support.documents import DocumentError
 
 ENGINES = each("engine", [compiled_march, scipy_march])
 

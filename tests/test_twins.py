@@ -9,10 +9,10 @@ from each import each
 from mpmath import MPContext
 
 import newmark_cli as newmark
-from newmark_cli.errors import ArgumentError
 from newmark_cli.newmark.statistics import standard_error
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.measures import MEASURES
+from newmark_cli.support.errors import ArgumentError
 
 mp = MPContext()
 mp.dps = 40

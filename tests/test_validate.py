@@ -6,10 +6,10 @@ from each import each
 from test_own_problems import EXAMPLES
 
 import newmark_cli as newmark
-from newmark_cli import documents
-from newmark_cli.documents import DocumentError
 from newmark_cli.newmark.integrator import INTEGRATORS, parse
 from newmark_cli.study import config, keys
+from newmark_cli.support import documents
+from newmark_cli.support.documents import DocumentError
 
 MISTAKEN = """\
 studdy: quick

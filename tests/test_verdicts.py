@@ -9,7 +9,7 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
-from newmark_cli.report.verdicts import (
+from newmark_cli.report.judging.verdicts import (
     FAILING,
     INCOMPLETE,
     MISS,

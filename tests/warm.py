@@ -314,12 +314,12 @@ def leave(code):
 
 
 def spare_server():
-    """Fork what `newmark_cli.apart` would start: it has imported its modules already.
+    """Fork what `newmark_cli.support.apart` would start: it has imported its modules already.
 
     The first server of the command is this one.  As if it were started then, it has the
     command's folder, environment and streams, and leaves signals to it.
     """
-    from newmark_cli import apart, interrupts
+    from newmark_cli.support import apart, interrupts
 
     ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
@@ -360,7 +360,8 @@ def prepare():
     load(["portalocker", *(f"newmark_cli.{name}" for name in MODULES)])
     from newmark_cli.mechanisms.registry import problem
     from newmark_cli.problems import python_problem
-    from newmark_cli.report import draw, panels, style, text
+    from newmark_cli.report.drawing import draw, panels, style
+    from newmark_cli.report.judging import text
     from newmark_cli.running import runner
     from newmark_cli.study import config
 

@@ -15,8 +15,8 @@ import click
 
 import newmark_cli
 from newmark_cli.cli.commands import cli
-from newmark_cli.report import slopes
-from newmark_cli.report.figures import Figure
+from newmark_cli.report.judging import slopes
+from newmark_cli.report.reading.figures import Figure
 from newmark_cli.study import catalogue, results, schema
 from newmark_cli.study.measures import MEASURES, Record
 
@@ -312,7 +312,7 @@ def csv_page() -> str:
 
 def names_page() -> str:
     """All that a config can name."""
-    from newmark_cli.report.figures import FIGURES
+    from newmark_cli.report.reading.figures import FIGURES
 
     parts = [
         f"## {section[0].upper()}{section[1:]}\n\n"

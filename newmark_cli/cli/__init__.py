@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 
-from newmark_cli import interrupts
+from newmark_cli.support import interrupts
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

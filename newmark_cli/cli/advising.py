@@ -15,11 +15,11 @@ from newmark_cli.cli.options import (
     evaluation_option,
     formulation_option,
 )
-from newmark_cli.errors import ArgumentError, InputError
+from newmark_cli.support.errors import ArgumentError, InputError
 
 if TYPE_CHECKING:
-    from newmark_cli.library.advising import Advice
-    from newmark_cli.library.jacobians import JacobianAdvice
+    from newmark_cli.advice.advising import Advice
+    from newmark_cli.advice.jacobians import JacobianAdvice
     from newmark_cli.study.axes import Cell
 
 #: Most combinations of problem, form, integrator and formulation of a study.
@@ -163,7 +163,7 @@ def advise(
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
     elif matrices is not None:
-        from newmark_cli.library.advising import advise as advised
+        from newmark_cli.advice.advising import advise as advised
 
         found = [advised(_path_of_matrices(matrices), h=_required(steps), **options)]
     else:
@@ -183,7 +183,7 @@ def _required(steps: tuple[float, ...]) -> list[float]:
 
 
 def _path_of_matrices(path: Path) -> Path:
-    from newmark_cli.library.linearised import is_path_of_matrices
+    from newmark_cli.advice.linearised import is_path_of_matrices
 
     if not is_path_of_matrices(path):
         raise InputError(f"{path}: must be an .npz file or a folder of .mtx files")
@@ -193,7 +193,7 @@ def _path_of_matrices(path: Path) -> Path:
 def _of_jacobians(
     files: tuple[Path, ...], blocks: str | None, steps: tuple[float, ...], options: dict[str, Any]
 ) -> "JacobianAdvice":
-    from newmark_cli.library.jacobians import advise_jacobian
+    from newmark_cli.advice.jacobians import advise_jacobian
 
     unfit = sorted(set(options) - {"integrator", "beta", "gamma"})
     if unfit:
@@ -214,10 +214,10 @@ def _of_subject(
 
 
 def _is_study(subject: str) -> bool:
-    from newmark_cli import documents
     from newmark_cli.mechanisms import loading
     from newmark_cli.mechanisms.registry import PROBLEMS
     from newmark_cli.study import config
+    from newmark_cli.support import documents
 
     if Path(subject).suffix in (".yaml", ".yml"):
         return not loading.is_mechanism(documents.read(Path(subject), subject).data)
@@ -245,8 +245,8 @@ def _of_study(
 
 def _called(spec: Any, options: dict[str, Any]) -> "Advice":
     """Advice on a problem; user code runs in a separate process."""
-    from newmark_cli import apart
     from newmark_cli.mechanisms.spec import Code
+    from newmark_cli.support import apart
 
     if not isinstance(spec, Code):
         return _advised(spec, options)
@@ -258,7 +258,7 @@ def _called(spec: Any, options: dict[str, Any]) -> "Advice":
 
 
 def _advised(spec: Any, options: dict[str, Any]) -> "Advice":
-    from newmark_cli.library.advising import advise as advised
+    from newmark_cli.advice.advising import advise as advised
 
     try:
         return advised(spec.load(), **options)

@@ -24,7 +24,7 @@ from newmark_cli.cli import (
     showing,
 )
 from newmark_cli.cli.streams import UNREAD, OutputError
-from newmark_cli.errors import ExecutorError, InputError
+from newmark_cli.support.errors import ExecutorError, InputError
 
 
 class _Interrupted(BaseException):

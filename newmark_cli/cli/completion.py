@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from newmark_cli.errors import visible
+from newmark_cli.support.errors import visible
 
 Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 

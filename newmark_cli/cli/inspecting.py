@@ -20,7 +20,7 @@ from newmark_cli.cli.options import (
     formulation_option,
     results_folder,
 )
-from newmark_cli.errors import InputError
+from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
     from newmark_cli.newmark.scaling import Preconditioning
@@ -63,7 +63,7 @@ def orders(
     Example:
       newmark-study orders --form u-lambda --preconditioning optimal
     """
-    from newmark_cli.report import theory
+    from newmark_cli.report.tables import theory
 
     chosen = _chosen_orders(form, preconditioning, evaluation, formulation, file, allow_code)
     if derive:
@@ -93,8 +93,8 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     Example:
       newmark-study validate my-study.yaml my-mechanism.yaml
     """
-    from newmark_cli.documents import DocumentError
     from newmark_cli.study import config
+    from newmark_cli.support.documents import DocumentError
 
     code = 0
     for name in files:
@@ -191,7 +191,7 @@ def draw(
         )
     from newmark_cli.mechanisms.spec import with_problem
     from newmark_cli.problems.problem import is_beyond
-    from newmark_cli.report import draw_mechanism, style
+    from newmark_cli.report.drawing import draw_mechanism, style
     from newmark_cli.study import keys, motion
 
     if is_beyond(subject.until, time):
@@ -261,7 +261,7 @@ def list_(as_json: bool) -> int:
     Example:
       newmark-study list
     """
-    from newmark_cli.report.figures import FIGURES
+    from newmark_cli.report.reading.figures import FIGURES
     from newmark_cli.study import catalogue
 
     sections = catalogue.sections()
@@ -292,8 +292,8 @@ def _chosen_orders(
     """Form, scaling, evaluation and formulation that the options of `orders` choose."""
     from newmark_cli.newmark.forms import FORMS, INDEX_3
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
-    from newmark_cli.spelling import nearest
     from newmark_cli.study import keys
+    from newmark_cli.support.spelling import nearest
 
     if file is not None:
         if any(option is not None for option in (form, variant, evaluation, formulation)):

@@ -12,7 +12,7 @@ from datetime import datetime
 from typing import Any
 
 from newmark_cli import __version__
-from newmark_cli.errors import described, one_line
+from newmark_cli.support.errors import described, one_line
 
 #: Exit code of an error of the program itself, as in sysexits.h; 1 means a failed check.
 CODE = 70

@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from newmark_cli.cli.completion import complete
-from newmark_cli.errors import visible_lines
-from newmark_cli.processors import usable
+from newmark_cli.support.errors import visible_lines
+from newmark_cli.support.processors import usable
 
 complete_config = complete("configs", files=True)
 

@@ -12,13 +12,13 @@ import click
 from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import as_json_text, choosing_options, results_folder, studies_argument
-from newmark_cli.errors import InputError
+from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
-    from newmark_cli.report.expectations import Expected
-    from newmark_cli.report.outcomes import Outcome
-    from newmark_cli.report.paper_tables import Entry
-    from newmark_cli.report.slopes import Slope
+    from newmark_cli.report.judging.expectations import Expected
+    from newmark_cli.report.judging.slopes import Slope
+    from newmark_cli.report.tables.outcomes import Outcome
+    from newmark_cli.report.tables.paper_tables import Entry
 
 #: Series of which `check` says why they are not as predicted, unless all are asked for.
 REMARKS = 20
@@ -101,9 +101,9 @@ def plot(
     Example:
       newmark-study plot my-study --measure error --format pdf --size 5x4
     """
-    from newmark_cli.report import plot as plotting
-    from newmark_cli.report import slopes
-    from newmark_cli.report.sheets import Results
+    from newmark_cli.report.drawing import plot as plotting
+    from newmark_cli.report.drawing.sheets import Results
+    from newmark_cli.report.judging import slopes
 
     choice = plotting.Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
@@ -162,9 +162,11 @@ def check(
     Example:
       newmark-study check my-study --strict --junit slopes.xml
     """
-    from newmark_cli import files
-    from newmark_cli.report import expectations, outcomes, records, slopes
+    from newmark_cli.report.judging import expectations, slopes
+    from newmark_cli.report.reading import records
+    from newmark_cli.report.tables import outcomes
     from newmark_cli.study import reading
+    from newmark_cli.support import files
 
     wanted = reading.named_studies(folder, studies)
     everything = slopes.collect(folder)
@@ -254,7 +256,8 @@ def tables(
       newmark-study tables my-study --rows preconditioning --columns quantity
     """
     if studies:
-        from newmark_cli.report import slopes, study_tables
+        from newmark_cli.report.judging import slopes
+        from newmark_cli.report.tables import study_tables
 
         found = slopes.collect(folder, studies)
         screen.lines(study_tables.text(study_tables.grids(found, rows, columns), form).rstrip())
@@ -264,8 +267,8 @@ def tables(
     if formulations:
         show_formulations(folder)
         return 0
-    from newmark_cli.report import paper_tables as tabling
-    from newmark_cli.report import slopes
+    from newmark_cli.report.judging import slopes
+    from newmark_cli.report.tables import paper_tables as tabling
 
     entries = tabling.build(slopes.collect(folder, [tabling.STUDY]))
     show_tables(folder, entries)
@@ -286,8 +289,8 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
     Example:
       newmark-study info pendulum-u --cells
     """
-    from newmark_cli.report import records
-    from newmark_cli.report.text import text_table
+    from newmark_cli.report.judging.text import text_table
+    from newmark_cli.report.reading import records
     from newmark_cli.study import reading
 
     files = [folder / f"{name}.csv" for name in studies] or reading.study_files(folder)
@@ -315,7 +318,7 @@ def verify(studies: tuple[str, ...], folder: Path) -> int:
     Example:
       newmark-study verify pendulum-u --results out
     """
-    from newmark_cli.report import records
+    from newmark_cli.report.reading import records
 
     found = records.verify(folder, studies)
     for entry in found:
@@ -353,7 +356,7 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     """
     if math.isnan(rtol):
         raise InputError("--rtol: must be a number from 0 to 1, given nan")
-    from newmark_cli.report import compare as comparing
+    from newmark_cli.report.tables import compare as comparing
 
     found = comparing.compare(first, second, rtol)
     screen.lines(comparing.as_text(found, None if everything else 10))
@@ -400,9 +403,9 @@ def show_claims(
         markdown: Whether the tables are printed as Markdown, and nothing else.
         changed: A line for each CSV that is not what was written.
     """
-    from newmark_cli.report import check as checking
-    from newmark_cli.report import expectations
-    from newmark_cli.report.text import text_table, wrapped
+    from newmark_cli.report.judging import expectations
+    from newmark_cli.report.judging.text import text_table, wrapped
+    from newmark_cli.report.tables import check as checking
 
     chosen = checking.chosen(slopes, show_all)
     if markdown:
@@ -445,7 +448,7 @@ def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
         asserted: All that is asserted.
         strict: Whether what is undecided fails.
     """
-    from newmark_cli.report import outcomes
+    from newmark_cli.report.tables import outcomes
 
     for line in outcomes.notes(asserted, strict):
         screen.complain(line)
@@ -454,8 +457,8 @@ def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
 
 def show_formulations(folder: Path) -> None:
     """Print the tables of all formulations and write them."""
-    from newmark_cli.report import formulation_tables
-    from newmark_cli.report.text import text_table, wrapped
+    from newmark_cli.report.judging.text import text_table, wrapped
+    from newmark_cli.report.tables import formulation_tables
 
     for title, note, rows in formulation_tables.grids():
         screen.lines(f"{wrapped(title)}\n\n{text_table(rows)}\n\n{wrapped(note)}\n")
@@ -465,10 +468,11 @@ def show_formulations(folder: Path) -> None:
 
 def show_cures(folder: Path) -> int:
     """Print the table of cures, and write it; 1 when a cell is not as predicted."""
-    from newmark_cli.report import cure_table, slopes
-    from newmark_cli.report.cures import TABLED
-    from newmark_cli.report.sheets import Results
-    from newmark_cli.report.text import text_table, wrapped
+    from newmark_cli.report.drawing import cure_table
+    from newmark_cli.report.drawing.cures import TABLED
+    from newmark_cli.report.drawing.sheets import Results
+    from newmark_cli.report.judging import slopes
+    from newmark_cli.report.judging.text import text_table, wrapped
 
     given = [study for study in TABLED if (folder / f"{study}.csv").exists()]
     cells = cure_table.build(Results(folder, slopes.collect(folder, given or TABLED)))
@@ -485,8 +489,8 @@ def show_cures(folder: Path) -> int:
 
 def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
     """Print Tables 1 and 2, and write them."""
-    from newmark_cli.report import paper_tables as tabling
-    from newmark_cli.report.text import text_table, wrapped
+    from newmark_cli.report.judging.text import text_table, wrapped
+    from newmark_cli.report.tables import paper_tables as tabling
 
     for title, grid in tabling.grids(entries):
         screen.lines(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from newmark_cli import interrupts
 from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
     How,
@@ -18,6 +17,7 @@ from newmark_cli.cli.options import (
     running_options,
 )
 from newmark_cli.cli.results import show_claims, show_cures, show_tables, verdict
+from newmark_cli.support import interrupts
 
 if TYPE_CHECKING:
     from newmark_cli.cli.terminal import Counts
@@ -151,11 +151,13 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
     code = _run([config.load_shipped(name) for name in studies], folder, how, None)
 
-    from newmark_cli.report import expectations, outcomes, records, slopes
-    from newmark_cli.report import paper_tables as tabling
-    from newmark_cli.report import plot as plotting
-    from newmark_cli.report.sheets import Results
-    from newmark_cli.report.text import wrapped
+    from newmark_cli.report.drawing import plot as plotting
+    from newmark_cli.report.drawing.sheets import Results
+    from newmark_cli.report.judging import expectations, slopes
+    from newmark_cli.report.judging.text import wrapped
+    from newmark_cli.report.reading import records
+    from newmark_cli.report.tables import outcomes
+    from newmark_cli.report.tables import paper_tables as tabling
     from newmark_cli.study import reading
 
     found = slopes.collect(folder, studies)

@@ -9,7 +9,7 @@ import re
 
 import click
 
-from newmark_cli.errors import one_line, visible, visible_lines
+from newmark_cli.support.errors import one_line, visible, visible_lines
 
 _COLOUR = re.compile(r"(\x1b\[[0-9;]*m)")
 
@@ -22,7 +22,7 @@ def line(text: object = "") -> None:
 def lines(text: str) -> None:
     """Print several lines; the fields in them have gone through `visible`.
 
-    Tables keep the colours that `newmark_cli.report.text.text_table` gave them.
+    Tables keep the colours that `newmark_cli.report.judging.text.text_table` gave them.
     """
     parts = _COLOUR.split(text)
     parts[::2] = map(visible_lines, parts[::2])

@@ -25,7 +25,7 @@ def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[
     Example:
       newmark-study show pendulum-u --quantity lambda --preconditioning none
     """
-    from newmark_cli.report import showing
+    from newmark_cli.report.tables import showing
 
     found = showing.read(folder, studies)
     if not studies and not any(wanted.values()):

@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli import interrupts
 from newmark_cli.cli import screen
-from newmark_cli.errors import visible
 from newmark_cli.running.runner import Planned, Watcher, weight
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
+from newmark_cli.support import interrupts
+from newmark_cli.support.errors import visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress

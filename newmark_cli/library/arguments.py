@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array
-from newmark_cli.errors import ArgumentError
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ArgumentError
+from newmark_cli.support.spelling import nearest
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = 60

@@ -11,9 +11,6 @@ from typing import Any, Literal, TypedDict, Unpack, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array
-from newmark_cli.errors import ArgumentError, warn
 from newmark_cli.library import arguments
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.library.scalings import (
@@ -45,9 +42,12 @@ from newmark_cli.newmark.scheme import (
 from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
 from newmark_cli.newmark.twins import twins as twins_of
 from newmark_cli.problems import starting
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError, is_beyond
 from newmark_cli.study import fitting
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ArgumentError, warn
 
 #: Most memory that a trajectory may take (bytes).
 MOST_BYTES = 1_000_000_000

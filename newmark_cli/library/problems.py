@@ -5,9 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from newmark_cli import documents
-from newmark_cli.documents import Document
-from newmark_cli.errors import ArgumentError, warn
 from newmark_cli.library.arguments import flag, shown
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
@@ -16,7 +13,10 @@ from newmark_cli.mechanisms.spec import PythonFactory, Sized
 from newmark_cli.problems import fingerprint, python_problem
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.problems.python_problem import Definition
-from newmark_cli.spelling import nearest
+from newmark_cli.support import documents
+from newmark_cli.support.documents import Document
+from newmark_cli.support.errors import ArgumentError, warn
+from newmark_cli.support.spelling import nearest
 
 
 def problem(given: Any, /, **arguments: Any) -> Problem:

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from newmark_cli.documents import DocumentError
-from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import (
@@ -19,6 +17,8 @@ from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
+from newmark_cli.support.documents import DocumentError
+from newmark_cli.support.errors import ArgumentError
 
 #: Largest β and γ, and the reciprocal of the smallest.
 _FARTHEST = 1e12

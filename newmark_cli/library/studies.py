@@ -7,21 +7,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli import files
-from newmark_cli.documents import Document
-from newmark_cli.errors import ArgumentError, ExecutorError, InputError
 from newmark_cli.library import arguments
-from newmark_cli.processors import usable
-from newmark_cli.report import records
+from newmark_cli.report.reading import records
 from newmark_cli.study import config, reading, results
 from newmark_cli.study import trajectories as kept
 from newmark_cli.study.config import Study
 from newmark_cli.study.keys import Surroundings
+from newmark_cli.support import files
+from newmark_cli.support.documents import Document
+from newmark_cli.support.errors import ArgumentError, ExecutorError, InputError
+from newmark_cli.support.processors import usable
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from newmark_cli.report.style import Drawing
+    from newmark_cli.report.drawing.style import Drawing
 
 #: Attribute of a frame: study → what its record says besides the rows, as JSON.
 _RECORDS = "newmark-study records"
@@ -179,7 +179,7 @@ def slopes(frame: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    from newmark_cli.report.slopes import COLUMNS, collect
+    from newmark_cli.report.judging.slopes import COLUMNS, collect
 
     with _folder(frame) as folder:
         return pd.DataFrame([slope.row() for slope in collect(folder)], columns=list(COLUMNS))
@@ -219,10 +219,10 @@ def plot(
         >>> len(figure.axes)
         1
     """
-    from newmark_cli.report import draw
-    from newmark_cli.report import plot as plotting
-    from newmark_cli.report.sheets import Results, sheet
-    from newmark_cli.report.slopes import collect
+    from newmark_cli.report.drawing import draw
+    from newmark_cli.report.drawing import plot as plotting
+    from newmark_cli.report.drawing.sheets import Results, sheet
+    from newmark_cli.report.judging.slopes import collect
 
     axes = ("quantity", "form", "problem", "preconditioning", "integrator")
     for name, given in choice.items():

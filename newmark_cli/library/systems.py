@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Unpack
 
-from newmark_cli.errors import ArgumentError
 from newmark_cli.library import arguments
 from newmark_cli.library.marching import Options, march
 from newmark_cli.newmark.newton_systems import NewtonSystem, newton_systems
+from newmark_cli.support.errors import ArgumentError
 
 #: Options of `march` that are about what is kept of it.
 _KEEPING = ("every", "at", "keep", "callback")

@@ -6,13 +6,13 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from newmark_cli import documents
-from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import laws
 from newmark_cli.mechanisms.models import Law
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
+from newmark_cli.support import documents
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.documents import Document, DocumentError, KeyPath
+from newmark_cli.support.spelling import nearest
 
 
 class Follows(Exception):

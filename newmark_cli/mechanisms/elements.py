@@ -53,8 +53,8 @@ values of laws into a copy of the table, and call the others.
 
 import numpy as np
 
-from newmark_cli.cached_code import cached_njit
 from newmark_cli.mechanisms import timed
+from newmark_cli.support.cached_code import cached_njit
 
 sine_cosine, at_time, _law_of = timed.sine_cosine, timed.at_time, timed.law
 #: A function that becomes a part of its caller: handing on arrays costs time in each call.

@@ -17,11 +17,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, Strict
 
-from newmark_cli.documents import WHOLE, StrictModel
 from newmark_cli.mechanisms.linked import Linked, Made, Masses
 from newmark_cli.mechanisms.sines import sine_cosine
 from newmark_cli.mechanisms.spatial_linked import Bars
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.documents import WHOLE, StrictModel
 
 #: A million links take gigabytes; more is a slip of the finger.
 Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000), WHOLE]

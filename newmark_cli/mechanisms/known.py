@@ -7,11 +7,11 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import ellipj
 
-from newmark_cli.arrays import Array
 from newmark_cli.mechanisms import registry
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.multipliers import weights
 from newmark_cli.problems.reference import Reference
+from newmark_cli.support.arrays import Array
 
 _EPS = float(np.finfo(float).eps)
 

@@ -12,8 +12,8 @@ from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.problems.problem import Elements, Pattern, Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
 _Item = TypeVar("_Item")
 

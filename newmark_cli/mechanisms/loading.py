@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import documents
-from newmark_cli.documents import Document, File
 from newmark_cli.problems.problem import Problem, Push
+from newmark_cli.support import documents
+from newmark_cli.support.documents import Document, File
 
 #: Keys that only spatial mechanisms have.
 _SPATIAL = ("joints", "rates", "redundant")

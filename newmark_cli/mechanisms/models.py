@@ -19,9 +19,9 @@ from pydantic import (
     model_validator,
 )
 
-from newmark_cli import documents
-from newmark_cli.documents import Number, StrictModel, Truth, misfit
-from newmark_cli.json_schema import also
+from newmark_cli.support import documents
+from newmark_cli.support.documents import Number, StrictModel, Truth, misfit
+from newmark_cli.support.json_schema import also
 
 #: Products and squares of a few numbers of this size, and of their inverses, are numbers.
 _LARGEST = 1e30

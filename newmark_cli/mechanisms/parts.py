@@ -45,8 +45,8 @@ from newmark_cli.mechanisms.sketch import (
 )
 
 if TYPE_CHECKING:
-    from newmark_cli.documents import KeyPath
     from newmark_cli.mechanisms.planar import Builder
+    from newmark_cli.support.documents import KeyPath
 
 #: The constant vector (1, 0), as if it were a fixed point.
 UNIT = "\0"

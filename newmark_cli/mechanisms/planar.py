@@ -16,15 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from newmark_cli import documents
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, DocumentError, KeyPath
 from newmark_cli.mechanisms import builder, elements, laws, start
 from newmark_cli.mechanisms.builder import Follows
 from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
 from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Elements, Pattern, Problem, Push
+from newmark_cli.support import documents
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.documents import Document, DocumentError, KeyPath
 
 #: What adds forces in Python to a problem.
 Code = Callable[[Problem, Sequence["Push"]], Problem]

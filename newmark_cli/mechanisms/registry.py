@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Problem, ProblemError
-from newmark_cli.spelling import nearest
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.models import Mechanism
@@ -67,7 +67,7 @@ class Picture:
 @cache
 def is_spatial(name: str) -> bool:
     """Whether there is a shipped mechanism in space of this name; nothing is built."""
-    from newmark_cli import documents
+    from newmark_cli.support import documents
 
     found = documents.read(_FOLDER / f"{name}.yaml").data if name in PROBLEMS else {}
     return found.get("dimensions") == 3
@@ -75,8 +75,8 @@ def is_spatial(name: str) -> bool:
 
 def picture(name: str) -> Picture:
     """Of the shipped problem of this name; built, and so compiled, only where it must be."""
-    from newmark_cli import documents
     from newmark_cli.mechanisms.models import Mechanism
+    from newmark_cli.support import documents
 
     document = documents.read(_FOLDER / f"{name}.yaml")
     # Of an assembled one the file has a guess only.
@@ -107,7 +107,7 @@ class About:
 @cache
 def about(name: str) -> About:
     """Description of a shipped problem in its file."""
-    from newmark_cli import documents
+    from newmark_cli.support import documents
 
     data = documents.read(_FOLDER / f"{name}.yaml").data
     return About(data["title"], data["description"], *size(data))

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.arrays import Array
-from newmark_cli.documents import Document, KeyPath
 from newmark_cli.mechanisms.models import GROUND
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.documents import Document, KeyPath
 
 if TYPE_CHECKING:
     # Either takes its time to import, and one of them is enough.

@@ -11,10 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import documents
-from newmark_cli.algebra import norm, product
-from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.documents import Document, KeyPath
 from newmark_cli.mechanisms import builder, laws, start
 from newmark_cli.mechanisms import spatial_elements as elements
 from newmark_cli.mechanisms.builder import Follows, Row
@@ -29,7 +25,11 @@ from newmark_cli.mechanisms.spatial_model import (
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
+from newmark_cli.problems.algebra import norm, product
 from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.support import documents
+from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.documents import Document, KeyPath
 
 #: Coordinates of a body.
 PER_BODY = 12

@@ -45,8 +45,8 @@ table, and call the others.
 
 import numpy as np
 
-from newmark_cli.cached_code import cached_njit
 from newmark_cli.mechanisms import timed
+from newmark_cli.support.cached_code import cached_njit
 
 (
     BODY, POINT, DOT, SQUARE, ANGLE, SPRING, DAMPER, LOAD, TORQUE, FOLLOWER, HINGE, TERM,

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array, IndexArray
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Coordinates and internal constraints of a body.
 _PER_BODY, _INTERNAL = 12, 6

@@ -19,10 +19,6 @@ from pydantic import (
     model_validator,
 )
 
-from newmark_cli import documents
-from newmark_cli.algebra import norm, product
-from newmark_cli.arrays import Array
-from newmark_cli.documents import StrictModel, Truth, misfit
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
     Amount,
@@ -33,6 +29,10 @@ from newmark_cli.mechanisms.models import (
     NotNegative,
     Spring,
 )
+from newmark_cli.problems.algebra import norm, product
+from newmark_cli.support import documents
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.documents import StrictModel, Truth, misfit
 
 #: Largest cosine of directions that are to be perpendicular.
 _SKEW = 1e-9

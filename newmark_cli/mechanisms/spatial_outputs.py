@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
 _AXES = "xyz"
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.mechanisms.spatial import SpatialModel
 from newmark_cli.mechanisms.spatial_model import Body
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
 
 #: Bodies whose inertia is listed.
 _MOST_BODIES = 20

@@ -27,10 +27,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NoReturn, Self, TypeVar
 
-from newmark_cli import apart
-from newmark_cli.documents import File
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.support import apart
+from newmark_cli.support.documents import File
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _mechanism(spec: MechanismFile) -> Problem:
 class Code(ABC):
     """A problem that is user code: it runs only in separate processes.
 
-    See `newmark_cli.apart`.
+    See `newmark_cli.support.apart`.
 
     Attributes:
         path: The file, in whose folder others are looked for.

@@ -9,14 +9,14 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from newmark_cli import documents
-from newmark_cli.algebra import Factors, solver
-from newmark_cli.arrays import Array
-from newmark_cli.documents import KeyPath
 from newmark_cli.mechanisms.builder import Builder, Row
 from newmark_cli.problems import index_1, redundancy
+from newmark_cli.problems.algebra import Factors, solver
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
+from newmark_cli.support import documents
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.documents import KeyPath
+from newmark_cli.support.spelling import nearest
 
 #: Coordinates up to which ranks are found by dense factorisations.
 DENSE_UP_TO = 600

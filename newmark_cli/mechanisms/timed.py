@@ -28,7 +28,6 @@ such a table one without laws, for the loops over elements.
 
 import numpy as np
 
-from newmark_cli.cached_code import cached_njit
 from newmark_cli.mechanisms import sines
 from newmark_cli.mechanisms.laws import (
     ANOTHER,
@@ -44,6 +43,7 @@ from newmark_cli.mechanisms.laws import (
     WEIGHT,
     WHAT,
 )
+from newmark_cli.support.cached_code import cached_njit
 
 sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
 

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import lsqr
 
-from newmark_cli.algebra import Factors, spectral_norm
-from newmark_cli.arrays import Array
+from newmark_cli.problems.algebra import Factors, spectral_norm
+from newmark_cli.support.arrays import Array
 
 _MOST_SWEEPS = 50
 #: Entries this much smaller than all others in their row or column are zeros, rounded.

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import kernel, scipy_march
 from newmark_cli.newmark.constraints import Constraining, constraining_of
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
@@ -27,6 +26,7 @@ from newmark_cli.newmark.march_data import (
 )
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
 
 class Engine:

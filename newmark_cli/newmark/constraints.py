@@ -18,13 +18,13 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from newmark_cli.algebra import Factors, norm, product, spectral_norm
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import Factors, norm, product, spectral_norm
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, dense_matrix
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most coordinates that M couples for which its inverse is formed, block by block.
 _LARGEST_BLOCK = 300

@@ -31,16 +31,16 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import algebra
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import constraining_of
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Units in the last place by which the first of the iterates is off, so that the second
 #: rounds anew everywhere, as after Newton's last correction that was not rounding.

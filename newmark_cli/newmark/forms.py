@@ -12,8 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS, Relations
+from newmark_cli.support.arrays import Array
 
 #: The formulation of the paper, which goes without saying.
 INDEX_3 = "index-3"

@@ -16,10 +16,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS, INDEX_3, Form
-from newmark_cli.spelling import nearest
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
+from newmark_cli.support.spelling import nearest
 
 
 class FormulationError(InputError):

@@ -18,9 +18,9 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.errors import InputError
-from newmark_cli.spelling import nearest
+from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.errors import InputError
+from newmark_cli.support.spelling import nearest
 
 FIELDS = ("u", "v", "a")
 

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.march_data import State
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
 
 #: Names of the invariants, in the order of the CSV's rows.
 INVARIANTS = ("position", "velocity", "multiplier", "energy")

@@ -5,13 +5,13 @@ The engines' own assembly is checked against this literal one.
 
 import numpy as np
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.integrator import FIELDS, Relations
 from newmark_cli.newmark.scaling import sensitivity
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Terms
+from newmark_cli.support.arrays import Array
 
 Blocks = dict[str, dict[str, Array]]
 

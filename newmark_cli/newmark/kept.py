@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.support.arrays import Array
 
 #: What a trajectory may keep, as `keep` names it.
 KEPT = (*FIELDS, "lambda")

@@ -25,8 +25,6 @@ import numpy as np
 from numba import from_dtype, njit, typeof, types
 from numba.extending import intrinsic
 
-from newmark_cli.cached_code import cached_njit
-from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     DIVERGED,
@@ -35,6 +33,8 @@ from newmark_cli.newmark.march_data import (
     SINGULAR,
     UNSOLVED,
 )
+from newmark_cli.support.cached_code import cached_njit
+from newmark_cli.support.machine_code import generate_call
 
 #: A function by itself, one that only the march calls, and one that becomes a part of its
 #: caller.  The second has no entry for Python, which would take as long to compile as the

@@ -8,8 +8,6 @@ from heapq import merge
 
 import numpy as np
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
@@ -17,9 +15,11 @@ from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.starting import corrected_velocity
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
 _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from newmark_cli.errors import InputError
+from newmark_cli.support.errors import InputError
 
 SYMBOLS = ("beta", "gamma", "h")
 LONGEST = 200

@@ -8,11 +8,11 @@ mechanism itself is as it was.
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.march import March
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.redundancy import Least
+from newmark_cli.support.arrays import Array
 
 #: States of a march that are looked at, and steps between two where its end is not known.
 _LOOKS, _APART = 200, 50

@@ -8,8 +8,6 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError
 from newmark_cli.newmark import scipy_march
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
@@ -19,6 +17,8 @@ from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED, State, recording
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,11 @@ import math
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
 
 #: Rms relative error of a rounding, in units of eps, for mantissas spread log-uniformly.
 ROUNDING = 0.212

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Tangents, constraining_of
 from newmark_cli.newmark.formulation import RECOVERED
 from newmark_cli.newmark.linear.krylov import KrylovSystem
@@ -34,6 +33,7 @@ from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array
 
 #: What does not count: comparisons, signs, and what moves a number about.
 _FREE = {

@@ -11,11 +11,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import MULTIPLIERS, Form, eliminate
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS, Newmark
 from newmark_cli.newmark.scaling import Scaling
+from newmark_cli.support.arrays import Array
 
 UNKNOWNS = (*FIELDS, *MULTIPLIERS)
 

@@ -7,13 +7,13 @@ times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of
 
 import numpy as np
 
-from newmark_cli.algebra import norm
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import norm
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
 
 #: Size of the perturbation; a power of two, so that dividing by it is exact.
 EPSILON = 2.0**-20

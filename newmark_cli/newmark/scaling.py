@@ -9,11 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS, Form
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial, MonomialError
-from newmark_cli.spelling import nearest
+from newmark_cli.support.errors import InputError
+from newmark_cli.support.spelling import nearest
 
 ONE = Monomial()
 

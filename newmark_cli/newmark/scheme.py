@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.forms import Elimination, Form, eliminate
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
@@ -24,6 +23,7 @@ from newmark_cli.newmark.formulation import (
 from newmark_cli.newmark.integrator import FIELDS, Integrator, Relations
 from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
+from newmark_cli.support.arrays import Array
 
 DIRECT, COMPENSATED = "direct", "compensated"
 #: How residuals are evaluated.  Direct: in the unknowns themselves, as the paper

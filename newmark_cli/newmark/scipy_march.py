@@ -6,8 +6,6 @@ whose linear systems are not solved by the kernel.
 
 import numpy as np
 
-from newmark_cli import algebra
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.linear.choice import Stagnation
@@ -23,8 +21,10 @@ from newmark_cli.newmark.march_data import (
     State,
 )
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
+from newmark_cli.support.arrays import Array, IndexArray
 
 
 class _Compensated:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from newmark_cli.arrays import Array
+from newmark_cli.support.arrays import Array
 
 
 @dataclass(frozen=True)

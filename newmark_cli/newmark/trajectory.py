@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray, Mask
-from newmark_cli.errors import ArgumentError
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
 from newmark_cli.newmark.march import March, Stretch
@@ -17,7 +15,9 @@ from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.twins import spread
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
+from newmark_cli.support.arrays import Array, IndexArray, Mask
+from newmark_cli.support.errors import ArgumentError
+from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     import pandas as pd

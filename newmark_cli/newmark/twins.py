@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
 
 _SEED = 20061012
 

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.arrays import Array, Mask
 from newmark_cli.problems import user_code
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ContradictionError, Problem, ProblemError
+from newmark_cli.support.arrays import Array, Mask
 
 #: Ratio of a step to the next, and how many there are; the longest, relative to the
 #: coordinates, and the first that is tried.  No round numbers, lest they fit a period.

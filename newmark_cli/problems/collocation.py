@@ -22,10 +22,10 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.polynomial.legendre import leggauss, legint, legval, legvander
 
-from newmark_cli.algebra import Factors, product
-from newmark_cli.arrays import Array
+from newmark_cli.problems.algebra import Factors, product
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.singular import crossings, gradient, scaled
+from newmark_cli.support.arrays import Array
 
 #: Most unknowns n + m: the matrix of a step has as many rows for each node.
 LARGEST = 60

@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.algebra import product
-from newmark_cli.arrays import Array
 from newmark_cli.problems import differences
+from newmark_cli.problems.algebra import product
 from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, Compiler
+from newmark_cli.support.arrays import Array
 
 #: The four functions, as a definition calls them.
 NAMES = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")

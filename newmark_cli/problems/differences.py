@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.cached_code import cached_njit
+from newmark_cli.support.cached_code import cached_njit
 
 #: Steps (s) of differences in time.  The longest is short enough for motions of some
 #: hundred radians a second, the shortest for some thousand.  No power of two stands

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from newmark_cli.algebra import norm, product
-from newmark_cli.arrays import Array
+from newmark_cli.problems.algebra import norm, product
+from newmark_cli.support.arrays import Array
 
 #: How much a step may shrink and grow, and the part of the best size that is taken.
 _LEAST, _MOST, _SAFETY = 0.2, 10.0, 0.9

@@ -13,10 +13,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csc_array
 
-from newmark_cli import algebra
-from newmark_cli.algebra import Factors, product, solver
-from newmark_cli.arrays import Array
+from newmark_cli.problems import algebra
+from newmark_cli.problems.algebra import Factors, product, solver
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array
 
 #: A linear map of vectors (n + m,).
 _Map = Callable[[Array], Array]

@@ -4,8 +4,8 @@ from functools import partial
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.support.arrays import Array
 
 
 def linear_problem(

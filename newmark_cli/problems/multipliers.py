@@ -29,9 +29,9 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Part of a random motion that is left where constraints prescribe a coordinate.
 _MOVES = 1e-6

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
-from newmark_cli.errors import ArgumentError, InputError
+from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.errors import ArgumentError, InputError
 
 
 class ProblemError(InputError):

@@ -20,9 +20,9 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from newmark_cli.cached_code import cached_njit
 from newmark_cli.problems import differences, python_problem
 from newmark_cli.problems.problem import Problem, Push
+from newmark_cli.support.cached_code import cached_njit
 
 
 def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, spelled: str) -> Problem:

@@ -20,11 +20,11 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from newmark_cli import errors, files
-from newmark_cli.arrays import Array
 from newmark_cli.problems import constraint_rows, differences, index_1, user_code
 from newmark_cli.problems.agreement import Agreement
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
+from newmark_cli.support import errors, files
+from newmark_cli.support.arrays import Array
 
 _CONSISTENCY = 1e-9
 #: Largest Python file that is read (bytes).

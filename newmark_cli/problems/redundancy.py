@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from newmark_cli.arrays import Array
+from newmark_cli.support.arrays import Array
 
 _DAMPING = 1e-12
 #: Null vectors that are looked for at first, and numbers in those of all.

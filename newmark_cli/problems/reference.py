@@ -13,13 +13,13 @@ from functools import partial
 
 import numpy as np
 
-from newmark_cli import apart
-from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError
 from newmark_cli.problems import collocation, multipliers, singular, user_code
 from newmark_cli.problems.dormand_prince import DormandPrince, StepVanishes
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support import apart
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
 
 #: Changes whenever `solution` may give other numbers: stored ones are then stale.
 VERSION = 4

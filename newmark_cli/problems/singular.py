@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from newmark_cli.arrays import Array
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
 
 #: Most unknowns n + m for which a singular value decomposition is worth its time.
 LARGEST = 120

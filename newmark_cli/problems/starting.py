@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.arrays import Array
-from newmark_cli.errors import ArgumentError
 from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, extrapolated, steps_along
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ArgumentError
 
 #: What a start may miss of a constraint, relative to the largest coordinate, and to the
 #: largest velocity.

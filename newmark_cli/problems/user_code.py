@@ -21,8 +21,8 @@ from importlib.machinery import (
 from pathlib import Path, PurePath
 from types import CodeType, ModuleType
 
-from newmark_cli import apart, errors
-from newmark_cli.errors import one_line
+from newmark_cli.support import apart, errors
+from newmark_cli.support.errors import one_line
 
 #: One file's imports at a time: another's modules may have the same names.
 _importing = threading.RLock()

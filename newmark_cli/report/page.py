@@ -7,26 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import newmark_cli
-from newmark_cli import files
-from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.mechanisms import registry
-from newmark_cli.report import (
-    check,
-    cure_table,
-    draw,
-    expectations,
-    outcomes,
-    paper_tables,
-    plot,
-    records,
-    sheets,
-    slopes,
-)
-from newmark_cli.report.draw_mechanism import mechanism_sheet
-from newmark_cli.report.figures import Figure
-from newmark_cli.report.sheets import Results
-from newmark_cli.report.slopes import Slope
-from newmark_cli.report.style import Drawing, rendered
+from newmark_cli.report.drawing import cure_table, draw, plot, sheets
+from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.drawing.style import Drawing, rendered
+from newmark_cli.report.judging import expectations, slopes
+from newmark_cli.report.judging.slopes import Slope
+from newmark_cli.report.reading import records
+from newmark_cli.report.reading.figures import Figure
+from newmark_cli.report.tables import check, outcomes, paper_tables
+from newmark_cli.support import files
+from newmark_cli.support.errors import InputError, ResultsError
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "{http://www.w3.org/1999/xlink}href"

@@ -11,8 +11,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from newmark_cli import interrupts
-from newmark_cli.errors import ExecutorError, InputError, one_line
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.spec import is_code, portable
 from newmark_cli.running.executors import (
@@ -25,6 +23,8 @@ from newmark_cli.running.executors import (
 )
 from newmark_cli.running.store import core, unlike, versions
 from newmark_cli.study.cell import Done
+from newmark_cli.support import interrupts
+from newmark_cli.support.errors import ExecutorError, InputError, one_line
 
 #: What workers of our own are started with, over dask's configuration.
 _OWN = {

@@ -17,8 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import apart, interrupts
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code, pinned
 from newmark_cli.problems import user_code
 from newmark_cli.problems.problem import ContradictionError
@@ -26,6 +24,8 @@ from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute, march_seconds, prepare
+from newmark_cli.support import apart, interrupts
+from newmark_cli.support.errors import InputError
 
 
 @dataclass(frozen=True)

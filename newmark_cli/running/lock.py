@@ -10,8 +10,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO
 
-from newmark_cli import files
-from newmark_cli.errors import ResultsError
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError
 
 
 @contextlib.contextmanager

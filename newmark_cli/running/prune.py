@@ -20,13 +20,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli import files
-from newmark_cli.errors import ResultsError
 from newmark_cli.running import store
 from newmark_cli.running.lock import locked
 from newmark_cli.study.provenance import merged
 from newmark_cli.study.reading import NOT_STUDIES
 from newmark_cli.study.results import RUNS, SERIES_FOLDERS, run_path
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
     from newmark_cli.study.config import Study

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import files
-from newmark_cli.arrays import Array
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.spec import ProblemSpec, Shipped
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
+from newmark_cli.support import files
+from newmark_cli.support.arrays import Array
 
 #: Computes the solution of a problem at a time.
 Solve = Callable[[ProblemSpec, float], Reference]

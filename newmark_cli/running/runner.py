@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli import apart, interrupts
-from newmark_cli.errors import InputError
 from newmark_cli.mechanisms.spec import Code, MechanismFile, ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
@@ -28,6 +26,8 @@ from newmark_cli.study import motion, provenance, results, trajectories
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
+from newmark_cli.support import apart, interrupts
+from newmark_cli.support.errors import InputError
 
 
 @dataclass(frozen=True)

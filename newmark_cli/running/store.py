@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import newmark_cli
-from newmark_cli import files
-from newmark_cli.errors import ResultsError
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 from newmark_cli.study.provenance import version
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -209,7 +209,6 @@ def core() -> str:
             for room in ("newmark", "problems", "mechanisms")
             for file in sorted((package / room).rglob("*.py"))
         ),
-        package / "algebra.py",
         *(
             package / "study" / f"{name}.py"
             for name in ("axes", "compute", "measures", "redundancy")

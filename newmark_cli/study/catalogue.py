@@ -3,7 +3,6 @@
 Nothing is built or compiled: of mechanisms and configs only the files are read.
 """
 
-from newmark_cli import documents
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.families import FAMILIES, Family
 from newmark_cli.newmark.forms import FORMS, Form
@@ -12,6 +11,7 @@ from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.study import config, shipped
 from newmark_cli.study.measures import MEASURES
+from newmark_cli.support import documents
 
 
 def sections() -> dict[str, dict[str, str]]:

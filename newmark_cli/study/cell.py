@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.statistics import Measurement
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Statuses of a cell, from good to bad.
 STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "redundant", "failed")

@@ -18,10 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.io
 
-from newmark_cli import __version__, documents, files
-from newmark_cli.apart import ApartError
-from newmark_cli.documents import Document
-from newmark_cli.errors import InputError
+from newmark_cli import __version__
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import is_code, with_problem
@@ -33,12 +30,16 @@ from newmark_cli.newmark.march_data import COMPLETED, ENDINGS
 from newmark_cli.newmark.newton_systems import NewtonSystem, newton_systems
 from newmark_cli.newmark.scheme import DIRECT
 from newmark_cli.problems.problem import Problem
-from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, config
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import scheme_of
 from newmark_cli.study.keys import Surroundings
 from newmark_cli.study.provenance import checksum
+from newmark_cli.support import documents, files
+from newmark_cli.support.apart import ApartError
+from newmark_cli.support.documents import Document
+from newmark_cli.support.errors import InputError
+from newmark_cli.support.spelling import nearest
 
 #: What the index of a collection calls itself, and its version.
 KIND, VERSION = "newmark-study linear systems", 1

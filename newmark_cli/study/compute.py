@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from newmark_cli.arrays import IndexArray
 from newmark_cli.newmark import march_data
 from newmark_cli.newmark.march import March, is_ready
 from newmark_cli.newmark.operations import of_march
@@ -18,6 +17,7 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.measures import MEASURES, Deviations, Observer
 from newmark_cli.study.redundancy import REDUNDANT, Watch
+from newmark_cli.support.arrays import IndexArray
 
 #: Seconds that a march is timed for in all, and most repetitions of a short one.
 _MEASURED, _MOST_MARCHES = 0.2, 1_000

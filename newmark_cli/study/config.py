@@ -19,17 +19,6 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
-from newmark_cli import documents
-from newmark_cli.apart import ApartError
-from newmark_cli.documents import (
-    Document,
-    DocumentError,
-    KeyPath,
-    RuledModel,
-    StrictModel,
-    misfit,
-)
-from newmark_cli.errors import warn
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.spec import (
     ForcedMechanism,
@@ -56,7 +45,6 @@ from newmark_cli.newmark.scheme import (
     steps_until,
 )
 from newmark_cli.problems.problem import Problem, is_beyond
-from newmark_cli.spelling import closest, nearest
 from newmark_cli.study import axes, drawing, expecting, fitting, keys
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
@@ -69,6 +57,18 @@ from newmark_cli.study.keys import (
     problem_of,
 )
 from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
+from newmark_cli.support import documents
+from newmark_cli.support.apart import ApartError
+from newmark_cli.support.documents import (
+    Document,
+    DocumentError,
+    KeyPath,
+    RuledModel,
+    StrictModel,
+    misfit,
+)
+from newmark_cli.support.errors import warn
+from newmark_cli.support.spelling import closest, nearest
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")

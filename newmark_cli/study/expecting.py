@@ -17,20 +17,9 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli.documents import (
-    Document,
-    KeyPath,
-    Mistakes,
-    Number,
-    RuledModel,
-    StrictModel,
-    misfit,
-)
-from newmark_cli.json_schema import JsonSchema, Shown, also
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Projection, reported
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
-from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, keys
 from newmark_cli.study.axes import Axis
 from newmark_cli.study.cell import STATUSES
@@ -44,6 +33,17 @@ from newmark_cli.study.keys import (
     Word,
 )
 from newmark_cli.study.measures import MEASURES, RECORDS
+from newmark_cli.support.documents import (
+    Document,
+    KeyPath,
+    Mistakes,
+    Number,
+    RuledModel,
+    StrictModel,
+    misfit,
+)
+from newmark_cli.support.json_schema import JsonSchema, Shown, also
+from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     from newmark_cli.study.config import Case, Study

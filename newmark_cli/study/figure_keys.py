@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, Strict, create_model
 from pydantic_core import PydanticCustomError
 
-from newmark_cli.documents import WHOLE, RuledModel, StrictModel, misfit
 from newmark_cli.study import axes, drawing
 from newmark_cli.study.expecting import chosen, unknown
 from newmark_cli.study.keys import (
@@ -21,6 +20,7 @@ from newmark_cli.study.keys import (
     Showable,
     Word,
 )
+from newmark_cli.support.documents import WHOLE, RuledModel, StrictModel, misfit
 
 _MOST_FIGURES, _MOST_CURVES = 100, 200
 #: Axes of a case that tell its series apart, but for those that figures have one each of.

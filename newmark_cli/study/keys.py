@@ -23,16 +23,6 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from newmark_cli import documents
-from newmark_cli.documents import (
-    WHOLE,
-    Document,
-    Number,
-    StrictModel,
-    misfit,
-)
-from newmark_cli.errors import InputError
-from newmark_cli.json_schema import JsonSchema, Shown, also
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
@@ -75,11 +65,21 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Tolerance,
 )
-from newmark_cli.spelling import closest
 from newmark_cli.study import drawing
 from newmark_cli.study.axes import STUDY_NAME
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES, RECORDS
+from newmark_cli.support import documents
+from newmark_cli.support.documents import (
+    WHOLE,
+    Document,
+    Number,
+    StrictModel,
+    misfit,
+)
+from newmark_cli.support.errors import InputError
+from newmark_cli.support.json_schema import JsonSchema, Shown, also
+from newmark_cli.support.spelling import closest
 
 _RESERVED = ("slopes",)
 MOST_STEPS = 20_000_000

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray, Mask
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
@@ -31,6 +30,7 @@ from newmark_cli.newmark.statistics import Measurement, standard_error, statisti
 from newmark_cli.newmark.truncation import March as Marched
 from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS
+from newmark_cli.support.arrays import Array, IndexArray, Mask
 
 if TYPE_CHECKING:
     import pandas as pd

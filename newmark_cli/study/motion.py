@@ -7,8 +7,6 @@ from itertools import islice
 
 import numpy as np
 
-from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Integrator
 from newmark_cli.newmark.invariants import misfits
@@ -19,6 +17,8 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.trajectory import Recorder
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
 
 #: The trapezoidal rule would leave an alternating error of the multipliers undamped.
 DAMPED = GeneralizedAlpha(0.9)

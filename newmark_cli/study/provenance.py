@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import newmark_cli
-from newmark_cli.processors import usable
 from newmark_cli.study import axes, checkout
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.checkout import Source
+from newmark_cli.support.processors import usable
 
 if TYPE_CHECKING:
     from newmark_cli.study.config import Study

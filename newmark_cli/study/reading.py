@@ -9,12 +9,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli import files
-from newmark_cli.errors import ResultsError
-from newmark_cli.spelling import nearest
 from newmark_cli.study import axes, results
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.results import COLUMNS, NUMBERS, parse_csv
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError
+from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from newmark_cli import files
-from newmark_cli.arrays import Array
-from newmark_cli.errors import ResultsError
 from newmark_cli.newmark.statistics import Statistics
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import DRIFTS, Outcome
 from newmark_cli.study.measures import LAMBDA, over_time
+from newmark_cli.support import files
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ResultsError
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from newmark_cli.json_schema import Generator, JsonSchema, with_definitions
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.study.config import MOST_CASES, Study
+from newmark_cli.support.json_schema import Generator, JsonSchema, with_definitions
 
 _WIDTH = 100
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.errors import InputError, ResultsError
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
 from newmark_cli.study import axes, reading, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.results import HISTORY_COLUMNS, HISTORY_MAY_HAVE
+from newmark_cli.support.errors import InputError, ResultsError
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array, IndexArray
 
 
 class Constants(NamedTuple):

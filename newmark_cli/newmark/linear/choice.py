@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
-from newmark_cli.errors import InputError
 from newmark_cli.newmark.forms import Form
+from newmark_cli.support.errors import InputError
 
 DENSE, SPARSE, STATIC = "dense-lu", "sparse-lu", "static-lu"
 GMRES, MINRES = "gmres", "minres"

@@ -6,8 +6,6 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.algebra import Factors, product, spectral_norm
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Tangents, constraining_of
 from newmark_cli.newmark.jacobian import (
     balancing_factors,
@@ -18,7 +16,9 @@ from newmark_cli.newmark.jacobian import (
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import Factors, product, spectral_norm
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array
 
 
 class BalancedJacobian:

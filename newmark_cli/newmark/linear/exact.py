@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
-from newmark_cli.arrays import Array
+from newmark_cli.support.arrays import Array
 
 #: Digits of the arithmetic, and those that every component of a solution has at least.
 PRECISION, DIGITS = 220, 60

@@ -16,17 +16,17 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from newmark_cli.algebra import Factors, norm, product
-from newmark_cli.arrays import Array
-from newmark_cli.errors import InputError
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import Factors, norm, product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
 
 #: Asymmetry of a pair of blocks, relative to the larger of them, that is rounding.
 _ROUNDING = 1e-12

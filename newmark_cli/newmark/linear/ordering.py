@@ -16,8 +16,8 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from newmark_cli.arrays import IndexArray
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import IndexArray
 
 #: Most unknowns for which each pivot is chosen for the least work; more go by bands.
 _CHOSEN_UP_TO = 300

@@ -11,15 +11,15 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import LinearOperator, SuperLU, onenormest, splu
 
-from newmark_cli import algebra
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear.ordering import Order, banded, coupling
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems import algebra
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array, IndexArray
 
 
 def elimination_order(

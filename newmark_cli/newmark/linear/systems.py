@@ -4,7 +4,6 @@ from typing import Protocol
 
 import scipy.sparse
 
-from newmark_cli.arrays import Array
 from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, STATIC, Krylov
 from newmark_cli.newmark.linear.dense import DenseSystem
@@ -14,6 +13,7 @@ from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array
 
 
 class BalancedSystem(Protocol):

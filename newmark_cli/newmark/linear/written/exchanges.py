@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.algebra import Factors
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.dense import assembled, no_tables
@@ -21,7 +19,9 @@ from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.problems.algebra import Factors
 from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: Steps that take as long as compiling code once.
 _WORTH = 5_000

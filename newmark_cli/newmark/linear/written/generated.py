@@ -17,10 +17,10 @@ from typing import NamedTuple
 import llvmlite.ir as ir
 import numpy as np
 
-from newmark_cli import machine_code
-from newmark_cli.arrays import IndexArray
 from newmark_cli.newmark.linear.written.static_elimination import LARGEST_MULTIPLIER, SECTIONS
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, MatrixTables
+from newmark_cli.support import machine_code
+from newmark_cli.support.arrays import IndexArray
 
 #: Most multiplications and subtractions of an elimination that is written out.  Compiling
 #: takes 0.1 s for so many, and from there on longer than in proportion.

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from newmark_cli.arrays import IndexArray
 from newmark_cli.newmark.linear.assembly import Constants, Sums
 from newmark_cli.newmark.linear.ordering import Order, inverse
 from newmark_cli.newmark.linear.written import static_elimination
 from newmark_cli.newmark.march_data import MatrixTables
+from newmark_cli.support.arrays import IndexArray
 
 
 class EliminationLists:

@@ -20,16 +20,16 @@ from numba import from_dtype, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from newmark_cli import machine_code
-from newmark_cli.arrays import IndexArray
-from newmark_cli.cached_code import bitcode, cached_njit
-from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark import kernel
 from newmark_cli.newmark.linear.written import generated
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.march_data import UNSOLVED, ProblemTables
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Elements, Problem
+from newmark_cli.support import machine_code
+from newmark_cli.support.arrays import IndexArray
+from newmark_cli.support.cached_code import bitcode, cached_njit
+from newmark_cli.support.machine_code import generate_call
 
 #: Most elements of a mechanism that code is made for: 10 ms of compilation each.
 ELEMENTS_AT_MOST = 64

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.arrays import Array, IndexArray
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
@@ -25,6 +24,7 @@ from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march_data import COMPLETED, MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.support.arrays import Array, IndexArray
 
 
 class StaticElimination:

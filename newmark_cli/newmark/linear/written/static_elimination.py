@@ -17,9 +17,9 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from newmark_cli.cached_code import cached_njit
-from newmark_cli.machine_code import generate_call
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
+from newmark_cli.support.cached_code import cached_njit
+from newmark_cli.support.machine_code import generate_call
 
 _compile = cached_njit(nogil=True, error_model="numpy")
 

@@ -1,0 +1,1 @@
+"""Advice for codes of other people: scalings, tolerances, floors, and what a Jacobian shows."""

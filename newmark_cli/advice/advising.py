@@ -1,0 +1,588 @@
+"""Advice for somebody's own code: factors, tolerances that can be met, believable multipliers."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.advice.diagnosing import ALL, SPREAD, Tests, diagnosed, largest, one_sided
+from newmark_cli.advice.linearised import Subject, require_fit, subject_of
+from newmark_cli.advice.text import plain, sections
+from newmark_cli.library import arguments
+from newmark_cli.library.scalings import (
+    Factors,
+    formulation_of,
+    integrator_of,
+    integrator_or_newmark,
+    preconditioning_of,
+)
+from newmark_cli.library.scalings import (
+    scaling as factors_of,
+)
+from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes, equilibrium
+from newmark_cli.newmark.floor import Floor, unpredicted
+from newmark_cli.newmark.forms import FORMS, INDEX_3
+from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.jacobian import scaling_factors
+from newmark_cli.newmark.noise import carried
+from newmark_cli.newmark.orders import form_orders
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Scheme
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ArgumentError
+
+#: Optimally scaled condition numbers above this are ruled by something else than h.
+LARGE = 1e6
+#: Fractions of ‖λ‖ that the noise of λ is compared with.
+FRACTIONS = (0.01, 1.0)
+#: The integrator that is set next to one that does not damp.
+_DAMPING = "generalized-alpha rho=0.9"
+#: Most unknowns for which all forms are compared.
+_MOST_COMPARED = 150
+#: Step sizes (s) at which the noise of λ is predicted; it follows powers of h between them.
+_GRID = np.array([1e-1, 1e-3, 1e-6, 1e-9])
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """The smallest tolerance that Newton can meet on one unknown.
+
+    It is twice the predicted rms of the 2-norm of the last correction, at the worst of the
+    states.  Set three times as much: docs/advice.md says at how many steps each was met.
+
+    Attributes:
+        h: Step size (s).
+        precision: ``"float64"`` or ``"float32"``.
+        unknown: ``"u"``, ``"lambda"`` and so on; ``"all"`` for the norm of all of them.
+        scaled: Tolerance on the unknown that the solver sees.
+        physical: Tolerance on the unknown in its own unit; None for ``"all"``.
+    """
+
+    h: float
+    precision: str
+    unknown: str
+    scaled: float
+    physical: float | None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Step sizes below which rounding moves λ by a part of itself.
+
+    Attributes:
+        cure: What is changed; empty for the scheme as it was asked about.
+        one_step: Fraction of ‖λ‖ → step size (s) below which the predicted last correction of λ
+            exceeds it, its rms over some of the states: what a single step cannot know.  0
+            stands for less than 1e-9 s, and None for any step size, more than 0.1 s.
+        carried: The same of the noise that stays from step to step, its rms over the states;
+            None for any step size where the integrator does not damp it.  Empty for other
+            formulations than index 3, of which it is not predicted.
+    """
+
+    cure: str
+    one_step: Mapping[float, float | None]
+    carried: Mapping[float, float | None]
+
+
+@dataclass(frozen=True)
+class Equilibration:
+    """A diagonal scaling besides the powers of h.
+
+    Attributes:
+        h: Step size (s).
+        optimal: Condition number with the optimal scaling only.
+        fields: Block of the optimally scaled matrix, row or unknown → one further factor.
+        with_fields: Condition number with these.
+        left, right: A further factor for every row and every column.
+        with_all: Condition number with these.
+        cause: What rules the optimally scaled condition number.
+    """
+
+    h: float
+    optimal: float
+    fields: Mapping[str, float]
+    with_fields: float
+    left: Sequence[float] = field(repr=False)
+    right: Sequence[float] = field(repr=False)
+    with_all: float
+    cause: str
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Numbers to set in your own code.
+
+    ``print`` shows it as text; `to_dict` gives plain values for JSON.
+
+    Attributes:
+        subject: Name of the problem, or the file of the matrices.
+        n, m: Coordinates and constraints.
+        where: At which states.
+        form, integrator, formulation, evaluation, scaling: Of the scheme.
+        condition: Step size (s) → variant → 2-norm condition number of J̄; infinite where the
+            matrix is singular.
+        orders: Variant → power of h with which it grows, as predicted.
+        factors: Step size (s) → factors of the optimal scaling.
+        code: ``"numpy"``, ``"c"`` → lines to paste.
+        forms: Form → variant → condition number at the smallest step size; empty for large
+            problems.
+        tolerances: The smallest that Newton can meet; empty without a state.
+        multipliers: Root mean square of ‖λ‖ over the states; None without one.
+        noise: Below which step sizes λ is noise, and what each cure makes of that.
+        equilibrations: Where units or stiffness rule the conditioning.
+        findings: What to know or to change, in sentences.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> advice = newmark.advise("andrews", h=1e-4)
+        >>> advice.factors[1e-4].left_formulas["D"], f"{advice.factors[1e-4].left['D']:.2g}"
+        ('beta*h^2', '2.5e-09')
+        >>> {name: f"{value:.0e}" for name, value in advice.condition[1e-4].items()}
+        {'none': '2e+19', 'left': '5e+10', 'right': '5e+10', 'optimal': '1e+02'}
+    """
+
+    subject: str
+    n: int
+    m: int
+    where: str
+    form: str
+    integrator: str
+    formulation: str
+    evaluation: str
+    scaling: str
+    condition: Mapping[float, Mapping[str, float]]
+    orders: Mapping[str, float]
+    factors: Mapping[float, Factors]
+    code: Mapping[str, tuple[str, ...]]
+    forms: Mapping[str, Mapping[str, float]]
+    tolerances: tuple[Smallest, ...]
+    multipliers: float | None
+    noise: tuple[Noise, ...]
+    equilibrations: tuple[Equilibration, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def best_form(self) -> str | None:
+        """The form whose optimally scaled condition number is least at the smallest step size."""
+        return best_of(self.forms, "optimal") if self.forms else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain mappings, lists, numbers and text; step sizes are text where they are keys."""
+        found: dict[str, Any] = plain(asdict(self))
+        return found
+
+    def __str__(self) -> str:
+        return "\n\n".join(filter(None, sections(self)))
+
+
+def advise(
+    subject: Any,
+    *,
+    h: float | Sequence[float],
+    form: str = "u-lambda",
+    beta: float | None = None,
+    gamma: float | None = None,
+    integrator: Any = None,
+    formulation: Any = INDEX_3,
+    evaluation: str = DIRECT,
+    scaling: Any = "optimal",
+    t_end: float | None = None,
+    tolerance: float | Mapping[str, float] | None = None,
+    tested: str = "scaled",
+    residual_tolerance: float | None = None,
+    residual_tested: str = "after",
+    precision: str = "float64",
+) -> Advice:
+    """Say what to set for a mechanism, or for matrices of another code, before anything is run.
+
+    Args:
+        subject: What `problem` takes; or matrices: the path of an .npz file or of a folder of
+            .mtx files, or a dict, with ``M`` (n, n) and ``G`` (n, m), where they are known
+            ``X`` = −∂(f + Gλ)/∂u and ``Y`` = −∂f/∂v, and the state ``u``, ``v``, ``a``,
+            ``lambda``.
+        h: Step size, or several (s).
+        form: Name of a form, such as ``"v-lambda"``.
+        beta: Parameter of Newmark's scheme; 1/4 when omitted.
+        gamma: Parameter of Newmark's scheme; 1/2 when omitted.
+        integrator: An integrator in place of β and γ, as `march` takes it.
+        formulation: As of `march`.
+        evaluation: As of `march`.
+        scaling: The scaling in use, as of `march`, for the tolerances on scaled unknowns and
+            for the diagnosis.
+        t_end: Time until which a problem's motion is looked at (s); a time in which it moves
+            by about its own size when omitted.
+        tolerance: A tolerance of your own on Newton's correction, to be diagnosed: on its
+            whole norm, or unknown → tolerance.
+        tested: Whether it is tested on ``"scaled"`` or on ``"physical"`` unknowns.
+        residual_tolerance: A tolerance of your own on the residual's norm.
+        residual_tested: Whether the residual is tested ``"before"`` or ``"after"`` its rows are
+            scaled.
+        precision: ``"float64"`` or ``"float32"``, for the diagnosis and the noise of λ.
+
+    Returns:
+        The advice.
+
+    Raises:
+        ArgumentError: For an argument of the wrong type, size or name.
+        ProblemError, DocumentError: When the problem cannot be used.
+        NewmarkError: When matrices cannot be used; says which and why.
+        IntegratorError, FormulationError, ScalingError: For parameters that give no scheme.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> advice = newmark.advise({"M": [[1, 0], [0, 1]], "G": [[1], [0]]}, h=1e-3)
+        >>> round(advice.condition[1e-3]["optimal"], 3), advice.orders["none"]
+        (2.618, -4.0)
+    """
+    steps = _step_sizes(h)
+    method = integrator_or_newmark(beta, gamma, integrator)
+    chosen = formulation_of(formulation)
+    about = subject_of(subject, None if t_end is None else arguments.positive("t_end", t_end))
+    schemes = _Schemes(
+        arguments.one_of("form", form, FORMS),
+        method,
+        chosen,
+        arguments.one_of("evaluation", evaluation, EVALUATIONS),
+        preconditioning_of(scaling, "scaling"),
+        arguments.one_of("precision", precision, PRECISIONS),
+    )
+    require_fit(about, chosen, evaluation)
+    each = {step: schemes.at(step) for step in steps}
+    largest_step, least = each[steps[0]], each[steps[-1]]
+    tests = Tests.of(
+        tolerance, tested, residual_tolerance, residual_tested, largest_step.form.unknowns
+    )
+    condition, equilibrations = {}, []
+    for step in steps:
+        condition[step], found = _conditions(about, schemes, step)
+        equilibrations += found
+    orders = _orders(schemes, least)
+    factors = {
+        step: factors_of(form, h=step, integrator=method, formulation=chosen) for step in steps
+    }
+    forms = _all_forms(about, schemes, steps[-1])
+    noise = _noise(about, schemes)
+    floors = {
+        name: {step: about.floors(schemes.but(precision=name).at(step)) for step in steps}
+        for name in PRECISIONS
+    }
+    why = unpredicted(least)
+    if why and tests.tolerances:
+        raise ArgumentError(f"a tolerance cannot be judged: {why}")
+    turning = [f"{one.h:g}" for one in _tolerances(floors, schemes) if math.isnan(one.scaled)]
+    findings = (
+        *diagnosed(tests, about, each, floors[precision]),
+        *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
+        *_findings(schemes, orders, forms, noise, equilibrations),
+        *([f"no floors and no tolerances: {why}"] if why else []),
+        *(
+            [
+                f"no floors and no tolerances at h = {', '.join(dict.fromkeys(turning))}: "
+                "G changes by more than a quarter within a step"
+            ]
+            if turning
+            else []
+        ),
+        *about.notes,
+    )
+    return Advice(
+        subject=about.name,
+        n=about.n,
+        m=about.m,
+        where=about.where,
+        form=form,
+        integrator=method.label,
+        formulation=chosen.label,
+        evaluation=evaluation,
+        scaling=schemes.scaling.label,
+        condition=condition,
+        orders=orders,
+        factors=factors,
+        code=_code(factors[least.h], method.symbols(least.h), about),
+        forms=forms,
+        tolerances=tuple(_tolerances(floors, schemes)),
+        multipliers=about.multipliers,
+        noise=noise,
+        equilibrations=tuple(equilibrations),
+        findings=findings,
+    )
+
+
+@dataclass(frozen=True)
+class _Schemes:
+    """A scheme but for its step size."""
+
+    form: str
+    integrator: Integrator
+    formulation: Formulation
+    evaluation: str
+    scaling: Preconditioning
+    precision: str
+
+    def at(self, h: float) -> Scheme:
+        form = self.formulation.applied(FORMS[self.form])
+        return Scheme(
+            self.integrator, form, self.scaling.scaling(form), h, evaluation=self.evaluation,
+            precision=self.precision, formulation=self.formulation,
+        )  # fmt: skip
+
+    def scalings(self) -> dict[str, Preconditioning]:
+        """The paper's four variants, and the scaling asked about if it is another."""
+        names = {name: Preconditioning(name) for name in PAPER_VARIANTS}
+        return {**names, self.scaling.label: self.scaling}
+
+    def but(self, **changed: Any) -> "_Schemes":
+        return _Schemes(**{**vars(self), **changed})
+
+
+def _step_sizes(given: Any) -> list[float]:
+    """Step sizes, the smallest last."""
+    if isinstance(given, np.ndarray):
+        given = given.reshape(-1).tolist()
+    several = given if isinstance(given, list | tuple) and len(given) else [given]
+    return sorted({arguments.step_size(one) for one in several}, reverse=True)
+
+
+def _conditions(
+    about: Subject, schemes: _Schemes, h: float
+) -> tuple[dict[str, float], list[Equilibration]]:
+    """Condition number of each variant, and an equilibration where all of them are large."""
+    scheme = schemes.at(h)
+    sizes = scheme.form.sizes(about.n, about.m)
+    try:
+        inverted = Inverted(about.jacobian(scheme), sizes)
+    except np.linalg.LinAlgError:
+        return dict.fromkeys(schemes.scalings(), math.inf), []
+    factors = {
+        name: scaling_factors(schemes.but(scaling=chosen).at(h), about.n, about.m)
+        for name, chosen in schemes.scalings().items()
+    }
+    found = {name: inverted.condition(*both) for name, both in factors.items()}
+    if not found["optimal"] > LARGE:
+        return found, []
+    return found, [_equilibration(about, scheme, inverted, *factors["optimal"], found["optimal"])]
+
+
+def _orders(schemes: _Schemes, scheme: Scheme) -> dict[str, float]:
+    """Variant → order in h of the condition number."""
+    orders = form_orders(scheme.form)
+    return {
+        name: orders.condition(chosen.scaling(scheme.form))
+        for name, chosen in schemes.scalings().items()
+    }
+
+
+def _equilibration(
+    about: Subject, scheme: Scheme, inverted: Inverted, left: Array, right: Array, optimal: float
+) -> Equilibration:
+    balanced = left[:, None] * inverted.jacobian * right[None, :]
+    form, sizes = scheme.form, scheme.form.sizes(about.n, about.m)
+    of_rows, of_columns = block_factors(block_sizes(balanced, sizes))
+    with_fields = inverted.condition(
+        left * np.repeat(of_rows, sizes), right * np.repeat(of_columns, sizes)
+    )
+    rows, columns = equilibrium(balanced, sizes)
+    with_all = inverted.condition(left * rows, right * columns)
+    names = [*(f"row {row}" for row in form.rows), *form.solved]
+    further = dict(zip(names, [*of_rows.tolist(), *of_columns.tolist()], strict=True))
+    return Equilibration(
+        scheme.h, optimal, further, with_fields, rows.tolist(), columns.tolist(), with_all,
+        _cause(about, scheme, optimal, with_fields, with_all),
+    )  # fmt: skip
+
+
+def _cause(
+    about: Subject, scheme: Scheme, optimal: float, with_fields: float, with_all: float
+) -> str:
+    mass, x, y, _ = about.terms
+    symbols = scheme.integrator.symbols(scheme.h)
+    stiff = symbols["beta"] * scheme.h**2 * np.linalg.norm(x, 2) / np.linalg.norm(mass, 2)
+    damped = symbols["gamma"] * scheme.h * np.linalg.norm(y, 2) / np.linalg.norm(mass, 2)
+    if max(stiff, damped) > 1:
+        return (
+            f"stiffness rules row D: βh²‖X‖ is {stiff:.2g} and γh‖Y‖ {damped:.2g} times ‖M‖ at "
+            "this step"
+        )
+    if with_fields < optimal / 10 and with_fields < 10 * with_all:
+        return "units: M and G are of very different size"
+    if with_all < optimal / 10:
+        return "units of single coordinates and constraints: rows are of very different size"
+    return (
+        "neither h nor units: constraints that are nearly dependent, or masses that are nearly zero"
+    )
+
+
+def _all_forms(about: Subject, schemes: _Schemes, h: float) -> dict[str, dict[str, float]]:
+    if about.n + about.m > _MOST_COMPARED:
+        return {}
+    return {name: _conditions(about, schemes.but(form=name), h)[0] for name in FORMS}
+
+
+def _tolerances(
+    floors: Mapping[str, Mapping[float, Sequence[Floor]]], schemes: _Schemes
+) -> Iterator[Smallest]:
+    for h in next(iter(floors.values())):
+        scheme = schemes.at(h)
+        for precision, of_steps in floors.items():
+            found = of_steps[h]
+            for unknown in (*found[0].scaled, ALL) if found else ():
+                scaled, physical = (
+                    SPREAD * largest(found, unknown, kind, scheme)
+                    for kind in ("scaled", "physical")
+                )
+                shown = None if unknown == ALL else physical
+                yield Smallest(h, precision, unknown, scaled, shown)
+
+
+def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
+    """Noise of λ as asked, and under each cure that can be predicted."""
+    size = about.multipliers
+    if not size or not about.floors(schemes.at(float(_GRID[0])), roughly=True):
+        return ()
+    damping = integrator_of(_DAMPING)
+    tried: dict[str, _Schemes] = {"": schemes}
+    index_3 = schemes.formulation.method == INDEX_3
+    if index_3 and not schemes.integrator.damped:
+        tried[_DAMPING] = schemes.but(integrator=damping)
+    if schemes.evaluation == DIRECT and about.quadratic is not False:
+        tried["compensated"] = schemes.but(evaluation=COMPENSATED)
+        if index_3 and not schemes.integrator.damped:
+            both = schemes.but(evaluation=COMPENSATED, integrator=damping)
+            tried[f"{_DAMPING}, compensated"] = both
+    if not about.of_matrices:
+        for name in ("index-2", "ggl", "index-1"):
+            if schemes.formulation.method != name:
+                tried[f"{name} in form a-lambda"] = schemes.but(
+                    formulation=Formulation(name), form="a-lambda"
+                )
+    if schemes.precision == "float32":
+        tried["float64"] = schemes.but(precision="float64")
+    return tuple(
+        Noise(cure, _crossings(partial(_of_one_step, about, tries), size),
+              _crossings(partial(_carried, about, tries), size)
+              if tries.formulation.method == INDEX_3 else {})
+        for cure, tries in tried.items()
+    )  # fmt: skip
+
+
+def _of_one_step(about: Subject, schemes: _Schemes, h: float) -> float:
+    found = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
+    return math.sqrt(np.mean(np.square(found)))
+
+
+def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
+    grown = carried(schemes.integrator)
+    if math.isinf(grown):
+        return math.inf
+    # The roundings that are carried on are those of Φ, and the same in every form.
+    return grown * about.multiplier_noise(schemes.but(form="u-lambda").at(h))
+
+
+def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float | None]:
+    """Fraction of ‖λ‖ → largest step size at which its noise exceeds it."""
+    parts = np.array([noise(float(h)) for h in _GRID]) / size
+    return {fraction: _crossing(parts, fraction) for fraction in FRACTIONS}
+
+
+def _crossing(parts: Array, fraction: float) -> float | None:
+    above = np.flatnonzero(parts >= fraction)
+    if len(above) == 0:
+        return 0.0
+    if (k := int(above[0])) == 0 or np.isinf(parts[k]):
+        return None
+    before, after = np.log(np.maximum(parts[k - 1 : k + 1], np.finfo(float).tiny))
+    place = (math.log(fraction) - before) / (after - before)
+    return float(_GRID[k - 1] * (_GRID[k] / _GRID[k - 1]) ** place)
+
+
+def _code(
+    factors: Factors, symbols: Mapping[str, float], about: Subject
+) -> dict[str, tuple[str, ...]]:
+    """Lines to paste, for arrays of a factor for each row and each unknown."""
+    rows, unknowns = tuple(factors.left_formulas.values()), tuple(factors.right_formulas.values())
+    unknowns = unknowns[: len(rows)]
+    fields = len(FORMS[factors.form].kept)
+    counts = ["n"] * fields + ["m"] * (len(rows) - fields)
+    beta, gamma = repr(symbols["beta"]), repr(symbols["gamma"])
+
+    def numpy_line(side: str, formulas: Sequence[str]) -> str:
+        values = ", ".join(formula.replace("^", "**") for formula in formulas)
+        return f"{side} = np.repeat([{values}], [{', '.join(counts)}])"
+
+    def c_line(side: str, formulas: Sequence[str]) -> str:
+        loops, begin = [], "0"
+        for count, formula in zip(counts, formulas, strict=True):
+            end = count if begin == "0" else f"{begin} + {count}"
+            value = "1.0" if formula == "1" else formula.replace("h^2", "h*h")
+            loops.append(f"for (int i = {begin}; i < {end}; i++) {side}[i] = {value};")
+            begin = end
+        return " ".join(loops)
+
+    return {
+        "numpy": (
+            f"n, m, beta, gamma = {about.n}, {about.m}, {beta}, {gamma}",
+            numpy_line("left", rows),
+            numpy_line("right", unknowns),
+            "dq = right * np.linalg.solve(left[:, None] * J * right, -left * b)",
+        ),
+        "c": (
+            f"const int n = {about.n}, m = {about.m}; const double beta = {beta}, gamma = {gamma};",
+            c_line("left", rows),
+            c_line("right", unknowns),
+        ),
+    }
+
+
+def best_of(forms: Mapping[str, Mapping[str, float]], variant: str) -> str:
+    """The form with the least condition number, the first of those that are equal."""
+    return min(forms, key=lambda name: float(f"{forms[name][variant]:.6g}"))
+
+
+def _findings(
+    schemes: _Schemes,
+    orders: Mapping[str, float],
+    forms: Mapping[str, Mapping[str, float]],
+    noise: Sequence[Noise],
+    equilibrations: Sequence[Equilibration],
+) -> Iterable[str]:
+    seeing = [f"{name} (h^{order:g})" for name, order in orders.items() if order < 0]
+    blind = [name for name, order in orders.items() if order >= 0]
+    yield (
+        f"an iterative solver sees h under {', '.join(seeing)}; it does not under "
+        f"{', '.join(blind)}: the number of iterations then depends on the mechanism only"
+        if seeing
+        else "an iterative solver does not see h under any of the scalings"
+    )
+    if forms:
+        best, bare = best_of(forms, "optimal"), best_of(forms, "none")
+        yield (
+            f"best form at the smallest h: {best} with C = {forms[best]['optimal']:.3g} optimally "
+            f"scaled; without scaling {bare} with C = {forms[bare]['none']:.3g}. All forms take "
+            "the same step"
+        )
+    if noise:
+        yield (
+            "no scaling changes the noise of λ: it changes the units in which corrections are read"
+        )
+        if schemes.formulation.method == INDEX_3:
+            grown = carried(schemes.integrator)
+            yield (
+                f"{schemes.integrator.label} carries noise of λ on from step to step: "
+                + (
+                    "it does not damp it, so that in time it adds up at any h; an error of λ that "
+                    "alternates may be there from the start, too"
+                    if math.isinf(grown)
+                    else f"what rounding of the constraints does to λ in one step adds up to "
+                    f"{grown:.3g} times that, as an rms over the motion; peaks are higher"
+                )
+            )
+    for found in equilibrations:
+        yield (
+            f"h = {found.h:g}: C = {found.optimal:.3g} with the optimal scaling is not h's doing. "
+            f"{found.cause}. With a further factor for each block C = {found.with_fields:.3g}; "
+            f"with one for each row and column C = {found.with_all:.3g}"
+        )

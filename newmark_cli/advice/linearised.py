@@ -1,0 +1,395 @@
+"""The subject of advice: a problem at states of its motion, or matrices at one state."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.library.marching import march
+from newmark_cli.library.problems import problem as problem_of
+from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
+from newmark_cli.newmark.constraints import constraining_of
+from newmark_cli.newmark.floor import Floor, floor, unpredicted
+from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.jacobian import form_blocks
+from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.noise import multiplier_noise, violations
+from newmark_cli.newmark.scheme import COMPENSATED, Scheme
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.linear import linear_problem
+from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.support import matrices
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ArgumentError, InputError
+
+#: Names of the matrices and vectors that a file or a dict may have.
+NAMES = ("M", "G", "X", "Y", "u", "v", "a", "lambda")
+#: Those that are vectors, of a single number where n or m is 1.
+_VECTORS = ("u", "v", "a", "lambda")
+#: Most unknowns n + m whose condition numbers are computed.
+MOST_UNKNOWNS = 1_500
+#: Most unknowns n + m for which a motion is marched to look at more states than the start.
+_MOST_MARCHED = 300
+#: Stretches of the motion between states, and steps in each.
+_STATES, _STEPS_BETWEEN = 15, 40
+#: Times in which a problem moves by its own size that are looked at: most have then
+#: been in the positions that are the worst for rounding.
+_MOTIONS = 3
+#: Largest size of an entry of a matrix, and the reciprocal of the smallest that is the largest
+#: of a row or column.
+_FARTHEST = 1e60
+#: Entries that are smaller than the largest of their row and of their column by this are zeros.
+_NOTHING = 1e-40
+#: Draws of the rounding errors at each state, for a floor and for one that is only compared.
+_SAMPLES, _ROUGHLY = 8, 2
+#: Times as many where there is one state, and one in so many states for what is only compared.
+_ALONE = 4
+_DAMPED = "generalized-alpha rho=0.9"
+#: Times (s) after the start at which forces are looked at that come later.
+_LATER = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
+#: What takes longer to move by its size (s) is at rest: its accelerations are rounding.
+_AT_REST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What advice is about: a problem at states of its motion, or matrices at one state.
+
+    Attributes:
+        problem: The problem; of matrices the linear one that has them.
+        states: The same with other starts: the states.
+        where: Which states these are, in words.
+        notes: What was assumed.
+        given: Accelerations and multipliers at the states, where they are given and not computed.
+        has_state: Whether a state is known.
+        of_matrices: Whether matrices are all that is known: neither whether Φ is quadratic, nor
+            the rate of G, which other formulations than index 3 need.
+    """
+
+    problem: Problem
+    states: Sequence[Problem]
+    where: str
+    notes: Sequence[str]
+    given: Sequence[tuple[Array, Array]] = ()
+    has_state: bool = True
+    of_matrices: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the problem, or the file of the matrices."""
+        return self.problem.name
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return self.problem.n
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return self.problem.m
+
+    @property
+    def quadratic(self) -> bool | None:
+        """Whether Φ is at most quadratic in u without t; None where nobody knows."""
+        return None if self.of_matrices else self.problem.quadratic
+
+    @cached_property
+    def _accelerations(self) -> Sequence[tuple[Array, Array]]:
+        return self.given or [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
+
+    @property
+    def multipliers(self) -> float | None:
+        """Root mean square of ‖λ‖ over the states; None without one."""
+        if not self.has_state:
+            return None
+        return math.sqrt(np.mean([np.sum(found**2) for _, found in self._accelerations]))
+
+    @property
+    def terms(self) -> tuple[Array, Array, Array, Array]:
+        """M, X, Y, G at the first state."""
+        at = self.states[0]
+        terms = at.evaluate(at.t0, at.u0, at.v0, self._accelerations[0][1])
+        return self.problem.M, terms.X, terms.Y, terms.G
+
+    @cached_property
+    def _typical(self) -> int:
+        """State where ‖λ‖ is nearest to its root mean square."""
+        sizes = [np.linalg.norm(found) for _, found in self._accelerations]
+        return int(np.argmin(np.abs(np.array(sizes) - (self.multipliers or 0.0))))
+
+    def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
+        """J, unscaled, at the first state, or where ‖λ‖ is typical."""
+        require_fit(self, scheme.formulation, scheme.evaluation)
+        return self._jacobian(scheme, self._typical if typical else 0)
+
+    def _jacobian(self, scheme: Scheme, place: int) -> Array:
+        at, (a, multipliers) = self.states[place], self._accelerations[place]
+        terms = at.evaluate(at.t0, at.u0, at.v0, multipliers)
+        constraining = constraining_of(at, scheme)
+        tangents = constraining.tangents_at(at.t0, at.u0, at.v0, a) if constraining else None
+        return np.asarray(np.block(form_blocks(scheme, terms, at.M, constraining, tangents)))
+
+    def unknowns(self, scheme: Scheme) -> Array:
+        """Unknowns where ‖λ‖ is typical."""
+        at, (a, multipliers) = self.states[self._typical], self._accelerations[self._typical]
+        return _unknowns(scheme, (at.u0, at.v0, a), multipliers)
+
+    def multiplier_noise(self, scheme: Scheme) -> float:
+        """Rms over the states of the noise of ‖λ‖ in one step of the (u, λ) form."""
+        each = [
+            multiplier_noise(
+                self._jacobian(scheme, place),
+                scheme,
+                violations(at, scheme, at.t0, at.u0, at.v0),
+            )
+            for place, at in enumerate(self.states)
+        ]
+        return math.sqrt(np.mean(np.square(each)))
+
+    def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
+        """Floors at the states, none without one; from fewer draws at some if `roughly`."""
+        if unpredicted(scheme) or not self.has_state:
+            return []
+        samples = (_ROUGHLY if roughly else _SAMPLES) * (1 if len(self.states) > 1 else _ALONE)
+        return [
+            floor(at, scheme, at.t0, self._start(at, scheme), samples=samples)
+            for at in self.states[:: _ALONE if roughly else 1]
+        ]
+
+    def _start(self, at: Problem, scheme: Scheme) -> State:
+        """The state in which a march of the scheme would begin."""
+        if not self.given:
+            return initial_state(at, scheme)
+        ((a, multipliers),) = self.given
+        fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.m)
+        past = scheme.relations.start @ fields[:3]
+        parts = (fields, past, multipliers, np.zeros((2, self.n)), none, none, none)
+        return State(*(part.astype(scheme.dtype) for part in parts))
+
+
+def _unknowns(scheme: Scheme, fields: Sequence[Array], multipliers: Array) -> Array:
+    """The state as the unknowns that a form keeps; η is 0."""
+    n, m = len(fields[0]), len(multipliers)
+    known = {**dict(zip(FIELDS, fields, strict=True)), "lambda": multipliers}
+    sizes = scheme.form.sizes(n, m)
+    parts = zip(scheme.form.solved, sizes, strict=True)
+    return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
+
+
+def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> None:
+    """Refuse what nothing can be said of.
+
+    Raises:
+        ArgumentError: For a formulation that matrices do not tell enough of, and for
+            compensated evaluation of constraints that are not quadratic.
+    """
+    if about.of_matrices and formulation.method != INDEX_3:
+        raise ArgumentError(
+            f"formulation {formulation.label}: needs the rate of G, which matrices do not tell; "
+            "allowed: index-3"
+        )
+    if evaluation == COMPENSATED and about.quadratic is False:
+        raise ArgumentError(
+            f"{about.name}: compensated evaluation needs constraints that are at most quadratic in "
+            "u and do not depend on time"
+        )
+
+
+def subject_of(given: Any, t_end: float | None = None) -> Subject:
+    """Find the subject of advice, from whatever describes it.
+
+    Args:
+        given: What `problem` takes; a path of matrices; a mapping with M and G.
+        t_end: Time until which a problem's motion is looked at (s); a time in which it moves
+            by about its own size when omitted.
+
+    Raises:
+        ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
+    """
+    if isinstance(given, Mapping) and {"M", "G"} & given.keys():
+        return of_matrices(given, "matrices")
+    if isinstance(given, str | Path) and is_path_of_matrices(Path(given)):
+        return of_matrices(matrices.read(Path(given), NAMES), str(given))
+    return _of_problem(problem_of(given), t_end)
+
+
+def is_path_of_matrices(path: Path) -> bool:
+    """Whether a path is that of matrices rather than of a problem."""
+    return path.suffix.lower() in (".npz", ".mtx") or path.is_dir()
+
+
+def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
+    """Matrices of the equations of motion by their names; see `NAMES`.
+
+    Args:
+        given: M (n, n) and G (n, m); X, Y (n, n), 0 if omitted; the state u, v, a (n,),
+            lambda (m,) or none of them.
+        where: What errors begin with, such as the file.
+
+    Raises:
+        MatrixError: When a matrix is missing or cannot be used.
+    """
+    found = {
+        name: within_range(
+            matrices.array_of(
+                given[name], f"{where}: {name}", (0, 1, 2) if name in _VECTORS else (1, 2)
+            ),
+            f"{where}: {name}",
+        )
+        for name in NAMES
+        if name in given
+    }
+    for name in ("M", "G"):
+        if name not in found:
+            raise matrices.MatrixError(f"{where}: {name} is missing; needed: M, G")
+    mass, gradient = found["M"], found["G"]
+    if mass.ndim != 2 or mass.shape[0] != mass.shape[1]:
+        shape = " by ".join(map(str, mass.shape))
+        raise matrices.MatrixError(f"{where}: M must be square, given {shape}")
+    n = len(mass)
+    if gradient.ndim == 1:  # a single constraint
+        gradient = found["G"] = gradient[:, None]
+    m = gradient.shape[1]
+    if gradient.shape[0] != n == gradient.shape[1]:
+        raise matrices.MatrixError(
+            f"{where}: G must have a row for each of the {n} coordinates, given "
+            f"{gradient.shape[0]} by {n}; give its transpose"
+        )
+    square, vector = dict.fromkeys(("X", "Y"), (n, n)), dict.fromkeys(("u", "v", "a"), (n,))
+    found = {name: array.reshape(-1) if name in vector else array for name, array in found.items()}
+    if "lambda" in found:
+        found["lambda"] = found["lambda"].reshape(-1)
+    matrices.require_shapes(found, {"G": (n, m), **square, **vector, "lambda": (m,)}, where)
+    _require_usable(mass, gradient, where)
+    state = ("u", "v", "a", "lambda")
+    missing = [name for name in state if name not in found]
+    if missing and len(missing) < len(state):
+        raise matrices.MatrixError(
+            f"{where}: of the state {', '.join(missing)} is missing; give all of u, v, a, lambda "
+            "or none"
+        )
+    notes = [
+        f"{name} is not given and taken to be 0: {what} is not part of this advice"
+        for name, what in (("X", "stiffness"), ("Y", "damping"))
+        if name not in found
+    ]
+    if missing:
+        notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
+    shapes = {**square, **vector, "lambda": (m,)}
+    filled = {name: found.get(name, np.zeros(shape)) for name, shape in shapes.items()}
+    x, y, u, v, a, multipliers = (filled[name] for name in ("X", "Y", "u", "v", "a", "lambda"))
+    problem = linear_problem(where, (mass, x, y, gradient), (u, v, a, multipliers))
+    at = "without a state" if missing else "at the state given"
+    return Subject(
+        problem, [problem], at, notes, [(a, multipliers)], has_state=not missing, of_matrices=True
+    )
+
+
+def within_range(array: Array, where: str) -> Array:
+    """The same with sizes that factors and norms neither overflow nor underflow.
+
+    Entries of a matrix that are nothing next to the others of their row and of their column
+    become 0, which is a change far below rounding in any scaling.
+
+    Raises:
+        MatrixError: When the largest of a row or column is too large or too small.
+    """
+    size = np.abs(array)
+    if array.ndim == 2 and array.size:
+        others = np.minimum(size.max(axis=1)[:, None], size.max(axis=0)[None, :])
+        array = np.where(size < _NOTHING * others, 0.0, array)
+        far = (size > _FARTHEST) | ((others < 1 / _FARTHEST) & (array != 0))
+    else:
+        far = size > _FARTHEST
+    if np.any(far):
+        place = tuple(int(k) for k in np.argwhere(far)[0])
+        shown = ", ".join(str(k + 1) for k in place)
+        raise matrices.MatrixError(
+            f"{where} has {float(array[place])!r} at ({shown}); the largest of a row or column "
+            f"must be 0 or between {1 / _FARTHEST:g} and {_FARTHEST:g}"
+        )
+    return array
+
+
+def _require_usable(mass: Array, gradient: Array, where: str) -> None:
+    n, m = gradient.shape
+    if n + m > MOST_UNKNOWNS:
+        raise matrices.MatrixError(f"{where}: n + m = {n + m}; at most {MOST_UNKNOWNS}")
+    if m == 0 or n == 0:
+        raise matrices.MatrixError(f"{where}: G must have a row and a column at least")
+    if m > n or not has_full_rank(gradient):
+        raise matrices.MatrixError(
+            f"{where}: G has rank below {m}: constraints are redundant; leave out those that "
+            "follow from others"
+        )
+    if not is_regular(saddle_point(mass, gradient)):
+        raise matrices.MatrixError(
+            f"{where}: [M −G; Gᵀ 0] is singular: M leaves a motion that the constraints allow "
+            "without inertia"
+        )
+
+
+def _of_problem(problem: Problem, t_end: float | None) -> Subject:
+    if problem.n + problem.m > MOST_UNKNOWNS:
+        raise ArgumentError(
+            f"{problem.name}: n + m = {problem.n + problem.m}; advice is for at most "
+            f"{MOST_UNKNOWNS} unknowns"
+        )
+    try:
+        Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
+    except np.linalg.LinAlgError:
+        raise ProblemError(
+            f"{problem.name}: [M −G; Gᵀ 0] is singular at the start: constraints are redundant, or "
+            "M leaves a motion without inertia"
+        ) from None
+    length = _MOTIONS * _time_of_a_motion(problem) if t_end is None else t_end
+    if problem.n + problem.m > _MOST_MARCHED:
+        return Subject(problem, [problem], "at the start", [])
+    if not math.isfinite(length):
+        return Subject(
+            problem, [problem], "at the start",
+            ["it is at rest, and nothing moves it: rounding is less there than in a motion"],
+        )  # fmt: skip
+    try:
+        steps = _STATES * _STEPS_BETWEEN
+        motion = march(
+            problem, h=length / steps, steps=steps, every=_STEPS_BETWEEN, integrator=_DAMPED,
+            keep=("u", "v"),
+        )  # fmt: skip
+    except InputError:
+        motion = None
+    if motion is None or motion.status != "ok":
+        return Subject(
+            problem, [problem], "at the start",
+            [f"the motion to t = {length:.3g} s could not be marched: advice is for the start"],
+        )  # fmt: skip
+    states = [
+        replace(problem, t0=float(t), u0=u, v0=v)
+        for t, u, v in zip(motion.t, motion.u, motion.v, strict=True)
+    ]
+    where = f"at {len(states)} states of its motion to t = {motion.t[-1]:.3g} s"
+    return Subject(problem, states, where, [])
+
+
+def _time_of_a_motion(problem: Problem) -> float:
+    """Time in which the start's velocities and accelerations cover the mechanism's size (s).
+
+    Or the accelerations of forces that come later: what begins at rest may have a motor.
+    """
+    size, speed = np.linalg.norm(problem.u0), np.linalg.norm(problem.v0)
+    of = Index1(problem)
+    with np.errstate(divide="ignore"):
+        times = [float(size / speed)]
+        for later in _LATER:
+            a, _ = of.accelerations(problem.t0 + later, problem.u0, problem.v0)
+            times.append(max(later, float(np.sqrt(2 * size / np.linalg.norm(a)))))
+    found = min(times)
+    return found if found < _AT_REST else math.inf

@@ -1,0 +1,1 @@
+"""Figures: sheets of panels, and how they are drawn."""

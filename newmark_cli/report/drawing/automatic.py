@@ -1,0 +1,331 @@
+"""Figures of any study: what its results compare, arranged as its config says or by themselves.
+
+A study without figures of its own gets one for each problem, form, quantity and measure.
+Of the axes in which its series differ, the one with the most values tells the series of a
+panel apart; the others become panels, or figures of their own where panels would be too many.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from newmark_cli.newmark.orders import UNKNOWNS
+from newmark_cli.report.drawing.panels import LOOKS
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.drawing.work import Costs, costs
+from newmark_cli.report.reading.curves import Curve
+from newmark_cli.report.reading.figures import Figure, Part
+from newmark_cli.report.reading.words import joined_values, measure_text, spelled
+from newmark_cli.study import axes
+from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
+from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
+
+if TYPE_CHECKING:
+    from newmark_cli.report.judging.slopes import Slope
+
+#: Most panels of one figure, and most series of one panel that gathers what is no grid.
+MOST_PANELS, MOST_GATHERED = 6, len(LOOKS)
+
+#: Axes whose comparison comes first where several have as many values.
+_PREFERRED = ("preconditioning", "integrator", "evaluation")
+#: Axes whose values are panels, never the series of one.
+_PANELS = ("row_block",)
+#: What each figure has one of, unless a definition compares it.
+_ONE_EACH = ("problem", "form", "measure", "quantity", "initial")
+#: What comes first where not all figures are drawn.
+_FIRST = ("correction", "condition", "error", WORK_PRECISION)
+#: What comes last there: corrections once more, in other units.
+_LAST = ("physical_correction", "floor", "physical_floor")
+#: Quantities that go without saying: their measures have no other.
+_ONLY = ("jacobian", "newton")
+
+
+# -- which figures ------------------------------------------------------------------------------
+
+
+def figures(
+    study: str,
+    results: Results,
+    defined: Sequence[Definition] | None = None,
+    keep: Callable[["Slope"], bool] = lambda slope: True,
+    kinds: Sequence[str] = (),
+) -> list[Figure]:
+    """Figures of a study, those that matter most first unless its config defines them.
+
+    Args:
+        study: Its name.
+        results: What they are made from.
+        defined: Figures that its config defines; None to arrange all that the rows allow.
+        keep: Which series to draw.
+        kinds: Kinds of rows to draw, or `WORK_PRECISION`; all when empty.
+    """
+    ours = [slope for slope in results.slopes if slope.study == study and slope.measure]
+    slugs = _Slugs(ours)
+    ours = [slope for slope in ours if keep(slope)]
+    every = tuple(dict.fromkeys(slope.measure for slope in ours))
+    spent = costs(results, [s for s in ours if s.measure == "error"])
+    given = defined
+    if given is not None:
+        given = [each for each in given if not each.figure]
+    else:
+        # Predicted floors stand in the figures of what they predict.
+        beside = {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
+        ranked = sorted(({*every, WORK_PRECISION} - beside), key=_rank)
+        given = [Definition((kind,)) for kind in ranked]
+    found: list[Figure] = []
+    names = _Names()
+    for definition in given:
+        for kind in definition.kinds:
+            if not kinds or kind in kinds:
+                slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
+                found += _defined(study, definition, kind, slopes, slugs, names)
+    return found
+
+
+def _rank(kind: str) -> int:
+    order = (*_FIRST, *(name for name in RECORDS if name not in (*_FIRST, *_LAST)), *_LAST)
+    return order.index(kind)
+
+
+def _shows(definition: Definition, kind: str, slope: "Slope", spent: Costs) -> bool:
+    """Whether a series is of this kind and has at least two points."""
+    work = kind == WORK_PRECISION
+    if slope.measure != ("error" if work else kind):
+        return False
+    for axis, some in definition.choice.items():
+        # A scaling of one's own may go by its name.
+        if not {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & set(some):
+            return False
+    if definition.kind in ("history", "drift"):
+        return True
+    there = np.isfinite(slope.values)
+    if work:
+        there &= np.isfinite(spent.get(slope.key, np.full(len(slope.h), np.nan)))
+    return len(np.unique(slope.h[there])) >= 2
+
+
+def _defined(
+    study: str,
+    definition: Definition,
+    kind: str,
+    slopes: Sequence["Slope"],
+    slugs: "_Slugs",
+    names: "_Names",
+) -> list[Figure]:
+    """Figures of one kind of rows."""
+    compared = (*(definition.series or ()), *(definition.panels or ()))
+    one_each = [axis for axis in _ONE_EACH if axis not in compared]
+    groups = [
+        (dict(zip(one_each, values, strict=True)) | apart, grid)
+        for values, group in _grouped(slopes, one_each).items()
+        for apart, grid in _arranged(group, definition, kind)
+    ]
+    different = {
+        axis for where, _ in groups for axis in where if len({w.get(axis) for w, _ in groups}) > 1
+    }
+    found: list[Figure] = []
+    for where, grid in groups:
+        if definition.name:
+            told = [slugs(axis, value) for axis, value in where.items() if axis in different]
+        else:
+            told = _told(where, kind, slugs)
+        name = names(study, definition.name, *told)
+        title = _title(where, grid, kind)
+        if definition.title:
+            rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
+            title = ": ".join(filter(None, (definition.title, rest)))
+        parts = tuple(
+            Part(joined_values(grid.panels, where), tuple(_curve(s, grid.series) for s in several))
+            for where, several in grid.parts
+        )
+        own = definition.kind or ("work" if kind == WORK_PRECISION else "orders")
+        columns = definition.columns or grid.columns
+        figure = Figure(
+            name, title, study, parts, columns, own, note=definition.note, h=definition.h
+        )
+        found.append(figure)
+    return found
+
+
+def _curve(slope: "Slope", series: Sequence[str]) -> Curve:
+    return Curve(joined_values(series, slope.key.named()), **slope.key.named())
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Series of one figure: by which axes they differ, and in which panels they stand."""
+
+    series: tuple[str, ...]
+    panels: tuple[str, ...]
+    parts: Sequence[tuple[Mapping[str, str], Sequence["Slope"]]]
+    columns: int
+
+
+def _arranged(
+    slopes: Sequence["Slope"], definition: Definition, kind: str
+) -> Iterable[tuple[dict[str, str], _Grid]]:
+    """Grids of the series of one problem, form and quantity, and what they are apart by."""
+    values = {
+        axis: list(dict.fromkeys(getattr(slope, axis) for slope in slopes)) for axis in COMPARABLE
+    }
+    varying = [axis for axis in COMPARABLE if len(values[axis]) > 1]
+    panels = list(definition.panels or ())
+    series = list(
+        definition.series or _most_varied(values, [a for a in varying if a not in panels])
+    )
+    rest = [axis for axis in varying if axis not in (*series, *panels)]
+    if definition.panels is None:
+        # What is least worth comparing becomes figures of their own.
+        panels = sorted(rest, key=_preference)
+        while panels and len({_at(slope, panels) for slope in slopes}) > MOST_PANELS:
+            panels.pop()
+    apart = [axis for axis in rest if axis not in panels]
+    if definition.series is None and definition.panels is None:
+        # No grid, or a cloud of points: one panel, as long as it is not crowded.
+        single = all(len(few) == 1 for few in _grouped(slopes, [*apart, *panels]).values())
+        single = single and not set(panels) & set(_PANELS)
+        most = max(len(group) for group in _grouped(slopes, apart).values())
+        if (single or kind == WORK_PRECISION) and most <= MOST_GATHERED:
+            series, panels = [*series, *panels], []
+    panels.sort(key=COMPARABLE.index)
+    for where, group in _grouped(slopes, apart).items():
+        found = _grouped(group, panels)
+        ordered = sorted(
+            found.items(),
+            key=lambda part: [values[a].index(v) for a, v in zip(panels, part[0], strict=True)],
+        )
+        parts = [(dict(zip(panels, at, strict=True)), some) for at, some in ordered]
+        yield (
+            dict(zip(apart, where, strict=True)),
+            _Grid(tuple(series), tuple(panels), parts, _columns(parts, panels)),
+        )
+
+
+def _most_varied(values: Mapping[str, Sequence[str]], varying: Sequence[str]) -> list[str]:
+    """The axis with the most values; the scaling where none varies."""
+    able = [axis for axis in varying if axis not in _PANELS]
+    return [
+        min(able, key=lambda axis: (-len(values[axis]), _preference(axis)), default=_PREFERRED[0])
+    ]
+
+
+def _preference(axis: str) -> tuple[int, int]:
+    """First what is always panels, then what is preferred, then the others."""
+    order = (*_PANELS, *_PREFERRED)
+    return (order.index(axis) if axis in order else len(order), COMPARABLE.index(axis))
+
+
+def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence[str]) -> int:
+    """Panels side by side: the values of one axis in a row where two make a grid."""
+    if len(panels) == 2:
+        sizes = [len({where[axis] for where, _ in parts}) for axis in panels]
+        if sizes[0] * sizes[1] == len(parts) and sizes[1] in (2, 3):
+            return sizes[1]
+    return {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
+
+
+def _at(slope: "Slope", names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(getattr(slope, axis) for axis in names)
+
+
+def _grouped(
+    slopes: Iterable["Slope"], names: Sequence[str]
+) -> dict[tuple[str, ...], list["Slope"]]:
+    found: dict[tuple[str, ...], list[Slope]] = {}
+    for slope in slopes:
+        found.setdefault(_at(slope, names), []).append(slope)
+    return found
+
+
+# -- words --------------------------------------------------------------------------------------
+
+
+def _title(where: Mapping[str, str], grid: _Grid, kind: str) -> str:
+    """The problem, the form, what all series have in common, and what is shown."""
+    common = grid.parts[0][1][0].key.named()
+    varied = (*grid.series, *grid.panels)
+    told = [spelled(axis, where[axis]) for axis in ("problem", "form") if axis in where]
+    if "preconditioning" not in varied:
+        scaling = common["preconditioning"]
+        name = spelled("preconditioning", scaling)
+        told.append("no scaling" if scaling == "none" else f"{name} scaling")
+    usual = {each.name: each.usual for each in axes.series_axes()}
+    for axis in COMPARABLE:
+        if axis in (*varied, "problem", "form", "preconditioning", "quantity"):
+            continue
+        if common[axis] and common[axis] != usual[axis]:
+            told.append(spelled(axis, common[axis]))
+    told += [spelled("initial", common["initial"])] if common["initial"] else []
+    return f"{', '.join(told)}: {_subject(where, kind)}"
+
+
+def _subject(where: Mapping[str, str], kind: str) -> str:
+    words, quantity = measure_text(kind), where.get("quantity", "")
+    if kind == "condition":
+        words = "condition number"
+    if not quantity or quantity in _ONLY:
+        return words
+    of_it = quantity in UNKNOWNS or quantity in OF_OUTPUTS
+    return f"{words} of {symbol(quantity)}" if of_it else f"{words}, {quantity}"
+
+
+# -- names of files -----------------------------------------------------------------------------
+
+
+def _told(where: Mapping[str, str], kind: str, slugs: "_Slugs") -> list[str]:
+    """Parts of a figure's file name, in the order in which people look for them."""
+    order = ("problem", "form", "measure", "quantity", "initial")
+    told = []
+    for axis in (*order, *(axis for axis in where if axis not in order)):
+        if axis == "measure":
+            told.append(kind.replace("_", "-"))
+        elif where.get(axis) and where[axis] not in _ONLY:
+            told.append(slugs(axis, where[axis]))
+    return told
+
+
+class _Slugs:
+    """Values of axes as parts of file names: safe, and different where the values are."""
+
+    def __init__(self, slopes: Iterable["Slope"]) -> None:
+        self._known: dict[tuple[str, str], str] = {}
+        taken: set[tuple[str, str]] = set()
+        for slope in slopes:
+            for axis, value in slope.key.named().items():
+                if (axis, value) not in self._known:
+                    slug = _slug(re.sub(r"\.ya?ml$", "", value.partition("[")[0]))
+                    numbered = (slug, *(f"{slug}-{i}" for i in range(2, 2 + len(taken))))
+                    slug = next(one for one in numbered if (axis, one) not in taken)
+                    taken.add((axis, slug))
+                    self._known[axis, value] = slug
+
+    def __call__(self, axis: str, value: str) -> str:
+        return self._known[axis, value]
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-.")[:60] or "x"
+
+
+class _Names:
+    """Names of the figures of a study; one that is taken gets a number."""
+
+    def __init__(self) -> None:
+        self._taken: list[str] = []
+
+    def __call__(self, *parts: str) -> str:
+        name = free("-".join(filter(None, parts))[:180], self._taken)
+        self._taken.append(name)
+        return name
+
+
+def free(name: str, taken: Iterable[str]) -> str:
+    """A name that no file has yet: this one, or this one and a number."""
+    # On some machines files that differ in case are one.
+    known = {one.lower() for one in taken}
+    numbered = (name if i == 1 else f"{name}-{i}" for i in count(1))
+    return next(one for one in numbered if one.lower() not in known)

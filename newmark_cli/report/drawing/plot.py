@@ -1,0 +1,293 @@
+"""From the results folder to figures: which are meant, which can be drawn, and their files."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from newmark_cli.report.drawing import automatic, rendering
+from newmark_cli.report.drawing.panels import Sheet
+from newmark_cli.report.drawing.sheets import Results, require, sheet
+from newmark_cli.report.drawing.work import COSTS
+from newmark_cli.report.reading import records
+from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, explicit
+from newmark_cli.report.reading.words import means
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.drawing import (
+    SHOWABLE,
+    WORK_PRECISION,
+    Definition,
+    definitions,
+    kinds,
+)
+from newmark_cli.support import files
+from newmark_cli.support.errors import InputError, ResultsError
+from newmark_cli.support.spelling import nearest
+
+if TYPE_CHECKING:
+    from newmark_cli.report.judging.slopes import Slope
+
+#: Formats of the files, and those that are written unless others are asked for.
+FORMATS, USUAL_FORMATS = ("png", "svg", "pdf"), ("png", "svg")
+
+#: Most figures that a study's results arrange by themselves, unless all are asked for.
+MOST = 24
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which series and figures are drawn.
+
+    Attributes:
+        measures: Names of `SHOWABLE`; all when empty.
+        values: Axis → its values, as people or CSVs write them; all when it has none.
+        everything: Whether all figures of a study are drawn, however many.
+    """
+
+    measures: tuple[str, ...] = ()
+    values: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    everything: bool = False
+
+    def __bool__(self) -> bool:
+        """Whether it leaves anything out."""
+        return bool(self.measures) or any(self.values.values())
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of rows, and the work–precision diagram."""
+        return tuple(dict.fromkeys(kind for name in self.measures for kind in kinds(name)))
+
+    def keeps(self, series: "Slope | SeriesKey") -> bool:
+        """Whether a series has one of the values of every axis."""
+        return all(
+            not given or any(means(axis, word, getattr(series, axis)) for word in given)
+            for axis, given in self.values.items()
+        )
+
+    def require(self, slopes: Sequence["Slope"]) -> None:
+        """Refuse a word that no series of the results is meant by.
+
+        Raises:
+            InputError: Names the option, and what it can be.
+        """
+        for name in self.measures:
+            if name not in SHOWABLE:
+                raise InputError(f"--measure: unknown measure {name!r}{nearest(name, SHOWABLE)}")
+        for axis, given in self.values.items():
+            known = list(dict.fromkeys(v for s in slopes if (v := getattr(s, axis))))
+            for word in given:
+                if not any(means(axis, word, value) for value in known):
+                    raise InputError(
+                        f"--{axis}: no series of {word!r} in the results{nearest(word, known)}"
+                    )
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Figures to draw, and what there is to say of them.
+
+    Attributes:
+        figures: In their order.
+        notes: Lines for the terminal.
+    """
+
+    figures: list[Figure]
+    notes: list[str]
+
+
+def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) -> Chosen:
+    """Figures that are meant by names, or all that the results are enough for.
+
+    Args:
+        names: Of figures and studies; a name that is both is the figure's.
+        results: What they are made from; their series are not needed for named mechanisms.
+        choice: Which of them.
+
+    Raises:
+        InputError: For a name that there is not, and when nothing is left.
+        ResultsError: When results of a study that is named are missing or cannot be used.
+    """
+    studies = list(dict.fromkeys(slope.study for slope in results.slopes))
+    choice.require(results.slopes)
+    notes: list[str] = []
+    found: list[Figure] = []
+    if names:
+        numbered = _numbered(studies, results)
+        for name in dict.fromkeys(names):
+            if name in numbered:
+                found += [numbered[name]] if _whole(numbered[name], choice) else []
+                if name in studies and numbered[name].study != name:
+                    notes.append(f"{name!r} is a figure and a study: the figure is drawn")
+            elif name in studies:
+                found += _of_study(name, results, choice, notes)
+            else:
+                raise _unknown(name, studies, results)
+    else:
+        given, lacking = enough(results)
+        found = [figure for figure in given if _whole(figure, choice)]
+        for study in studies:
+            # Only when they are asked for: the paper makes tables of them.
+            if not _has_own(study) and (study not in TABLED or choice):
+                found += _of_study(study, results, choice, notes)
+        shipped = {*TABLED, *(figure.study for figure in FIGURES.values())}
+        if lacking and not choice and (not found or shipped & set(studies)):
+            notes.append(how_to_get(lacking))
+    if choice and not found:
+        why = f" ({COSTS[results.cost].lacking})" if WORK_PRECISION in choice.kinds else ""
+        raise InputError(f"nothing to draw: no figure has all that the options choose{why}")
+    if names and not found:
+        raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")
+    return Chosen(list({id(figure): figure for figure in found}.values()), notes)
+
+
+def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:
+    shipped = dict.fromkeys((*(figure.study for figure in FIGURES.values()), *TABLED))
+    if name in shipped:
+        path = results.folder / f"{name}.csv"
+        return ResultsError(f"{path}: no results; run 'newmark-study run {name}' first")
+    known = dict.fromkeys((*FIGURES, *studies))
+    return InputError(f"unknown figure or study {name!r}{nearest(name, known)}")
+
+
+def needs_results(names: Sequence[str]) -> bool:
+    """Whether figures are made from series; mechanisms are drawn without any."""
+    return not names or any(name not in FIGURES or FIGURES[name].curves for name in names)
+
+
+def _whole(figure: Figure, choice: Choice) -> bool:
+    """Whether a figure of the project shows nothing but what is chosen."""
+    if not choice:
+        return True
+    given = choice.kinds
+    return bool(figure.curves) and all(
+        choice.keeps(curve.key) and (not given or curve.measure in given) for curve in figure.curves
+    )
+
+
+def _has_own(study: str) -> bool:
+    return any(figure.study == study for figure in FIGURES.values())
+
+
+def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) -> list[Figure]:
+    """The project's figures of a study, else those of its config, else those it arranges."""
+    own = [figure for figure in of_studies([study]) if _whole(figure, choice)]
+    if own:
+        return own
+    defined = _defined(study, results)
+    own = [explicit(study, each) for each in defined or () if each.figure]
+    found = [figure for figure in own if _whole(figure, choice)]
+    found += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
+    if defined is None and len(found) > MOST and not choice.everything:
+        notes.append(
+            f"{study}: {len(found) - MOST} more figures are not drawn; ask for them with "
+            f"'newmark-study plot {study} --all', or choose with --measure, --form, …"
+        )
+        found = found[:MOST]
+    return found
+
+
+def _defined(study: str, results: Results) -> list[Definition] | None:
+    """Figures that the config of a study defines, by its record."""
+    path = results.folder / f"{study}.csv"
+    try:
+        return definitions(records.known(path).get("config"))
+    except ValueError as error:
+        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+
+
+def _numbered(studies: Sequence[str], results: Results) -> dict[str, Figure]:
+    """Figures by number or word: the shipped ones, and those of configs of one's own."""
+    own = {
+        each.figure: explicit(study, each)
+        for study in studies
+        if not _has_own(study)
+        for each in _defined(study, results) or ()
+        if each.figure
+    }
+    return own | FIGURES
+
+
+def of_studies(studies: Iterable[str]) -> list[Figure]:
+    """The project's figures of studies, in the order of the figures."""
+    given = set(studies)
+    return [figure for figure in FIGURES.values() if figure.study in given]
+
+
+def enough(results: Results) -> tuple[list[Figure], list[Figure]]:
+    """The project's figures that results are enough for, and the others."""
+    given, lacking = [], []
+    for figure in FIGURES.values():
+        try:
+            require(figure, results)
+        except ResultsError:
+            lacking.append(figure)
+        else:
+            given.append(figure)
+    return given, lacking
+
+
+def how_to_get(lacking: Sequence[Figure]) -> str:
+    """The studies to run for figures, in one line."""
+    studies = dict.fromkeys(figure.study for figure in lacking)
+    names = ", ".join(figure.name for figure in lacking)
+    return (
+        f"not drawn: figure{'s' if len(lacking) > 1 else ''} {names}; "
+        f"run 'newmark-study run {' '.join(studies)}' first"
+    )
+
+
+def stem(figure: Figure) -> str:
+    """Name of a figure's files, without their ending."""
+    return f"figure-{figure.name}" if figure.numbered else figure.name
+
+
+def plot(
+    figures: Iterable[Figure],
+    results: Results,
+    formats: Sequence[str] = USUAL_FORMATS,
+    size: tuple[float, float] | None = None,
+    style_file: Path | None = None,
+) -> list[Path]:
+    """Draw figures into ``figures`` below the results folder.
+
+    Nothing is written unless all of them can be drawn.
+
+    Args:
+        figures: Which.
+        results: What they are made from.
+        formats: Which of `FORMATS`.
+        size: Width and height of each (inch); as suits it when omitted.
+        style_file: Style file of matplotlib, over the project's style.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: When the style cannot be used, or the size is too small.
+        ResultsError: When results are missing or cannot be used.
+    """
+    sheets: dict[str, Sheet] = {}
+    for figure in figures:
+        sheets[automatic.free(stem(figure), sheets)] = sheet(figure, results)
+
+    settings: Mapping[str, object] = {}
+    if style_file:
+        from newmark_cli.report.drawing import style
+
+        settings = style.read(style_file)
+    try:
+        found = rendering.rendered(list(sheets.values()), formats, size, settings)
+    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        if style_file is None:
+            raise
+        raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
+    contents = {
+        results.folder / "figures" / f"{name}.{kind}": content
+        for name, files_of in zip(sheets, found, strict=True)
+        for kind, content in files_of.items()
+    }
+    if contents:
+        files.make_folder(results.folder / "figures", results.folder, parents=True)
+    for path, content in contents.items():
+        files.write(path, content, results.folder)
+    return list(contents)

@@ -1,0 +1,127 @@
+"""One style for all figures, whatever the user's settings are, and how they are written."""
+
+import io
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+# isort: split
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from newmark_cli.support import files
+from newmark_cli.support.errors import InputError
+
+#: What the drawing modules make.
+Drawing = Figure
+
+#: Settings of matplotlib.
+STYLE: Any = {
+    "font.size": 7.5,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 3.0,
+    "legend.borderpad": 0.2,
+    "legend.columnspacing": 1.2,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.top": True,
+    "ytick.right": True,
+    "mathtext.fontset": "dejavusans",
+    "svg.hashsalt": "newmark-study",
+    "savefig.dpi": 300,
+}
+
+#: No settings.
+NONE: Mapping[str, Any] = MappingProxyType({})
+
+#: Settings that a style file does not decide: how matplotlib shows windows, which nobody sees
+#: here, the salt of the names inside SVGs, without which no two files are the same, and TeX,
+#: which would run what a name says.
+_NOT_STYLE = (
+    "backend", "backend_fallback", "figure.hooks", "interactive", "svg.hashsalt", "text.usetex",
+)  # fmt: skip
+
+
+@contextmanager
+def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
+    """Draw in this context: with matplotlib's defaults, the project's style, and no others.
+
+    Args:
+        settings: Settings over those, the last first.
+    """
+    merged: Any = {
+        key: value for key, value in mpl.rcParamsDefault.items() if key not in _NOT_STYLE
+    }
+    for each in (STYLE, *settings):
+        merged |= each
+    with mpl.rc_context(merged):
+        yield
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Settings of a style file of matplotlib.
+
+    Args:
+        path: The file; of what it sets, what is not a matter of style is left out.
+
+    Raises:
+        InputError: When it is missing, or has a line that matplotlib does not understand.
+    """
+    told: list[str] = []
+    listener = logging.Handler()
+    listener.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("matplotlib")
+    before = logger.propagate
+    logger.addHandler(listener)
+    logger.propagate = False
+    try:
+        # matplotlib would look for a name that is no file on the network, and wait for a pipe
+        files.read(path, 1 << 20, links=True)
+        found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+    except OSError as error:
+        raise InputError(f"--style {path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"--style {path}: not a style of matplotlib: {error}") from None
+    finally:
+        logger.removeHandler(listener)
+        logger.propagate = before
+    if told:
+        raise InputError(f"--style {path}: not a style of matplotlib: {' '.join(told[0].split())}")
+    return {key: value for key, value in found.items() if key not in _NOT_STYLE}
+
+
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure of a results folder as PNG and SVG, the same bytes each time.
+
+    Returns:
+        The files, ``figures/<name>.png`` and ``.svg``.
+    """
+    files.make_folder(folder / "figures", folder, parents=True)
+    written = []
+    for kind in ("png", "svg"):
+        written.append(folder / "figures" / f"{name}.{kind}")
+        files.write(written[-1], rendered(figure, kind), folder)
+    return written
+
+
+def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:
+    """A figure as a file: png, svg or pdf, the same bytes each time.
+
+    Args:
+        figure: The figure.
+        kind: Ending of the file.
+        settings: Settings of matplotlib over those of the project.
+    """
+    content = io.BytesIO()
+    with settled(settings):
+        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+        figure.savefig(content, format=kind, metadata=metadata)
+    return content.getvalue()

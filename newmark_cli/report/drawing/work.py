@@ -1,0 +1,147 @@
+"""Work and precision: the error that a cell leaves against the work that it takes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from newmark_cli.report.drawing.panels import Trace, look
+from newmark_cli.report.reading import records
+from newmark_cli.report.reading.words import quantity
+from newmark_cli.study import axes
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ResultsError
+
+if TYPE_CHECKING:
+    from newmark_cli.report.drawing.sheets import Results
+    from newmark_cli.report.judging.slopes import Slope
+    from newmark_cli.report.reading.figures import Figure
+
+#: Series → cost of the cell behind each of its points; NaN where it is not known.
+Costs = Mapping[SeriesKey, Array]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What the work of a cell is measured by.
+
+    Attributes:
+        key: Of a cell in a record.
+        label: Of an axis.
+        unit: Behind a number.
+        lacking: What to do where a record lacks it.
+    """
+
+    key: str
+    label: str
+    unit: str
+    lacking: str
+
+
+#: By name, as `newmark_cli.report.drawing.sheets.Results` has it.
+COSTS: Mapping[str, Cost] = MappingProxyType(
+    {
+        "operations": Cost(
+            "operations",
+            "multiplications and additions",
+            "operations",
+            "no operations were counted; run the study again",
+        ),
+        "wall-time": Cost(
+            "march_seconds",
+            "wall time of the march (s)",
+            "s",
+            "no march was timed; run the study again with --timed --force",
+        ),
+    }
+)
+
+
+def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
+    """Costs of the cells behind the points of series, from the records of their studies.
+
+    Args:
+        results: What the series come from, and which cost is meant.
+        slopes: The series.
+    """
+    key = COSTS[results.cost].key
+    studies = dict.fromkeys(slope.study for slope in slopes)
+    found = {
+        study: _of_cells(records.known(results.folder / f"{study}.csv"), key) for study in studies
+    }
+    return {
+        slope.key: np.array(
+            [
+                found[slope.study].get((*_cell(slope.key.named()), h, steps), np.nan)
+                for h, steps in zip(slope.h.tolist(), slope.steps.tolist(), strict=True)
+            ]
+        )
+        for slope in slopes
+    }
+
+
+def _of_cells(record: Mapping[str, Any], key: str) -> dict[tuple[Any, ...], float]:
+    found = {}
+    for cell in records.cells_of(record):
+        if isinstance(cell.get("h"), int | float) and isinstance(cell.get("steps"), int):
+            place = *_cell(cell), float(cell["h"]), float(cell["steps"])
+            found[place] = records.number(cell, key)
+    return found
+
+
+def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
+    """Labels that tell a cell from others besides its step size, from its record or a series."""
+    return tuple(
+        each.same(str(given.get(each.name, each.usual)))
+        for each in axes.cell_axes()
+        if each.cell and each.series
+    )
+
+
+def costed(figure: "Figure", results: "Results") -> tuple[Mapping[SeriesKey, "Slope"], Costs]:
+    """Series of a figure, and costs of their cells.
+
+    Raises:
+        ResultsError: When a series is missing, or has no costs.
+    """
+    slopes = results.series(figure)
+    found = costs(results, list(slopes.values()))
+    if not all(np.isfinite(found[key]).any() for key in slopes):
+        raise ResultsError(
+            f"{results.folder / figure.study}.json: figure {figure.name}: "
+            f"{COSTS[results.cost].lacking}"
+        )
+    return slopes, found
+
+
+def trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, panel: str) -> Trace:
+    """Errors of a series against the cost of its cells, from the largest step size on.
+
+    Args:
+        slope: The series.
+        spent: (points,) costs.
+        cost: What they are.
+        label: Its name in the legend.
+        place: Its place in the legend, from 0.
+        panel: Title of its panel; may be empty.
+    """
+    order = np.argsort(-slope.h)
+    ends = [i for i in order.tolist() if np.isfinite(spent[i]) and np.isfinite(slope.values[i])]
+    said = "; ".join(
+        f"{slope.values[i]:.3g} in {spent[i]:.3g} {cost.unit} at h = {slope.h[i]:g}"
+        for i in dict.fromkeys((ends[0], ends[-1]))
+    )
+    name = ", ".join(filter(None, (panel, label)))
+    ok = np.isin(np.array(slope.statuses, str), slope.record.ok)
+    return Trace(
+        label,
+        spent[order],
+        slope.values[order],
+        look(place),
+        apart=~ok[order],
+        bars=slope.rounding[order],
+        said=f"{quantity(slope)}, {name}: {said}",
+    )

@@ -1,0 +1,1 @@
+"""Fits of series, verdicts on them, and what configs expect of them."""

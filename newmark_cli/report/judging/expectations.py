@@ -1,0 +1,411 @@
+"""What configs expect of their series, judged: the orders, levels and quotients they assert.
+
+They stand in the record next to the CSV, so that a results folder can be checked without the
+config; those of the shipped studies are read from the shipped configs where a record has none.
+An expectation with a figure is a claim about that figure, and `check` lists it as one.  An order
+is judged by the rule of `newmark_cli.report.judging.verdicts`, as a predicted one is.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.newmark.linear.choice import GMRES, MINRES
+from newmark_cli.report.judging.fits import format_fit, format_order
+from newmark_cli.report.judging.slopes import Slope
+from newmark_cli.report.judging.text import format_orders, gathered
+from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, SHOWN, UNDECIDED, joined
+from newmark_cli.report.reading import records
+from newmark_cli.report.reading.curves import floor_of
+from newmark_cli.report.reading.words import quantity
+from newmark_cli.study import shipped
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.expectations import Expectation, expectations
+from newmark_cli.support.arrays import Array, Mask
+from newmark_cli.support.errors import ResultsError
+
+#: Points of a study from which on its predicted floors are judged.
+_FEWEST_FLOORS = 10
+#: Factors within which nine in ten quotients of a floor and its correction, and all, must be.
+_NEAR, _FAR = 2.0, 10 / 3
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What an expectation comes to for one series, or that it matches none.
+
+    Attributes:
+        study: Name of the study.
+        number: Place of the expectation in its config, from 1.
+        figure: The figure that it is a claim about; empty for none.
+        slope: The series; None where it matches none, or is about several.
+        label: What it is about, in words.
+        said: What is expected of it.
+        measured: As text.
+        value: As a number; NaN where there is none.
+        verdict: One of the words of `newmark_cli.report.judging.verdicts`.
+        reason: Why it is not a plain pass; may be empty.
+        quantity: What is measured, in the field's symbols.
+        file, line: Where the config has it; empty and 0 where that is not known.
+    """
+
+    study: str
+    number: int
+    figure: str
+    slope: Slope | None
+    label: str
+    said: str
+    measured: str
+    value: float
+    verdict: str
+    reason: str
+    quantity: str = ""
+    file: str = ""
+    line: int = 0
+
+    @property
+    def name(self) -> str:
+        """How texts name it."""
+        return f"figure {self.figure}" if self.figure else f"expect[{self.number}]"
+
+    @property
+    def text(self) -> str:
+        """What is claimed, in a sentence."""
+        between = ", " if ": " in self.said else ": "
+        return f"{self.label}{between if self.said else ''}{self.said}"
+
+    @property
+    def missing(self) -> bool:
+        """Whether there is no such series."""
+        return self.verdict == INCOMPLETE and self.slope is None
+
+    def row(self) -> dict[str, Any]:
+        """As values for programs."""
+        if self.figure:
+            return {
+                "figure": self.figure, "study": self.study, "claim": self.text,
+                "measured": self.measured, "value": self.value, "verdict": self.verdict,
+            }  # fmt: skip
+        return {
+            "expect": self.number,
+            "study": self.study,
+            **(self.slope.key.named() if self.slope else {}),
+            "expected": self.said,
+            "measured": self.measured,
+            "value": self.value,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "file": self.file,
+            "line": self.line,
+        }
+
+
+class _NoDataError(Exception):
+    """Results lack what is expected of them; the text says what."""
+
+
+def series_name(slope: Slope) -> str:
+    """A series of a study in words, with all that tells it from others."""
+    parts = slope.key.besides("study", "measure", "quantity", "row_block")
+    return f"{quantity(slope)}, {' '.join(parts)}"
+
+
+def claims(found: Iterable[Expected]) -> list[Expected]:
+    """Those that are about figures, in the order of the figures."""
+    about = [each for each in found if each.figure]
+    return sorted(about, key=lambda each: (not each.figure.isdigit(), each.figure.zfill(9)))
+
+
+def own(found: Iterable[Expected]) -> list[Expected]:
+    """Those that are about no figure."""
+    return [each for each in found if not each.figure]
+
+
+def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
+    """Expectations of the studies that series are of, each for every series that it matches.
+
+    Args:
+        folder: Results folder.
+        slopes: The series.
+
+    Raises:
+        ResultsError: When a record's expectations are not as a run has written them.
+    """
+    found: list[Expected] = []
+    for study in dict.fromkeys(slope.study for slope in slopes):
+        path = folder / f"{study}.csv"
+        record = records.known(path)
+        try:
+            given = expectations(shipped.config_of(study, record, "expect"))
+        except ValueError as error:
+            raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+        ours = {slope.key: slope for slope in slopes if slope.study == study}
+        for expectation in given:
+            place = _place(record, expectation.number)
+            found += _expected(study, expectation, ours, path, place)
+        found += _floors(study, ours)
+    return found
+
+
+def _expected(
+    study: str,
+    wanted: Expectation,
+    ours: Mapping[SeriesKey, Slope],
+    path: Path,
+    place: tuple[str, int],
+) -> Iterator[Expected]:
+    matched = [slope for slope in ours.values() if wanted.matches(slope.key)]
+    if wanted.h is not None and not wanted.figure:
+        matched = [slope for slope in matched if _at(slope, wanted.h).any()]
+    if not matched:
+        label = wanted.label or "no such series"
+        reason = f"{path} has no series with {wanted.described}"
+        measured = f"no {wanted.label}" if wanted.label else ""
+        yield Expected(study, wanted.number, wanted.figure, None, label, "", measured, math.nan,
+                       INCOMPLETE, reason, "", *place)  # fmt: skip
+        return
+    if wanted.over is not None:
+        of = ", ".join(dict.fromkeys(map(quantity, matched)))
+        label = wanted.label or f"quotients of {len(matched)} series"
+        low, high = wanted.at_least, wanted.at_most
+        said = bounds(low, high)
+        judged = _level(lambda: _quotients(wanted, matched, ours), low, high)
+        yield Expected(study, wanted.number, wanted.figure, None, label, said, *judged, of, *place)
+        return
+    for slope in matched:
+        label = wanted.label or series_name(slope)
+        of = quantity(slope)
+        for said, finding in _judged(wanted, slope):
+            yield Expected(
+                study, wanted.number, wanted.figure, slope, label, said, *finding, of, *place
+            )
+
+
+def _place(record: Mapping[str, Any], number: int) -> tuple[str, int]:
+    """File and line of an expectation, as the run has recorded them."""
+    given = record.get("expect")
+    file, lines = (given.get("file"), given.get("lines")) if isinstance(given, dict) else ("", [])
+    line = lines[number - 1] if isinstance(lines, list) and number <= len(lines) else 0
+    if isinstance(file, str) and isinstance(line, int) and line > 0:
+        return file, line
+    return "", 0
+
+
+#: What is measured as text and number, the verdict and the reason.
+_Finding = tuple[str, float, str, str]
+
+
+def _judged(wanted: Expectation, slope: Slope) -> Iterator[tuple[str, _Finding]]:
+    """What is said, and what it comes to: of an order, a level, a spread, a status."""
+    if wanted.slope is not None:
+        assert slope.rejudged is not None
+        again = slope.rejudged(wanted.slope, wanted.within)
+        # An order that is given can be judged, or its data lack something.
+        verdict = INCOMPLETE if again.verdict == SHOWN else again.verdict
+        orders = "" if verdict == PASS else f"local orders {format_orders(slope)}"
+        said = f"slope {format_order(wanted.slope)} ± {again.tolerance:g}"
+        reason = joined(orders, again.reason)
+        yield said, (format_fit(again.fit), again.fit.slope, verdict, reason)
+    if wanted.bounded:
+        where = "every h" if wanted.h is None else f"h = {wanted.h:g}"
+        said = f"{where}: {bounds(wanted.at_least, wanted.at_most)}"
+        yield said, _level(lambda: _points(slope, wanted.h)[1], wanted.at_least, wanted.at_most)
+    if wanted.spread is not None:
+        said = f"(max − min)/min over h {bounds(0, wanted.spread)}"
+        yield said, _level(lambda: _spread(slope), 0.0, wanted.spread)
+    if wanted.status:
+        place = int(np.argmin(slope.h))
+        ended = slope.statuses[place]
+        verdict = PASS if ended == wanted.status else MISS
+        measured = f"{ended} at h = {slope.h[place]:g}"
+        yield f"smallest h: {wanted.status}", (measured, math.nan, verdict, "")
+
+
+def _level(values: Callable[[], Array], low: float, high: float) -> _Finding:
+    """Of several values the one that is farthest beyond a bound, or else nearest to one."""
+    try:
+        found = values()
+    except _NoDataError as lacking:
+        return "", math.nan, INCOMPLETE, str(lacking)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beyond = np.fmax(low / found, found / high)
+    value = float(found[np.argmax(beyond)])
+    return f"{value:.3g}", value, PASS if low <= value <= high else MISS, ""
+
+
+def _at(slope: Slope, h: float) -> Mask:
+    return np.isclose(slope.h, h, rtol=1e-9, atol=0)
+
+
+def _points(slope: Slope, h: float | None = None) -> tuple[Array, Array]:
+    """Step sizes, ascending, and values that count, at h or at every step size."""
+    places = np.argsort(slope.h)
+    if h is not None:
+        places = places[_at(slope, h)[places]]
+        if len(places) == 0:
+            raise _NoDataError(f"cell at h = {h:g}: not there")
+    for place in places:
+        where = f"cell at h = {slope.h[place]:g}"
+        if slope.statuses[place] not in slope.record.ok:
+            raise _NoDataError(f"{where}: {slope.statuses[place]}")
+        if not math.isfinite(slope.values[place]):
+            raise _NoDataError(f"{where}: no value")
+    if len(places) == 0:
+        raise _NoDataError("no cell")
+    return slope.h[places], slope.values[places]
+
+
+def _quotients(
+    wanted: Expectation, matched: Iterable[Slope], ours: Mapping[SeriesKey, Slope]
+) -> Array:
+    """Quotients of all series and their divisors, at one step size or each."""
+    found = []
+    for slope in matched:
+        divisor = ours.get(wanted.divisor(slope.key))
+        if divisor is None:
+            raise _NoDataError(f"{series_name(slope)}: no series to divide by")
+        h, above = _points(slope, wanted.h)
+        other, below = _points(divisor, wanted.over_h or wanted.h)
+        at_one = wanted.h is not None
+        if not at_one and (len(h) != len(other) or not np.allclose(h, other, rtol=1e-9, atol=0)):
+            raise _NoDataError(f"{series_name(slope)}, and its divisor: at different step sizes")
+        if np.any(below == 0):
+            raise _NoDataError(f"{series_name(divisor)}: zero")
+        found.append(above / below)
+    return np.concatenate(found)
+
+
+def _spread(slope: Slope) -> Array:
+    _, values = _points(slope)
+    least = np.min(values)
+    if len(values) < 2 or least == 0:
+        raise _NoDataError("needs two values, none of them zero")
+    return np.asarray((np.max(values, keepdims=True) - least) / least)
+
+
+def bounds(low: float, high: float) -> str:
+    """Bounds in words."""
+    if low == high:
+        return f"{low:g}"
+    if math.isinf(high):
+        return f"at least {low:g}"
+    return f"{low:.3g} to {high:.3g}" if low else f"at most {high:g}"
+
+
+def _floors(study: str, ours: Mapping[SeriesKey, Slope]) -> Iterator[Expected]:
+    """Predicted floors of corrections beside the corrections, of a study that has both.
+
+    Nine in ten of a few points would mean all of them; and where a Krylov solver stops,
+    rounding is not what is left.  Points count where the cell ended well and a correction
+    was not zero throughout.
+    """
+    pairs = []
+    for slope in ours.values():
+        predicted = floor_of(slope.key)
+        direct = slope.measure == "correction" and slope.linear_solver not in (GMRES, MINRES)
+        if direct and predicted is not None and predicted in ours:
+            pairs.append((ours[predicted], slope))
+    if sum(len(slope.h) for _, slope in pairs) < _FEWEST_FLOORS:
+        return
+    quotients = []
+    for floor, slope in pairs:
+        floors = dict(zip(floor.h.tolist(), floor.values.tolist(), strict=True))
+        quotients += [
+            floors[h] / value
+            for h, value, status in zip(
+                slope.h.tolist(), slope.values.tolist(), slope.statuses, strict=True
+            )
+            if status == "ok" and value > 0 and floors.get(h, math.nan) > 0
+        ]
+    said = f"nine in ten within a factor of {_NEAR:g}, all within {_FAR:.2g}"
+    judged: _Finding = "", math.nan, INCOMPLETE, "no step size with both"
+    if quotients:
+        found = np.array(quotients)
+        beyond = np.fmax(found, 1 / found)
+        share, worst = float(np.mean(beyond <= _NEAR)), float(found[np.argmax(beyond)])
+        verdict = PASS if share >= 0.9 and beyond.max() <= _FAR else MISS
+        judged = f"{share:.0%} of {len(found)}, worst {worst:.3g}", worst, verdict, ""
+    shown = ", ".join(dict.fromkeys(quantity(slope) for _, slope in pairs))
+    label = "predicted / measured correction"
+    yield Expected(study, 0, "floor", None, label, said, *judged, shown)
+
+
+# -- for people ---------------------------------------------------------------------------------
+
+
+def table(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+    """Rows of the table of expectations, headings first."""
+    headings = ("config", "expectation", "series", "expected", "measured", "verdict")
+    return [
+        headings,
+        *(
+            (each.study, str(each.number), each.label, each.said, each.measured, each.verdict)
+            for each in own(found)
+        ),
+    ]
+
+
+def lines(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+    """Rows of the same table for a terminal, gathered by expectation, headings first."""
+    return gathered(
+        ("series", "measured", "verdict"),
+        (
+            (
+                ": ".join(filter(None, (f"{each.study}, {each.name}", each.said))),
+                each.label,
+                each.measured,
+                each.verdict,
+            )
+            for each in own(found)
+        ),
+    )
+
+
+def claim_rows(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+    """Rows of the table of claims, headings first."""
+    return [
+        ("figure", "config", "quantity", "claim", "measured", "verdict"),
+        *(
+            (
+                each.figure, each.study, each.quantity, each.text,
+                each.measured or each.reason, each.verdict,
+            )
+            for each in claims(found)
+        ),
+    ]  # fmt: skip
+
+
+def claim_lines(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+    """Rows of the same table for a terminal, gathered by figure, headings first."""
+    return gathered(
+        ("claim", "measured", "verdict"),
+        (
+            (f"figure {figure}, {study}: {measured}", *row)
+            for figure, study, measured, *row in claim_rows(found)[1:]
+        ),
+    )
+
+
+def remarks(found: Iterable[Expected]) -> list[str]:
+    """A line for each that has no pass and a reason."""
+    return [
+        f"{each.verdict}: {each.study}, {each.name}, {each.label}: {each.reason}"
+        for each in own(found)
+        if each.verdict != PASS and each.reason and not each.missing
+    ]
+
+
+def summary(found: Sequence[Expected]) -> str:
+    """How many claims and how many expectations hold; empty without any."""
+    parts = []
+    for word, few in (("claims", claims(found)), ("expectations", own(found))):
+        if few:
+            held = sum(each.verdict == PASS for each in few)
+            undecided = sum(each.verdict == UNDECIDED for each in few)
+            open_ones = f" ({undecided} undecided)" if undecided else ""
+            parts.append(f"{held} of {len(few)} {word} hold{open_ones}")
+    return ", ".join(parts)

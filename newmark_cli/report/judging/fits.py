@@ -1,0 +1,126 @@
+"""Straight lines through log–log data."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.support.arrays import Array
+
+#: Powers of ten below this are numbers.
+_LARGEST = 300
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A power law y = 10^intercept · h^slope, by least squares.
+
+    Attributes:
+        slope: Exponent; NaN with fewer than two points.
+        stderr: Standard error of the slope; NaN with fewer than three.
+        intercept: log₁₀ of the prefactor.
+        points: Points fitted; zeros and missing values have no logarithm.
+        margin: Half the width of the interval of the slope, of about 95 %; NaN likewise.
+        straight: Whether the points are on the line as well as they are known.
+    """
+
+    slope: float
+    stderr: float
+    intercept: float
+    points: int
+    margin: float = math.nan
+    straight: bool = True
+
+    def __call__(self, h: Array) -> Array:
+        """Fitted values at step sizes h."""
+        if abs(self.intercept) < _LARGEST:
+            return np.asarray(10**self.intercept * h**self.slope)
+        # Steep lines meet h = 1 s beyond all numbers.
+        with np.errstate(over="ignore"):
+            return np.asarray(10 ** (self.intercept + self.slope * np.log10(h)))
+
+
+#: Relative uncertainty that every point has besides, as no series is a power law exactly.
+_LEAST_UNCERTAINTY = 0.02
+#: Standard errors of an interval that holds 95.45 % of a normal distribution.  The same of
+#: Student's with 1 to 10 degrees of freedom, and what χ² over them then stays below.
+_NORMAL = 2.0
+_STUDENT = (13.97, 4.53, 3.31, 2.87, 2.65, 2.52, 2.43, 2.37, 2.32, 2.28)
+_SQUARES = (4.0, 3.09, 2.67, 2.43, 2.26, 2.14, 2.05, 1.97, 1.91, 1.86)
+
+
+def power_law(h: Array, values: Array, uncertainty: Array | None = None) -> Fit:
+    """Fit values against step sizes on logarithmic axes.
+
+    With uncertainties the standard error is theirs, or that of the scatter about the line
+    where that is larger, and then the interval is Student's.
+
+    Args:
+        h: (points,) positive step sizes.
+        values: (points,) what was measured; zero, negative and NaN are left out.
+        uncertainty: (points,) relative; all alike and not known when omitted.
+    """
+    usable = np.isfinite(values) & (values > 0)
+    x, y = np.log10(h[usable]), np.log10(values[usable])
+    points = len(x)
+    if points < 2 or x.max() - x.min() == 0:
+        return Fit(np.nan, np.nan, np.nan, points)
+    known = np.zeros(len(h)) if uncertainty is None else uncertainty
+    squares = known[usable] ** 2 + _LEAST_UNCERTAINTY**2
+    weights = 1 / squares
+    middle, height = (float((weights * z).sum() / weights.sum()) for z in (x, y))
+    centred = x - middle
+    spread = float((weights * centred * centred).sum())
+    slope = float((weights * centred * y).sum()) / spread
+    intercept = height - slope * middle
+    if points == 2:
+        return Fit(slope, np.nan, intercept, points)
+    misfit = y - intercept - slope * x
+    # Of natural logarithms, as relative uncertainties are.
+    scatter = float((weights * misfit * misfit).sum()) * math.log(10) ** 2 / (points - 2)
+    freedoms = min(points - 2, len(_STUDENT)) - 1
+    straight = uncertainty is not None and scatter <= _SQUARES[freedoms]
+    stderr = math.sqrt((max(scatter, 1.0) if uncertainty is not None else scatter) / spread)
+    stderr /= math.log(10)
+    factor = _NORMAL if straight else _STUDENT[freedoms]
+    return Fit(slope, stderr, intercept, points, factor * stderr, straight)
+
+
+#: Smallest standard error that is printed; smaller ones would round to zero.
+SMALLEST_ERROR = 5e-7
+_MOST_DECIMALS = 6
+
+
+def fit_parts(fit: Fit) -> tuple[str, str]:
+    """Slope and standard error as text, with as many decimals as the error asks for.
+
+    At least two decimals, at most six.  The error is empty where it is unknown, and
+    where it is below `SMALLEST_ERROR`; the slope then has the decimals that differ
+    from zero.
+    """
+    if np.isnan(fit.slope):
+        return "n/a", ""
+    if fit.stderr < SMALLEST_ERROR:
+        digits = _fixed(fit.slope, _MOST_DECIMALS).rstrip("0")
+        return digits + "0" * (2 - len(digits.partition(".")[2])), ""
+    # "± 0.00" would claim too much.
+    small = fit.stderr < 0.005
+    decimals = min(-math.floor(math.log10(fit.stderr)), _MOST_DECIMALS) if small else 2
+    error = "" if np.isnan(fit.stderr) else _fixed(fit.stderr, decimals)
+    return _fixed(fit.slope, decimals), error
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Fixed point, without a negative zero."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def format_fit(fit: Fit) -> str:
+    """Slope ± standard error; the slope only where the error is unknown or below 5e-7."""
+    slope, error = fit_parts(fit)
+    return " ± ".join(filter(None, (slope.replace("-", "−"), error)))
+
+
+def format_order(value: float) -> str:
+    """A predicted order: a whole number with a true minus sign; nothing where there is none."""
+    return "" if np.isnan(value) else f"{value + 0:g}".replace("-", "−")

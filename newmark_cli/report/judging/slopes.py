@@ -1,0 +1,482 @@
+"""Fitted slopes next to predicted orders, with verdicts: what `check` asserts.
+
+One `Slope` for each series in the CSVs: the rows of one study that differ in
+the step size alone.  Predictions come from exponent arithmetic
+(`newmark_cli.newmark.orders`) and from the order of the integrator, never from a
+table of expected numbers.  Where theory predicts none, the series is shown.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from newmark_cli.newmark import integrator
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import REPORTED, STARTS, Formulation, Projection
+from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
+from newmark_cli.report.judging.fits import Fit, power_law
+from newmark_cli.report.judging.verdicts import (
+    FAILING,
+    INCOMPLETE,
+    LEAST,
+    MISS,
+    NOT_CONVERGING,
+    PASS,
+    SHOWN,
+    UNDECIDED,
+    Evidence,
+    Judgement,
+    joined,
+    judge,
+    local_orders,
+)
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.study import axes, results
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
+from newmark_cli.study.reading import (
+    SERIES,
+    Motion,
+    Table,
+    accepted_statuses,
+    motions,
+    read_rows,
+    released,
+    study_files,
+)
+from newmark_cli.study.results import NUMBERS, ROUNDING
+from newmark_cli.support import files
+from newmark_cli.support.arrays import Array, Mask
+from newmark_cli.support.errors import InputError, ResultsError
+from newmark_cli.support.spelling import nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Columns that a series is made from.
+_READ = ("h", "steps", "t_end", "status", *sorted(NUMBERS - {"h", "steps", "t_end"}))
+#: Columns of ``slopes.csv``; a new one is appended.
+COLUMNS = axes.appended(
+    (
+        (0, "figure"),
+        *((axis.since[1], axis.name) for axis in axes.series_axes() if axis.column),
+        *((0, name) for name in ("slope", "stderr", "points", "expected", "tolerance", "verdict")),
+        *((3, name) for name in ("h_from", "h_to", "local_orders", "reason")),
+    )
+)
+#: What each column holds.
+ABOUT: Mapping[str, str] = {
+    **{each.name: each.shows or each.about for each in axes.series_axes() if each.column},
+    "figure": "figures that draw the series",
+    "slope": "fitted slope",
+    "stderr": "its standard error",
+    "points": "how many step sizes the fit is for",
+    "expected": "predicted order; empty where theory predicts none",
+    "tolerance": "largest |slope − expected| that passes",
+    "verdict": "see the verdicts in “Reading results”",
+    "h_from": "largest step size of the fit",
+    "h_to": "smallest step size of the fit",
+    "local_orders": "orders between successive step sizes",
+    "reason": "why the verdict is not a plain pass",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Slope:
+    """A series with its fit and what theory says.
+
+    Attributes:
+        figures: Figures that draw it.
+        key: What tells it from others; every axis is an attribute, as in the CSV.
+        role: As in the CSV.
+        h: (points,) step sizes.
+        steps: (points,) steps of the run.
+        values: (points,) the statistic that is drawn; where a Krylov solver
+            stagnated, the number of iterations that it was allowed.
+        rounding: (points,) what rounding alone changes in each value; NaN where it is not known.
+        statuses: Status of the cell behind each point.
+        fitted: (points,) which of them the fit is for; see `newmark_cli.report.judging.verdicts`.
+        fit: Power law through them.
+        expected: Predicted order; NaN where theory says nothing.
+        tolerance: Largest |fit.slope − expected|; NaN likewise.
+        verdict: One of the words of `newmark_cli.report.judging.verdicts`.
+        reason: What else there is to say, in a sentence; may be empty.
+        accepted: Whether the study is about series that end like this; see `accept`.
+        unique: Whether it is a property of the mechanism, not of which redundant constraints
+            were dropped.
+        rejudged: (order, tolerance) → the same series as the same rule judges it by an order
+            of the user's; the tolerance of the measure where it is None.
+    """
+
+    figures: tuple[str, ...]
+    key: SeriesKey
+    role: str
+    h: Array
+    steps: Array
+    values: Array
+    rounding: Array
+    statuses: tuple[str, ...]
+    fitted: Mask
+    fit: Fit
+    expected: float
+    tolerance: float
+    verdict: str
+    reason: str = ""
+    accepted: bool = False
+    unique: bool = True
+    rejudged: "Callable[[float, float | None], Slope] | None" = field(default=None, repr=False)
+
+    @property
+    def fails(self) -> bool:
+        """Whether a check fails with it."""
+        return self.verdict in FAILING and not self.accepted
+
+    @property
+    def local_orders(self) -> Array:
+        """(points − 1,) orders between successive step sizes, the largest first."""
+        order = np.argsort(-self.h, kind="stable")
+        return local_orders(self.h[order], self.values[order])
+
+    def __getattr__(self, name: str) -> str:
+        if name == "key":
+            raise AttributeError(name)
+        value = self.__dict__[name] = str(getattr(self.key, name))  # found there the next time
+        return value
+
+    @property
+    def record(self) -> Record:
+        """The record of its measure."""
+        return RECORDS[self.key.measure]
+
+    def row(self) -> dict[str, Any]:
+        """Row of ``slopes.csv``."""
+        return {
+            "figure": " ".join(self.figures),
+            "slope": self.fit.slope,
+            "stderr": self.fit.stderr,
+            "points": self.fit.points,
+            "expected": self.expected,
+            "tolerance": self.tolerance,
+            "verdict": self.verdict,
+            "h_from": self.h[self.fitted].max(initial=-np.inf) if self.fitted.any() else None,
+            "h_to": self.h[self.fitted].min() if self.fitted.any() else None,
+            "local_orders": " ".join(f"{order:.3g}" for order in self.local_orders),
+            "reason": self.reason,
+            **self.key.named(),
+        }
+
+
+def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
+    """Slopes of every series in a results folder.
+
+    Args:
+        folder: Results folder.
+        studies: Names of studies to read; all when omitted.
+
+    Raises:
+        ResultsError: When a CSV is missing or cannot be used.
+    """
+    if studies is None:
+        files = study_files(folder)
+    else:
+        files = [folder / f"{name}.csv" for name in studies]
+        for file in files:
+            if not file.exists():
+                raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
+    return [slope for file in files for slope in study_slopes(read_rows(file), file)]
+
+
+def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
+    """Slopes of one study's rows, in their order.
+
+    Args:
+        table: Rows as `read_rows` or `read_study` gives them.
+        path: How errors name the file.
+    """
+    # A form, a variant or a quantity that lacks step sizes which others of the same
+    # problem have was cut off; cases may differ in the rest on purpose.
+    alike = [axis.name for axis in axes.cell_axes() if axis.series and not axis.inner]
+    columns = {name: np.asarray(table[name], object).tolist() for name in (*SERIES, *_READ)}
+    at_start = [steps == 0 for steps in columns["steps"]]
+    cases = list(zip(*(columns[name] for name in (*alike, "measure")), at_start, strict=True))
+    sizes: dict[tuple[Any, ...], set[float]] = {}
+    for case, h in zip(cases, columns["h"], strict=True):
+        sizes.setdefault(case, set()).add(h)
+    places: dict[tuple[Any, ...], list[int]] = {}
+    for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
+        places.setdefault(values, []).append(place)
+    accepted = ("ok", *accepted_statuses(path))
+    moved, dropped = motions(path), released(path)
+    found = []
+    for values, at in places.items():
+        *named, start = values
+        rows = {name: [columns[name][place] for place in at] for name in _READ}
+        row = dict(zip(SERIES, named, strict=True))
+        key = SeriesKey.of(row | {"steps": 0 if start else 1})
+        role = str(row["role"])
+        if key.measure:
+            of_motion = moved.get(key.problem, Motion())
+            points = len(sizes[cases[at[0]]])
+            series = partial(_slope, key, role, rows, points, accepted, path, of_motion)
+            found.append(replace(_shared(series(), dropped.get(key.problem)), rejudged=series))
+        elif not set(rows["status"]) <= set(accepted):
+            found.append(_failed(key, role))
+    return found
+
+
+def write(folder: Path, slopes: Sequence[Slope]) -> None:
+    """Write ``slopes.csv``: series of the figures first."""
+    rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
+    ordered = in_figure_order(slopes) + rest
+    text = results.csv_text(COLUMNS, (slope.row() for slope in ordered))
+    files.write(folder / "slopes.csv", text)
+
+
+def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
+    """Slopes that a figure draws, in the order of the figures."""
+    names = list(FIGURES)
+    drawn = [slope for slope in slopes if slope.figures]
+    return sorted(drawn, key=lambda slope: names.index(slope.figures[0]))
+
+
+@cache
+def _drawing(figures: tuple[str, ...]) -> Mapping[SeriesKey, list[str]]:
+    """Key of a series → names of the figures that draw it."""
+    names: dict[SeriesKey, list[str]] = {}
+    for name in figures:
+        for curve in FIGURES[name].curves:
+            names.setdefault(curve.key, []).append(name)
+    return names
+
+
+def _slope(
+    key: SeriesKey,
+    role: str,
+    rows: Mapping[str, Sequence[Any]],
+    points: int,
+    accepted: Sequence[str],
+    path: Path,
+    of_motion: Motion,
+    own: float | None = None,
+    within: float | None = None,
+) -> Slope:
+    """A series, judged by theory's order or by one of the user's, with a tolerance."""
+    if key.measure not in RECORDS:
+        raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
+    record = RECORDS[key.measure]
+    h = np.array(rows["h"], float)
+    values = record.drawn(rows)
+    figures = tuple(_drawing(tuple(FIGURES)).get(key, ()))
+    expected = _predicted(key, path)
+    exact = bool(np.isposinf(expected))
+    if exact:
+        expected = np.nan  # no order at all
+    statuses = tuple(rows["status"])
+    if not set(statuses) <= {"ok"} and set(statuses) <= set(accepted):
+        # A cell that was expected to end like this measured something else.
+        expected, exact = np.nan, False
+    tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
+    if own is not None:
+        expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
+        exact, record = False, _held_to(record)
+    found = _judged(key, record, rows, values, expected, tolerance, points, exact)
+    slope = Slope(
+        figures=figures,
+        key=key,
+        role=role,
+        h=h,
+        steps=np.array(rows["steps"], float),
+        values=values,
+        rounding=np.array(rows[ROUNDING], float),
+        statuses=statuses,
+        fitted=found.fitted,
+        fit=found.fit,
+        expected=expected,
+        tolerance=tolerance,
+        verdict=found.verdict,
+        reason=found.reason,
+        # Where theory predicts an order, nobody can accept another.
+        accepted=found.verdict == NOT_CONVERGING
+        and np.isnan(expected)
+        and "not_converging" in accepted,
+    )
+    return _moved(_resolved(slope), of_motion.singular, of_motion.still)
+
+
+def _resolved(slope: Slope) -> Slope:
+    """The verdict in view of a fixed rate, whose orders are those of α h much below 1."""
+    parameter = Formulation.parse(slope.formulation).parameter
+    if slope.verdict != MISS or parameter is None or parameter[0] != "rate":
+        return slope
+    products = parameter[1] * slope.h
+    if np.count_nonzero(products <= _SLOW) >= LEAST:
+        return slope
+    reason = f"α h is {products.min():.2g} to {products.max():.2g}: orders show below {_SLOW:g}"
+    return replace(slope, verdict=UNDECIDED, reason=joined(slope.reason, reason))
+
+
+#: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
+_SLOW = 0.1
+
+
+def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
+    """The verdict in view of what the motion does; theory is about regular ones."""
+    if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
+        return slope
+    if still:
+        return replace(slope, verdict=UNDECIDED, reason="nothing moves: there is only rounding")
+    if not singular or slope.verdict not in (MISS, NOT_CONVERGING):
+        return slope
+    where = ", ".join(f"{t:g}" for t in singular[:3]) + (", …" if len(singular) > 3 else "")
+    reason = f"the motion passes a singular position near t = {where}, where no order holds"
+    verdict = UNDECIDED if slope.verdict == MISS else slope.verdict
+    return replace(slope, verdict=verdict, reason=joined(slope.reason, reason))
+
+
+#: Quantities of these measures depend on which redundant rows were dropped, where any were.
+_OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
+
+
+def _shared(slope: Slope, dropped: Sequence[str] | None) -> Slope:
+    """The series, and that it is about reactions that are not unique, where it is."""
+    if dropped is None or slope.measure not in _OF_VALUES or slope.quantity not in _SHARED:
+        return slope
+    reason = f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
+    reason = joined(slope.reason, reason)
+    return replace(slope, reason=reason, unique=False)
+
+
+def _judged(
+    key: SeriesKey,
+    record: Record,
+    rows: Mapping[str, Sequence[Any]],
+    values: Array,
+    expected: float,
+    tolerance: float,
+    points: int,
+    exact: bool,
+) -> Judgement:
+    """The verdict on the rows of one series, its points in their order."""
+    h = np.array(rows["h"], float)
+    everything = np.full(len(h), True)
+    if not np.isnan(expected):
+        # An exact zero at every h is within any order: a block that this problem lacks.
+        if record.may_vanish and bool((values == 0).all()):
+            return Judgement(
+                PASS, power_law(h, values), everything, "exactly 0: the problem lacks this block"
+            )
+        ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
+        # Errors cost a reference and long runs: cases may have fewer step sizes on purpose.
+        if ended or (len(h) < points and record.kind != "truncation"):
+            reason = f"cells ended {', '.join(ended)}" if ended else f"{len(h)} of {points} h"
+            return Judgement(INCOMPLETE, power_law(h, values), everything, reason)
+    if record.at_end and len({t for t in rows["t_end"] if not np.isnan(t)}) > 1:
+        return Judgement(SHOWN, power_law(h, values), everything, "taken at different times")
+    if not set(rows["status"]) <= set(record.ok):
+        return Judgement(SHOWN, power_law(h, values), everything)
+    order = np.argsort(-h, kind="stable")
+    evidence = Evidence(
+        h=h[order],
+        values=values[order],
+        uncertainty=_uncertainty(record, rows, values)[order],
+        steps=np.array(rows["steps"], float)[order],
+        kind=record.kind,
+        expected=expected,
+        tolerance=tolerance,
+        exact=exact,
+        bound=record.bounded(key),
+        coarse=record.coarse(key),
+        typical=np.array(rows["median"], float)[order],
+        largest=np.array(rows["max"], float)[order],
+        undamped=key.quantity in OF_MULTIPLIERS and record.alternates(key),
+    )
+    found = judge(evidence)
+    fitted = np.empty(len(h), bool)
+    fitted[order] = found.fitted
+    return replace(found, fitted=fitted)
+
+
+#: Relative standard deviation by which the place of h between powers of two changes what
+#: rounding leaves: ln 2/√12, as the unit in the last place doubles from one to the next.
+_BINADE = math.log(2) / math.sqrt(12)
+
+
+def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Array) -> Array:
+    """(points,) uncertainty of each value, relative to it; NaN where it was not measured."""
+    rounding, steps = (np.array(rows[name], float) for name in (ROUNDING, "steps"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(rounding == 0, 0.0, rounding / values)
+        if record.kind == "rounding":
+            # Without blocks of steps the scatter of a normal distribution.
+            sampling = np.where(np.isnan(relative), 1 / np.sqrt(2 * steps), relative)
+            return np.asarray(np.hypot(sampling, _BINADE))
+    if record.kind == "determined":
+        return np.nan_to_num(relative, nan=0.0)
+    return np.asarray(relative)
+
+
+def _held_to(record: Record) -> Record:
+    """A record for an order that the user has given, which is neither a bound nor met by zeros."""
+    return replace(record, may_vanish=False, bounded=lambda key: "")
+
+
+def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
+    """The strictest of the figures that draw a series, else that of its measure."""
+    own = [t for name in figures if (t := FIGURES[name].tolerance) is not None]
+    default = record.tolerance_at_start if at_start else None
+    return min(own, default=record.tolerance if default is None else default)
+
+
+def _failed(key: SeriesKey, role: str) -> Slope:
+    """A cell that failed measured nothing: an incomplete series without a name."""
+    return Slope(
+        figures=(),
+        key=key,
+        role=role,
+        h=np.array([]),
+        steps=np.array([]),
+        values=np.array([]),
+        rounding=np.array([]),
+        statuses=(),
+        fitted=np.array([], bool),
+        fit=power_law(np.array([]), np.array([])),
+        expected=np.nan,
+        tolerance=np.nan,
+        verdict=INCOMPLETE,
+    )
+
+
+@cache
+def _require_words(method: str, formulation: str, projection: str) -> None:
+    """Refuse words of a CSV that cannot be read."""
+    integrator.parse(method)
+    Formulation.parse(formulation)
+    Projection.parse(projection)
+
+
+def _predicted(key: SeriesKey, path: Path) -> float:
+    """Order by theory; NaN where it says nothing."""
+    record = RECORDS[key.measure]
+    try:
+        _require_words(key.integrator, key.formulation, key.projection)
+        if key.form not in FORMS:
+            raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
+        for name, given, known in (
+            ("precision", key.precision, PRECISIONS),
+            ("evaluation", key.evaluation, EVALUATIONS),
+            ("multipliers", key.multipliers, REPORTED),
+            ("start", key.start, STARTS),
+        ):
+            if given not in known:
+                raise ResultsError(f"unknown {name} {given!r}{nearest(given, known)}")
+        if record.quantities and key.quantity not in record.quantities:
+            hint = nearest(key.quantity, record.quantities)
+            raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
+        return record.predicted(key)
+    except (InputError, KeyError, ValueError) as error:
+        raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None

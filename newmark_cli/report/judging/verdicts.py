@@ -1,0 +1,329 @@
+"""Verdicts of a check: one rule for every measure.
+
+Every point has an uncertainty, which is measured.  A weighted fit of the points that
+rounding does not rule gives a slope with an interval, and the verdict is where that
+interval is: within the tolerance of the predicted order, outside it, or neither.
+"""
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from newmark_cli.report.judging.fits import Fit, format_fit, format_order, power_law
+from newmark_cli.support.arrays import Array, Mask
+
+#: As predicted; not so.
+PASS, MISS = "pass", "miss"
+#: Results that it needs are not there, or a cell is not ok.
+INCOMPLETE = "incomplete"
+#: Theory predicts nothing: a value that is shown, not checked.
+SHOWN = "shown"
+#: The error does not fall with h, far above its rounding.
+NOT_CONVERGING = "not converging"
+#: The interval of the slope is neither within the tolerance nor outside it.
+UNDECIDED = "undecided"
+
+#: Verdicts with which a check fails.
+FAILING = (MISS, NOT_CONVERGING, INCOMPLETE)
+
+#: Least number of step sizes that an order is read from.
+LEAST = 3
+#: Rounding over value from which on rounding rules a point, and below which it is clear: twins
+#: tell rounding to a factor of 10.  They do not see what is alike in all of them, and rounding
+#: that is alike in N steps adds up to √N times as much.
+_RULED, _CLEAR = 0.5, 0.1
+#: Relative uncertainty of corrections from which on a few steps rule their rms.
+_FEW = 0.25
+#: Least range of h that can speak against a series, but for rounding of its ends.
+_DECADE = 9.99
+#: Largest relative error that is small enough for its order to be that of the first term.
+_SMALL = 0.1
+#: Relative uncertainty of an error as a power of h, for the terms of the next order.
+_NEXT_TERM = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A series as it is judged, step sizes descending.
+
+    Attributes:
+        h: (points,) step sizes.
+        values: (points,) the statistic that is drawn.
+        uncertainty: (points,) of each, relative: rounding over value, or the scatter of
+            corrections; NaN where it was not measured.
+        steps: (points,) steps of the run.
+        kind: What rules the values; see `newmark_cli.study.measures.Record`.
+        expected: Predicted order; NaN where theory says nothing.
+        tolerance: Largest |fitted − expected|; NaN likewise.
+        exact: Whether theory predicts nothing but rounding, of an error or invariant.
+        bound: Why the predicted order is only a lower bound; empty where it is the order.
+        coarse: Orders that may show where h is too coarse, besides the predicted one.
+        typical: (points,) medians over the steps; empty where they are not known.
+        largest: (points,) largest values over the steps; empty likewise.
+        undamped: Whether multipliers may alternate from step to step, and stay so.
+    """
+
+    h: Array
+    values: Array
+    uncertainty: Array
+    steps: Array
+    kind: str
+    expected: float = math.nan
+    tolerance: float = math.nan
+    exact: bool = False
+    bound: str = ""
+    coarse: Collection[float] = ()
+    typical: Array = field(default_factory=lambda: np.empty(0))
+    largest: Array = field(default_factory=lambda: np.empty(0))
+    undamped: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Verdict on a series.
+
+    Attributes:
+        verdict: One of the words of this module.
+        fit: Power law through the points that were fitted.
+        fitted: (points,) which these are.
+        reason: What else there is to say, in a sentence; may be empty.
+    """
+
+    verdict: str
+    fit: Fit
+    fitted: Mask = field(repr=False)
+    reason: str = ""
+
+
+def local_orders(h: Array, values: Array) -> Array:
+    """(points − 1,) orders between successive points; NaN next to what has no logarithm."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(np.where(values > 0, values, np.nan))
+        return np.asarray(np.diff(logs) / np.diff(np.log(h)))
+
+
+def judge(given: Evidence) -> Judgement:
+    """The verdict on a series.
+
+    Args:
+        given: The series; of cells that ended well.
+    """
+    if given.kind == "truncation" and not np.all(np.isfinite(given.values)):
+        return _judged(given, INCOMPLETE, np.isfinite(given.h), "no value at every step size")
+    if given.exact:
+        return _rounding_alone(given)
+    # What could be rounding that is alike in all steps speaks against nothing.
+    alike = np.minimum(_CLEAR, 1 / np.sqrt(np.maximum(given.steps, 1.0)))
+    clear, told = _above(given, alike)
+    unknown = bool(np.isnan(given.uncertainty).any())
+    found = None
+    if given.kind == "truncation" and _stalls(given, clear):
+        found = _not_converging(given, clear)
+    if math.isnan(given.expected):
+        seen, left = _above(given, _CLEAR)
+        shown = _judged(given, SHOWN, seen, left if given.kind == "truncation" else "")
+        return found if found and not unknown else shown
+    # Rounding may hide an order sooner than it can feign one.
+    for share in (_RULED, _CLEAR, alike):
+        if passed := _passed(given, *_above(given, share)):
+            return passed
+    found = found or _missed(given, clear, told)
+    if found.verdict != UNDECIDED and unknown:
+        reason = joined(found.reason, "its rounding was not measured, which twins do")
+        return Judgement(UNDECIDED, found.fit, found.fitted, reason)
+    return found
+
+
+def _judged(given: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:
+    return Judgement(verdict, _fit(given, fitted), fitted, reason)
+
+
+def _fit(given: Evidence, fitted: Mask) -> Fit:
+    unsure = np.nan_to_num(given.uncertainty[fitted], nan=0.0, posinf=1.0)
+    if given.kind == "truncation":
+        unsure = np.hypot(unsure, _NEXT_TERM)
+    return power_law(given.h[fitted], given.values[fitted], unsure)
+
+
+def joined(*parts: str) -> str:
+    """What there is to say, one after the other."""
+    return "; ".join(filter(None, parts))
+
+
+def _above(given: Evidence, share: float | Array) -> tuple[Mask, str]:
+    """Points from the coarsest on of which rounding is less than a share, and what is left out."""
+    usable = np.isfinite(given.values) & (given.values > 0)
+    zeros = int(np.count_nonzero(given.values == 0))
+    told = f"{zeros} of {len(given.h)} values are exactly 0" if zeros else ""
+    ruled = usable & (given.uncertainty >= share)
+    if given.kind == "rounding" or not ruled.any():
+        return usable, told
+    first = int(np.argmax(ruled))
+    where = f"below h = {given.h[first - 1]:g}" if first else "at every h"
+    usable[first:] = False
+    return usable, joined(told, f"rounding rules {where}")
+
+
+def _rounding_alone(given: Evidence) -> Judgement:
+    """What theory says to be 0 but for rounding."""
+    everything = np.isfinite(given.h)
+    if np.isnan(given.uncertainty).any():
+        reason = f"at most {given.values.max():.2g}; its rounding was not measured, which twins do"
+        return _judged(given, UNDECIDED, everything, reason)
+    rounding = np.where(given.values > 0, given.uncertainty, 0.0) * given.values
+    where = int(np.argmax(given.values - rounding / _CLEAR))
+    value, reach = given.values[where], rounding[where]
+    reason = f"{value:.2g} at h = {given.h[where]:g}, of which rounding changes {reach:.2g}"
+    if value > reach / _CLEAR:
+        return _judged(given, MISS, everything, f"more than rounding: {reason}")
+    return _judged(given, PASS, everything, f"rounding only: {reason}")
+
+
+def _windows(points: Mask) -> Iterator[Mask]:
+    """The points, then without a head in which h may be too coarse, as long as there are enough."""
+    places = np.flatnonzero(points)
+    for first in range(max(len(places) - LEAST + 1, 0)):
+        window = np.full(len(points), False)
+        window[places[first:]] = True
+        yield window
+
+
+def _passed(given: Evidence, points: Mask, left: str) -> Judgement | None:
+    """The pass of a series of which theory predicts an order, if it is one."""
+    dips = _without_dip(given, points) if given.kind == "truncation" else ()
+    for window in (*_windows(points), *dips):
+        fit = _fit(given, window)
+        off = fit.slope - given.expected
+        if abs(off) <= given.tolerance and fit.margin <= 2 * given.tolerance:
+            return Judgement(PASS, fit, window, joined(_left_out(given, points, window), left))
+        if given.bound and off - fit.margin >= -given.tolerance:
+            reason = f"at least order {format_order(given.expected)}, a bound: {given.bound}"
+            return Judgement(PASS, fit, window, joined(reason, left))
+    return None
+
+
+def _missed(given: Evidence, points: Mask, left: str) -> Judgement:
+    """The verdict on a series that does not pass."""
+    for window in _windows(points):
+        fit = _fit(given, window)
+        off = abs(fit.slope - given.expected) - given.tolerance
+        if fit.straight and off > fit.margin:
+            spared = _spared(given, window, fit)
+            first, last = given.h[window][[0, -1]].tolist()
+            reason = spared or f"slope {_sloped(fit)} over h = {first:g} … {last:g}"
+            if not spared and first < _DECADE * last:
+                spared = reason = f"{reason}, less than a decade: smaller h would decide"
+            return Judgement(UNDECIDED if spared else MISS, fit, window, joined(reason, left))
+    seen, left = _above(given, _CLEAR)
+    return _judged(given, UNDECIDED, seen, joined(_wanted(given, seen), left))
+
+
+def _without_dip(given: Evidence, points: Mask) -> Iterator[Mask]:
+    """The points without one that lies far below its neighbours' line: an error changes sign."""
+    places = np.flatnonzero(points)
+    if len(places) <= LEAST:
+        return
+    for place in places.tolist():
+        window = points.copy()
+        window[place] = False
+        if given.values[place] < _fit(given, window)(given.h[place : place + 1])[0] / 2:
+            yield window
+
+
+def _left_out(given: Evidence, points: Mask, window: Mask) -> str:
+    """Which of the points a pass leaves out, and why."""
+    left, first = np.flatnonzero(points & ~window), int(np.argmax(window))
+    if not len(left):
+        return ""
+    if left.max() > first:
+        return f"without h = {given.h[left[0]]:g}, where the error changes its sign"
+    return f"order shows from h = {given.h[first]:g}"
+
+
+def _stalls(given: Evidence, points: Mask) -> bool:
+    """Whether the values do not fall with h, though they are far above their rounding.
+
+    Over three step sizes or more they fall by less than a tenth of an order from the first to
+    the last, and by less than half an order from the largest.
+    """
+    places = np.flatnonzero(points)
+    h, values = given.h[places], given.values[places]
+    for first in range(len(places) - LEAST + 1):
+        finer = h[-1] / h[first:]
+        top = int(np.argmax(values[first:]))
+        from_first, from_top = (
+            values[first] * finer[0] ** 0.1,
+            values[first + top] * finer[top] ** 0.5,
+        )
+        if values[-1] >= max(from_first, from_top):
+            return True
+    return False
+
+
+def _not_converging(given: Evidence, points: Mask) -> Judgement:
+    last = int(np.flatnonzero(points)[-1])
+    value, h = given.values[last], given.h[last]
+    reason = (
+        f"does not fall with h: {value:.2g} at h = {h:g}, of which rounding changes "
+        f"{given.uncertainty[last] * value:.2g}"
+    )
+    cause = (
+        "the integrator does not damp multipliers that alternate, generalized-alpha does"
+        if given.undamped
+        else ""
+    )
+    return _judged(given, NOT_CONVERGING, points, joined(reason, cause))
+
+
+def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:
+    """Why a slope outside the tolerance is no miss; empty where it is one."""
+    least = float(given.values[fitted].min())
+    if given.kind == "truncation" and least > _SMALL:
+        return f"errors of {least:.0%} are not small, which orders are about"
+    if given.kind == "truncation" and fit.slope > given.expected:
+        return f"falls faster than order {format_order(given.expected)}, which shows at smaller h"
+    for other in given.coarse:
+        # The rms of steps goes over from one order to the other slowly.
+        between = given.kind == "rounding" and given.expected < fit.slope < other
+        near = other > given.expected and abs(fit.slope - other) <= 2 * given.tolerance
+        if near or between:
+            return (
+                f"terms of order {format_order(other)} rule until smaller h lets those of order "
+                f"{format_order(given.expected)} overtake"
+            )
+    if given.kind == "determined" and len(given.largest):
+        # A coarse march passes other states than a fine one.
+        factor = float((given.largest[fitted] / given.typical[fitted]).max())
+        first, last = given.h[fitted][[0, -1]]
+        if abs(fit.slope - given.expected) < math.log(factor) / math.log(first / last):
+            return f"varies by a factor of {factor:.2g} along a run: smaller h would decide"
+    few = given.kind == "rounding" and bool((given.uncertainty[fitted] > _FEW).any())
+    if (given.bound or few) and len(given.typical):
+        typical = power_law(given.h, given.typical)
+        if typical.points >= LEAST and typical.slope >= given.expected - given.tolerance:
+            # Of a bound it changes with h how many steps come close to it.
+            return f"a few steps rule; the median has order {format_fit(typical)}"
+    if few:
+        return "a few steps rule: more steps would decide"
+    return ""
+
+
+def _wanted(given: Evidence, points: Mask) -> str:
+    """What would decide a slope whose interval is neither within the tolerance nor outside."""
+    fit, h = _fit(given, points), given.h[points]
+    more = "larger" if len(h) < len(given.h) else "smaller"
+    if not len(h) and given.kind == "determined":
+        return "nothing but rounding: the problem may lack it"
+    if len(h) < LEAST:
+        return f"{len(h)} of the {LEAST} step sizes that an order takes: {more} h would decide"
+    slope = f"slope {_sloped(fit)}"
+    if fit.straight:
+        decades = math.log10(h[0] / h[-1]) * fit.margin / given.tolerance
+        return f"{slope}: h over {math.ceil(decades)} decades or more would decide"
+    return f"{slope}: the order still changes with h, {more} h would decide"
+
+
+def _sloped(fit: Fit) -> str:
+    return f"{format_order(round(fit.slope, 2))} ± {fit.margin:.2g}"

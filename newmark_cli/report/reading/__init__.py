@@ -1,0 +1,1 @@
+"""Records, histories and figures as data: what is read before anything is judged."""

@@ -1,0 +1,135 @@
+"""Figures as data: a study, a kind, and panels with named series.
+
+The shipped configs define those of the paper and past it, with a number; any config may define
+others.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+from newmark_cli.report.reading.curves import Curve
+from newmark_cli.report.reading.words import joined_values
+from newmark_cli.study import shipped
+from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
+
+
+@dataclass(frozen=True)
+class Part:
+    """A panel: its title, and its series in the order of the legend."""
+
+    title: str
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What a figure shows.
+
+    Attributes:
+        name: Number, or a word; names its files.
+        title: What it shows.
+        study: Study whose results it reads.
+        parts: Its panels.
+        columns: Panels side by side.
+        kind: One of `newmark_cli.study.drawing.KINDS`.
+        problem: The mechanism, of a picture of one.
+        note: What stands above the legend.
+        h: Step size of values over time (s).
+        tolerance: Largest |fitted − predicted slope| of its series; None for that of their
+            measure.
+        in_paper: Whether its series are the claims of the paper.
+        numbered: Whether a config gives it a number or word, by which `plot` knows it.
+    """
+
+    name: str
+    title: str
+    study: str
+    parts: tuple[Part, ...]
+    columns: int = 1
+    kind: str = "orders"
+    problem: str = ""
+    note: str = ""
+    h: float | None = None
+    tolerance: float | None = None
+    in_paper: bool = False
+    numbered: bool = False
+
+    @cached_property
+    def curves(self) -> tuple[Curve, ...]:
+        """Its series, panel by panel."""
+        return tuple(curve for part in self.parts for curve in part.curves)
+
+
+def explicit(study: str, given: Definition) -> Figure:
+    """The figure of a definition that names all its series.
+
+    Args:
+        study: Its study.
+        given: The definition.
+    """
+    kind = given.kind or ("work" if given.kinds == (WORK_PRECISION,) else "orders")
+    measure = "error" if kind == "work" else given.kinds[0] if given.kinds else ""
+    lines = given.curves or ((Line(),) if given.series else ())
+    parts: dict[tuple[str, ...], list[Curve]] = {}
+    several = given.panels or ()
+    groups = dict.fromkeys(line.panel for line in lines)
+    for at in product(*(given.choice[axis] for axis in several)):
+        for group in groups:
+            for line in lines:
+                values = {**given.choice, **line.choice}
+                there = all(v in values[a] for a, v in zip(several, at, strict=True))
+                if line.panel != group or not there:
+                    continue
+                values |= {axis: (value,) for axis, value in zip(several, at, strict=True)}
+                for named in product(*values.values()):
+                    where = dict(zip(values, named, strict=True))
+                    label = line.label or joined_values(given.series or (), where)
+                    curve = Curve(label, **{"study": study, "measure": measure, **where})
+                    parts.setdefault((*at, group), []).append(curve)
+    titles = {
+        key: ", ".join(
+            filter(None, (joined_values(several, dict(zip(several, key, strict=False))), key[-1]))
+        )
+        for key in parts
+    }
+    columns = given.columns or {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
+    return Figure(
+        given.figure,
+        given.title,
+        study,
+        tuple(Part(titles[key], tuple(curves)) for key, curves in parts.items()),
+        columns,
+        kind,
+        given.choice.get("problem", ("",))[0],
+        given.note,
+        given.h,
+        given.within,
+        in_paper=given.within is not None and given.figure.isdigit(),
+        numbered=True,
+    )
+
+
+def _shipped() -> dict[str, Figure]:
+    found = [
+        explicit(study, definition)
+        for study, data in shipped.configs().items()
+        for definition in definitions(data) or ()
+        if definition.figure
+    ]
+    return {
+        figure.name: figure
+        for figure in sorted(found, key=lambda each: (_place(each.name), each.name))
+    }
+
+
+def _place(name: str) -> float:
+    """Numbers by their size; a word behind those of the paper."""
+    return float(name) if name.isdigit() else 9.5
+
+
+#: The figures of the shipped studies by name.
+FIGURES: dict[str, Figure] = _shipped()
+
+#: Shipped studies that are made into tables: figures of them are drawn when asked for.
+TABLED = ("all-forms", "integrators")

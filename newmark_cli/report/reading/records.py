@@ -1,0 +1,348 @@
+"""Reading provenance back: the records next to CSVs, for people, and their checksums."""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import newmark_cli
+from newmark_cli.study import axes, results
+from newmark_cli.study.provenance import checksum, merged
+from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError, visible
+
+#: What a record does not say.
+UNKNOWN = "not recorded"
+#: Finding on a file that is what was written.
+_AS_RECORDED = "ok"
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Provenance of one CSV, and of the run that wrote it where that is known.
+
+    Args:
+        path: The CSV; the record has its name with .json.
+
+    Raises:
+        ResultsError: When there is no record, or it cannot be read.
+    """
+    content, of_run = results.read_records(path)
+    try:
+        run = _parsed(results.run_path(path), of_run)
+    except ResultsError:
+        run = {}
+    return merged(_parsed(path, content), run)
+
+
+def _parsed(path: Path, content: bytes | OSError) -> dict[str, Any]:
+    file = path.with_suffix(".json")
+    if isinstance(content, FileNotFoundError):
+        raise ResultsError(f"{file}: no record of {path.name}")
+    if isinstance(content, OSError):
+        raise ResultsError(f"{file}: cannot be read: {content.strerror}")
+    try:
+        record = files.parse_json(content)
+    except ValueError as error:
+        raise ResultsError(f"{file}: not JSON: {error}") from None
+    if not isinstance(record, dict) or record.get("study") != path.stem:
+        raise ResultsError(f"{file}: not the record of {path.name}")
+    return record
+
+
+def known(path: Path) -> dict[str, Any]:
+    """Provenance of one CSV; empty where there is none that can be read."""
+    try:
+        return read(path)
+    except ResultsError:
+        return {}
+
+
+def environment(record: Mapping[str, Any]) -> dict[str, str]:
+    """Versions that results were computed with, by name, as far as the record has them."""
+    source, blas, machine = (_mapping(record, key) for key in ("source", "blas", "platform"))
+    threads = {name: count for name, count in _mapping(blas, "threads").items() if count}
+    facts = {
+        **{str(name): given for name, given in _mapping(record, "versions").items()},
+        **problem_files(record),
+        "commit": _commit(source),
+        "BLAS of numpy": blas.get("numpy"),
+        "BLAS of scipy": blas.get("scipy"),
+        "BLAS kernel": blas.get("kernel"),
+        "BLAS threads": ", ".join(f"{name}={count}" for name, count in threads.items()),
+        "processor": machine.get("processor"),
+        "processors": machine.get("processors"),
+        "machine": machine.get("machine"),
+        "system": machine.get("system"),
+    }
+    return {name: str(given) for name, given in facts.items() if given not in (None, "")}
+
+
+def facts(record: Mapping[str, Any]) -> dict[str, str]:
+    """Entries of a record about a run, by name, its environment included."""
+    return {
+        "finished": str(record.get("finished", UNKNOWN)),
+        "cells": _counted(cells_of(record)),
+        "wall time": (
+            f"{total_seconds(record):.3g} s of all cells together, {record['jobs']} side by side"
+            if "jobs" in record
+            else UNKNOWN
+        ),
+        "config SHA-256": str(record.get("config_sha256", UNKNOWN)),
+        **{f"{name} SHA-256": digest for name, digest in checksums(record).items()},
+        **environment(record),
+    }
+
+
+def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of the table of cells, headings first; columns in which all agree are left out."""
+    columns = {axis.name: axis.title for axis in axes.cell_axes() if axis.cell and axis.series}
+    cells = cells_of(record)
+    told = {
+        key: name
+        for key, name in columns.items()
+        if key == "problem" or len({str(cell.get(key, "")) for cell in cells}) > 1
+    }
+    numbers = {
+        "operations": "operations", "march_seconds": "march (s)", "wall_seconds": "wall time (s)",
+    }  # fmt: skip
+    shown = {key: name for key, name in numbers.items() if any(key in cell for cell in cells)}
+    return [
+        (*told.values(), "h", "steps", "status", *shown.values()),
+        *(
+            (
+                *(str(cell.get(key, "")) for key in told),
+                _number(cell.get("h")),
+                str(cell.get("steps", "")),
+                " – ".join(str(cell[key]) for key in ("status", "reason") if key in cell),
+                *(
+                    "" if math.isnan(number(cell, key)) else f"{number(cell, key):.3g}"
+                    for key in shown
+                ),
+            )
+            for cell in cells
+        ),
+    ]
+
+
+def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Rows of the table of studies, headings first.
+
+    Args:
+        found: Study → its record; empty where it has none.
+    """
+    rows: list[tuple[str, ...]] = [
+        ("study", "cells", "wall time of all (s)", "slowest cell (s)", "side by side")
+    ]
+    for study, record in found.items():
+        cells = cells_of(record)
+        slowest = max((seconds(c) for c in cells if not math.isnan(seconds(c))), default=math.nan)
+        rows.append(
+            (
+                study,
+                _counted(cells) if record else UNKNOWN,
+                "" if math.isnan(slowest) else f"{total_seconds(record):.3g}",
+                "" if math.isnan(slowest) else f"{slowest:.3g}",
+                str(record.get("jobs", "")),
+            )
+        )
+    return rows
+
+
+def description(record: Mapping[str, Any]) -> str:
+    """The config's description of the study in one line; empty if there is none."""
+    return str(_mapping(record, "config").get("description") or "")
+
+
+def config_text(record: Mapping[str, Any]) -> str:
+    """The resolved config as YAML."""
+    import yaml
+
+    return yaml.safe_dump(
+        record.get("config", {}), sort_keys=False, default_flow_style=None, allow_unicode=True,
+        width=100,
+    )  # fmt: skip
+
+
+def checksums(record: Mapping[str, Any]) -> dict[str, str]:
+    """File, relative to the results folder → SHA-256, as recorded."""
+    return {str(name): str(digest) for name, digest in _mapping(record, "sha256").items()}
+
+
+def number(cell: Mapping[str, Any], key: str) -> float:
+    """A number of a cell; NaN where it is not recorded."""
+    given = cell.get(key)
+    return float(given) if isinstance(given, int | float) else math.nan
+
+
+def seconds(cell: Mapping[str, Any]) -> float:
+    """Wall time of a cell (s); NaN where it is not recorded."""
+    return number(cell, "wall_seconds")
+
+
+def total_seconds(record: Mapping[str, Any]) -> float:
+    """Wall time of all cells together (s)."""
+    return sum(seconds(cell) for cell in cells_of(record) if not math.isnan(seconds(cell)))
+
+
+def as_text(record: Mapping[str, Any]) -> str:
+    """Title and facts in two columns."""
+    found = facts(record)
+    width = max(map(len, found))
+    title = ": ".join(filter(None, (str(record["study"]), description(record))))
+    lines = (f"  {name:<{width}}  {text}" for name, text in found.items())
+    return "\n".join(map(visible, (title, *lines)))
+
+
+def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
+    """How many studies have the numbers that were shipped, in words.
+
+    Args:
+        folder: Results folder.
+        studies: Names of shipped studies.
+        shipped: JSON file: study → its CSVs → SHA-256.
+    """
+    expected = files.read_json(shipped)
+    unlike = [
+        name for name in studies if checksums(known(folder / f"{name}.csv")) != expected.get(name)
+    ]
+    told = (
+        f"{len(studies) - len(unlike)} of {len(studies)} studies: the numbers shipped with "
+        f"{newmark_cli.__version__}, bit for bit"
+    )
+    return f"{told}; not {', '.join(unlike)}" if unlike else told
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A file of a results folder against its record.
+
+    Attributes:
+        path: The file.
+        finding: What was found, in words.
+        ok: Whether the file is what was written.
+    """
+
+    path: Path
+    finding: str
+    ok: bool
+
+
+def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
+    """Compare every CSV of a results folder with the checksum in its record.
+
+    ``slopes.csv`` and the tables are not results but follow from them.
+
+    Args:
+        folder: Results folder.
+        names: Names of studies; all when empty.
+
+    Raises:
+        ResultsError: When the folder has neither a CSV of a study nor a record, or no
+            study of a name.
+    """
+    series = {
+        file.stem
+        for part in results.SERIES_FOLDERS
+        for file in (folder / part).glob("*.*")
+        if file in results.series_paths(folder / f"{file.stem}.csv")
+    }
+    described = {f.stem for f in folder.glob("*.json") if known(f.with_suffix(".csv"))}
+    described -= {Path(name).stem for name in NOT_STUDIES}
+    try:
+        studies = {file.stem for file in study_files(folder)}
+    except ResultsError:
+        if not described:
+            raise
+        studies = set()
+    every = sorted({*studies, *described, *series})
+    require_known(folder, names, every)
+    found = [
+        entry
+        for study in every
+        if study in names or not names
+        for entry in _verified(folder, study, study in studies)
+    ]
+    return sorted(found, key=lambda entry: entry.path)
+
+
+def changed(folder: Path, names: Iterable[str]) -> list[Verified]:
+    """CSVs of studies that differ from their records; those without a record may."""
+    described = [name for name in names if known(folder / f"{name}.csv")]
+    return [entry for entry in verify(folder, described) if not entry.ok] if described else []
+
+
+def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
+    """Findings on the files of one study.
+
+    Args:
+        folder: Results folder.
+        study: Its name.
+        written: Whether there is a CSV.
+    """
+    path = folder / f"{study}.csv"
+    contents = results.read(path, series=True)
+    file, series = path.with_suffix(".json"), results.series_paths(path)
+    recorded: dict[str, str] = {}
+    lacking = ""
+    try:
+        recorded = checksums(_parsed(path, contents[file]))
+    except ResultsError as error:
+        lacking = f"no record: {error}"
+    for csv in (path, *series):
+        content, name = contents[csv], csv.relative_to(folder).as_posix()
+        there = written if csv is path else not isinstance(content, FileNotFoundError)
+        if not there and name not in recorded and (csv is not path or lacking):
+            continue
+        finding = lacking or _finding(content, recorded.get(name), file.name)
+        yield Verified(csv, finding, finding == _AS_RECORDED)
+    for name in recorded:
+        if folder / name not in (path, *series):
+            yield Verified(file, f"names {name!r}, which is not a file of this study", False)
+
+
+def _finding(content: bytes | OSError, recorded: str | None, described: str) -> str:
+    if recorded is None:
+        return f"not in {described}"
+    if isinstance(content, FileNotFoundError):
+        return "missing"
+    if isinstance(content, OSError):
+        return f"cannot be read: {content.strerror}"
+    return _AS_RECORDED if checksum(content) == recorded else "differs from its record"
+
+
+def problem_files(record: Mapping[str, Any]) -> dict[str, str]:
+    """File of a problem of the user's → SHA-256 of what it said, as recorded."""
+    found = _mapping(record, "problem_files")
+    return {
+        f"{file if file == label else f'{file} of {label}'} SHA-256": str(digest)
+        for label in found
+        for file, digest in _mapping(found, label).items()
+    }
+
+
+def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    found = record.get(key)
+    return found if isinstance(found, dict) else {}
+
+
+def cells_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Cells of a run, as its record has them."""
+    found = record.get("cells")
+    return [cell for cell in found if isinstance(cell, dict)] if isinstance(found, list) else []
+
+
+def _counted(cells: Sequence[Mapping[str, Any]]) -> str:
+    """How many cells ended how."""
+    statuses = [str(cell.get("status")) for cell in cells]
+    return ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses)) or "0"
+
+
+def _commit(source: Mapping[str, Any]) -> str:
+    commit = source.get("commit")
+    return f"{commit}{' (modified)' if source.get('modified') else ''}" if commit else ""
+
+
+def _number(given: Any) -> str:
+    return f"{given:g}" if isinstance(given, int | float) else str(given or "")

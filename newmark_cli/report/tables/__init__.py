@@ -1,0 +1,1 @@
+"""What commands print of results: checks, comparisons, tables of the paper and of studies."""

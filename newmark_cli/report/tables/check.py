@@ -1,0 +1,169 @@
+"""Output of `check`: slopes next to predictions."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from newmark_cli.report.judging.fits import format_fit, format_order
+from newmark_cli.report.judging.slopes import Slope, in_figure_order
+from newmark_cli.report.judging.text import format_orders, gathered, markdown
+from newmark_cli.report.judging.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.reading.curves import TRAPEZOIDAL
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.reading.words import quantity
+
+
+def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
+    """Slopes that the paper's figures show, in their order."""
+    return [
+        slope
+        for slope in in_figure_order(slopes)
+        if any(FIGURES[name].in_paper for name in slope.figures)
+    ]
+
+
+def chosen(slopes: Sequence[Slope], everything: bool) -> list[Slope]:
+    """Slopes to print: those of the paper's figures, then what is not as predicted, or all."""
+    first = in_paper(slopes)
+    rest = [s for s in slopes if everything or not (s.verdict in (PASS, SHOWN) or s.accepted)]
+    return first + [slope for slope in rest if slope not in first]
+
+
+def slope_rows(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
+    """Rows of the table of slopes, headings first."""
+    headings = (
+        "figure", "config", "quantity", "variant", "predicted", "fitted", "tolerance", "verdict",
+    )  # fmt: skip
+    return [
+        headings,
+        *(
+            (
+                " ".join(slope.figures),
+                _where(slope),
+                quantity(slope),
+                _variant(slope),
+                format_order(slope.expected),
+                format_fit(slope.fit),
+                "" if math.isnan(slope.tolerance) else f"{slope.tolerance:g}",
+                slope.verdict,
+            )
+            for slope in slopes
+        ),
+    ]
+
+
+def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
+    """Rows of the same table for a terminal, headings first.
+
+    The tolerance stands behind the predicted order.  A row of one entry names the figure
+    and study, or the study, problem, form and integrator, of the rows below it.
+    """
+    return gathered(
+        ("quantity", "variant", "predicted", "fitted", "verdict"),
+        (
+            (
+                _of_figure(slope) if slope.figures else _where(slope),
+                quantity(slope),
+                _variant(slope),
+                format_prediction(slope),
+                format_fit(slope.fit),
+                format_verdict(slope),
+            )
+            for slope in slopes
+        ),
+    )
+
+
+def _of_figure(slope: Slope) -> str:
+    word = "figure" if len(slope.figures) == 1 else "figures"
+    return f"{word} {', '.join(slope.figures)}, {slope.study}"
+
+
+def _where(slope: Slope) -> str:
+    if slope.figures:
+        return slope.study
+    return f"{slope.study} {slope.problem} {slope.form} {format_integrator(slope.integrator)}"
+
+
+#: What stands in columns of its own, or is said by the quantity.
+_SAID = (
+    "study", "problem", "form", "integrator", "preconditioning", "quantity", "measure", "row_block",
+)  # fmt: skip
+
+
+def _variant(slope: Slope) -> str:
+    return ", ".join([slope.preconditioning, *slope.key.besides(*_SAID)])
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """The same as Markdown."""
+    lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
+
+
+def counting(slopes: Sequence[Slope]) -> list[Slope]:
+    """Series that count: corrections in physical units follow from scaled ones."""
+    scaled = {slope.study for slope in slopes if slope.measure == "correction"}
+    return [
+        slope
+        for slope in slopes
+        if not slope.accepted
+        and (slope.fails or slope.measure != "physical_correction" or slope.study not in scaled)
+    ]
+
+
+def summary(slopes: Sequence[Slope], expected: str = "") -> str:
+    """How many slopes are as predicted, and what became of the others.
+
+    Args:
+        slopes: The series.
+        expected: How many claims and expectations hold; empty without any.
+    """
+    counted = Counter(slope.verdict for slope in counting(slopes))
+    decided = sum(counted[word] for word in (PASS, *FAILING))
+    parts = [f"{counted[PASS]} of {decided} slopes as predicted"]
+    parts += [f"{counted[word]} {word}" for word in (NOT_CONVERGING, UNDECIDED) if counted[word]]
+    text = ", ".join([*parts, expected] if expected else parts)
+    if not (counted[PASS] or expected) and not any(slope.fails for slope in slopes):
+        text += ": nothing could be judged"
+    return text
+
+
+def remarks(slopes: Iterable[Slope]) -> list[str]:
+    """A line for each series that is not as predicted: its local orders, and why.
+
+    Args:
+        slopes: The series; those as predicted have no line, and of those that are shown
+            only the ones that lose their order at the smallest step size.
+    """
+    lines = []
+    for slope in slopes:
+        if not slope.accepted and (slope.verdict not in (PASS, SHOWN) or _loses_order(slope)):
+            where = f"{_where(slope)} {_variant(slope)}, {quantity(slope)}"
+            orders = format_orders(slope)
+            said = (f"local orders {orders}" if orders else "", slope.reason)
+            told = "; ".join(filter(None, said))
+            lines.append(f"{slope.verdict}: {where}: {told or 'no reason known'}")
+    return lines
+
+
+def _loses_order(slope: Slope) -> bool:
+    """Whether a series that is shown has an order, but not down to the smallest step size."""
+    ends = slope.verdict == SHOWN and slope.reason and slope.fitted.any()
+    return bool(ends and slope.h[slope.fitted].min() > slope.h.min())
+
+
+def format_integrator(label: str) -> str:
+    """An integrator by its label, the trapezoidal rule in a word."""
+    return "trapezoidal" if label == TRAPEZOIDAL else label
+
+
+def format_prediction(slope: Slope) -> str:
+    """Predicted order ± tolerance; nothing where theory says nothing."""
+    order = format_order(slope.expected)
+    return f"{order} ± {slope.tolerance:g}" if order else ""
+
+
+def format_verdict(slope: Slope) -> str:
+    """The verdict, and whether the study is about it."""
+    return f"{slope.verdict} (accepted)" if slope.accepted else slope.verdict

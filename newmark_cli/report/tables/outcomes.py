@@ -1,0 +1,213 @@
+"""All that `check` asserts, one by one: for its exit code, and for continuous integration."""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from newmark_cli.report.judging.expectations import Expected, series_name
+from newmark_cli.report.judging.fits import format_fit
+from newmark_cli.report.judging.slopes import Slope
+from newmark_cli.report.judging.verdicts import FAILING, INCOMPLETE, PASS, SHOWN, UNDECIDED, joined
+from newmark_cli.report.reading.records import Verified
+from newmark_cli.report.tables import paper_tables
+from newmark_cli.report.tables.check import counting, format_prediction
+from newmark_cli.report.tables.paper_tables import Entry
+from newmark_cli.support.errors import visible
+
+#: Annotations of each kind that GitHub shows of one step.
+_SHOWN_BY_GITHUB = 10
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Something that is asserted, and what it comes to.
+
+    Attributes:
+        study: Name of the study.
+        name: What is asserted.
+        verdict: One of the words of `newmark_cli.report.judging.verdicts`.
+        text: What was found, and why it is not a plain pass.
+        file, line: Where a config asserts it; empty and 0 where that is not known.
+        erroneous: Whether there is no such series.
+        shown: Whether the tables of `check` show it.
+    """
+
+    study: str
+    name: str
+    verdict: str
+    text: str
+    file: str = ""
+    line: int = 0
+    erroneous: bool = False
+    shown: bool = True
+
+    def fails(self, strict: bool) -> bool:
+        """Whether `check` fails with it."""
+        return self.verdict in (*FAILING, *((UNDECIDED,) if strict else ()))
+
+    @property
+    def told(self) -> str:
+        """Verdict and text."""
+        return f"{self.verdict}: {self.text}" if self.text else self.verdict
+
+
+def of(
+    slopes: Sequence[Slope],
+    expected: Iterable[Expected] = (),
+    changed: Iterable[Verified] = (),
+    tables: bool = False,
+) -> list[Outcome]:
+    """All that is asserted, a study's expectations first.
+
+    Series of which theory predicts no order assert nothing, nor do those that end as the
+    study accepts.
+
+    Args:
+        slopes: The series.
+        expected: Claims about them, and expectations.
+        changed: CSVs that are not what was written.
+        tables: Whether entries of Tables 1 and 2 are, too, where all else holds.
+
+    Raises:
+        ResultsError: When the study of the tables lacks what they need.
+    """
+    found = [
+        *map(_of_expected, expected),
+        *_of_slopes(slopes),
+        *(Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed),
+    ]
+    if tables and hold(found) and any(slope.study == paper_tables.STUDY for slope in slopes):
+        found += map(_of_entry, paper_tables.missed(paper_tables.build(slopes)))
+    return found
+
+
+def _of_expected(each: Expected) -> Outcome:
+    if each.figure:
+        name, found = f"{each.name}, {each.text}", joined(each.measured, each.reason)
+        return Outcome(each.study, name, each.verdict, found, each.file, each.line)
+    name = each.name if each.missing else f"{each.name}, {each.label}, {each.said}"
+    found = f"measured {each.measured}" if each.measured else ""
+    return Outcome(
+        each.study, name, each.verdict, joined(found, each.reason), each.file, each.line,
+        erroneous=each.missing, shown=not each.missing,
+    )  # fmt: skip
+
+
+def _of_slopes(slopes: Sequence[Slope]) -> Iterator[Outcome]:
+    for slope in counting(slopes):
+        if slope.verdict != SHOWN:
+            predicted = format_prediction(slope)
+            found = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
+            text = joined(found, f"predicted {predicted}" if predicted else "", slope.reason)
+            yield Outcome(slope.study, series_name(slope), slope.verdict, text)
+
+
+def _of_entry(entry: Entry) -> Outcome:
+    name = f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}"
+    return Outcome(paper_tables.STUDY, name, entry.verdict, "not as predicted", shown=False)
+
+
+def hold(found: Sequence[Outcome], strict: bool = False) -> bool:
+    """Whether something was judged, and nothing fails.
+
+    Args:
+        found: What is asserted.
+        strict: Whether what is undecided fails.
+    """
+    return any(each.verdict == PASS for each in found) and not any(
+        each.fails(strict) for each in found
+    )
+
+
+def notes(found: Sequence[Outcome], strict: bool) -> list[str]:
+    """What the tables of `check` do not say: a line for each that they lack, and a warning."""
+    lines = [f"{each.study}: {each.name}: {each.text}" for each in found if not each.shown]
+    if undecided := sum(each.verdict == UNDECIDED for each in found):
+        lines.append(f"{'' if strict else 'warning: '}not judged: {undecided} {UNDECIDED}")
+    return lines
+
+
+# -- continuous integration ---------------------------------------------------------------------
+
+
+def junit(found: Iterable[Outcome], strict: bool) -> str:
+    """A report in JUnit's XML, as servers for continuous integration read it.
+
+    Args:
+        found: What is asserted; a suite for each study, a test case for each.
+        strict: Whether what is undecided fails; otherwise it is skipped.
+    """
+    of_study: dict[str, list[Outcome]] = {}
+    for each in found:
+        of_study.setdefault(each.study, []).append(each)
+    root = ElementTree.Element("testsuites", name="newmark-study check")
+    for study, outcomes in of_study.items():
+        suite = ElementTree.SubElement(root, "testsuite", name=visible(study))
+        for each in outcomes:
+            _case(suite, each, strict)
+        _count(suite)
+    _count(root)
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
+
+
+def _case(suite: ElementTree.Element, each: Outcome, strict: bool) -> None:
+    place = {"file": visible(each.file), "line": str(each.line)} if each.line else {}
+    names = {"classname": visible(each.study), "name": visible(each.name)}
+    case = ElementTree.SubElement(suite, "testcase", {**names, **place})
+    if each.verdict == PASS:
+        return
+    kind = "skipped"
+    if each.fails(strict):
+        kind = "error" if each.erroneous else "failure"
+    ElementTree.SubElement(case, kind, message=visible(each.told), type=each.verdict)
+
+
+def _count(element: ElementTree.Element) -> None:
+    """How many test cases it has, and how they ended."""
+    element.set("tests", str(len([*element.iter("testcase")])))
+    for kind, plural in (("failure", "failures"), ("error", "errors"), ("skipped", "skipped")):
+        element.set(plural, str(len([*element.iter(kind)])))
+
+
+def annotations(found: Iterable[Outcome], strict: bool, top: Path | None = None) -> list[str]:
+    """Workflow commands of GitHub: what fails are errors, what is undecided warnings.
+
+    Args:
+        found: What is asserted.
+        strict: Whether what is undecided fails.
+        top: Top folder of the repository, relative to which files are named; the current
+            one if omitted.
+
+    Returns:
+        A line each, of every kind as many as GitHub shows.
+    """
+    lines: dict[str, list[str]] = {"error": [], "warning": []}
+    for each in found:
+        if each.fails(strict) or each.verdict == UNDECIDED:
+            kind = "error" if each.fails(strict) else "warning"
+            place = {**_place(each, top), "title": f"{each.study}: {each.verdict}"}
+            given = ",".join(f"{key}={_escaped(text, ':,')}" for key, text in place.items())
+            message = _escaped(joined(each.name, each.text))
+            lines[kind].append(f"::{kind} {given}::{message}")
+    return [line for some in lines.values() for line in some[:_SHOWN_BY_GITHUB]]
+
+
+def _place(each: Outcome, top: Path | None) -> dict[str, str]:
+    """File and line, if the file is there and in the repository."""
+    path = Path(each.file)
+    try:
+        inside = path.resolve().relative_to((top or Path()).resolve())
+        known = bool(each.line) and path.is_file()
+    except (OSError, ValueError):
+        return {}
+    return {"file": inside.as_posix(), "line": str(each.line)} if known else {}
+
+
+def _escaped(text: str, further: str = "") -> str:
+    """Text that ends neither a command nor a property of it."""
+    for character in "%\r\n" + further:
+        text = text.replace(character, f"%{ord(character):02X}")
+    return visible(text)

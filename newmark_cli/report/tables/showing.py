@@ -1,0 +1,296 @@
+"""Studies to read in a terminal: values by step size, local orders, fits, verdicts."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.report.judging.fits import format_fit
+from newmark_cli.report.judging.slopes import Slope, study_slopes
+from newmark_cli.report.judging.text import Entry, text_table, wrapped
+from newmark_cli.report.judging.verdicts import INCOMPLETE
+from newmark_cli.report.reading.words import in_words, quantity
+from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
+from newmark_cli.study import axes
+from newmark_cli.study.measures import MEASURES, symbol
+from newmark_cli.study.reading import named_studies, read_rows
+from newmark_cli.support.errors import ResultsError
+from newmark_cli.support.spelling import nearest
+
+#: The integrator that goes without saying, in a word.
+TRAPEZOIDAL = "trapezoidal"
+#: What a value is shown as that is not there.
+MISSING = "–"
+#: Columns of a study's CSV that tell its cells apart.
+_CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]
+#: Axes in which the series of one table agree.
+_TABLE = ("study", "problem", "form", "measure", "quantity")
+#: Axis → other names of a value of a series, by which it can be chosen, too.
+_ALIASES: Mapping[str, Callable[[str], tuple[str, ...]]] = {
+    "problem": lambda label: (label.removesuffix(".yaml"),),
+    "integrator": lambda label: (
+        (label.partition(" ")[0],) + (("trapezoidal",) if label == axes.TRAPEZOIDAL else ())
+    ),
+    "quantity": lambda name: (symbol(name),),
+    "measure": lambda name: tuple(
+        measure.name
+        for measure in MEASURES.values()
+        if any(record.name == name for record in measure.records)
+    ),
+}
+#: Axes by which series are chosen.
+CHOOSERS = ("problem", "form", "integrator", "preconditioning", "measure", "quantity")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A study, and those of its series that are to be shown.
+
+    Attributes:
+        name: Of the study.
+        statuses: Status of every cell.
+        slopes: All series, in the order of the CSV.
+        chosen: Those to show.
+        recovered: How many series of recovered fields are left out.
+    """
+
+    name: str
+    statuses: tuple[str, ...]
+    slopes: tuple[Slope, ...]
+    chosen: tuple[Slope, ...] = ()
+    recovered: int = 0
+
+    @property
+    def measures(self) -> list[str]:
+        """The measure."""
+        return list(dict.fromkeys(slope.measure for slope in self.slopes if slope.measure))
+
+    @property
+    def verdicts(self) -> Counter[str]:
+        """Verdict → how many series have it."""
+        return Counter(format_verdict(slope) for slope in self.slopes)
+
+    def row(self) -> dict[str, Any]:
+        """As values for programs, without the series."""
+        return {
+            "study": self.name,
+            "cells": len(self.statuses),
+            "statuses": dict(Counter(self.statuses)),
+            "measures": self.measures,
+            "verdicts": dict(self.verdicts),
+        }
+
+    def data(self) -> dict[str, Any]:
+        """As values for programs, with the series that are to be shown."""
+        return self.row() | {"series": [_data(slope) for slope in self.chosen]}
+
+
+def read(folder: Path, names: Sequence[str]) -> list[Shown]:
+    """Studies of a results folder.
+
+    Args:
+        folder: Results folder.
+        names: Names of studies; all when empty.
+
+    Raises:
+        ResultsError: When a study is not there, or its CSV cannot be used.
+    """
+    found = []
+    for name in named_studies(folder, names):
+        path = folder / f"{name}.csv"
+        table = read_rows(path)
+        statuses: dict[tuple[Any, ...], str] = {}
+        for cell, status in zip(table.rows(_CELL), table["status"], strict=True):
+            statuses.setdefault(cell, status)
+        slopes = tuple(study_slopes(table, path))
+        found.append(Shown(name, tuple(statuses.values()), slopes))
+    return found
+
+
+def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> list[Shown]:
+    """The studies with the series that are chosen; recovered fields only when asked for.
+
+    Args:
+        studies: As read.
+        wanted: Axis → values, of which a series must have one; any when empty.
+
+    Raises:
+        ResultsError: When no series has a value, next to those of the axes before it.
+    """
+    left = [slope for study in studies for slope in study.slopes]
+    for name in CHOOSERS:
+        values = wanted.get(name, ())
+        there = dict.fromkeys(getattr(slope, name) for slope in left)
+        for value in values:
+            if not any(_is(name, value, given) for given in there):
+                raise ResultsError(
+                    f"{_listed(study.name for study in studies)}: no series matches "
+                    f"--{name} {value!r}{nearest(value, filter(None, there))}"
+                )
+        if values:
+            left = [s for s in left if any(_is(name, v, getattr(s, name)) for v in values)]
+    matching = {id(slope) for slope in left}
+    asked = bool(wanted.get("measure") or wanted.get("quantity"))
+    found = []
+    for study in studies:
+        ours = [slope for slope in study.slopes if id(slope) in matching]
+        chosen = [slope for slope in ours if asked or slope.role != "recovered"]
+        found.append(
+            Shown(study.name, study.statuses, study.slopes, tuple(chosen), len(ours) - len(chosen))
+        )
+    return found
+
+
+def _is(axis: str, wanted: str, given: str) -> bool:
+    """Whether a series with the given value is meant by the wanted one."""
+    names = (given, *(_ALIASES[axis](given) if axis in _ALIASES else ()))
+    same = next(each.same for each in axes.series_axes() if each.name == axis)
+    return bool(given) and (wanted in names or same(wanted) == given)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+# -- for people ---------------------------------------------------------------------------------
+
+
+def listed(studies: Sequence[Shown]) -> str:
+    """The studies of a folder: cells, measures and verdicts of each."""
+    rows = [("study", "cells", "measures", "series")]
+    rows += [
+        (study.name, _counted(study.statuses), _listed(study.measures), _verdicts(study))
+        for study in studies
+    ]
+    return text_table(rows)
+
+
+def as_text(study: Shown) -> str:
+    """A study's overview, and a table for each problem, form, measure and quantity."""
+    overview = (
+        f"{study.name}: {len(study.statuses)} cells: {_counted(study.statuses)}; "
+        f"measures: {_listed(study.measures) or 'none'}; series: {_verdicts(study)}"
+    )
+    parts = [wrapped(overview)]
+    if study.recovered:
+        left_out = (
+            f"{study.recovered} series of recovered fields are not shown; --measure or --quantity "
+            "shows them"
+        )
+        parts[0] += "\n" + wrapped(left_out)
+    tables: dict[tuple[str, ...], list[Slope]] = {}
+    for slope in study.chosen:
+        tables.setdefault(tuple(getattr(slope, name) for name in _TABLE), []).append(slope)
+    return "\n\n".join([*parts, *(_table(slopes) for slopes in tables.values())])
+
+
+def _verdicts(study: Shown) -> str:
+    return _listed(f"{count} {word}" for word, count in study.verdicts.items())
+
+
+def _counted(statuses: Sequence[str]) -> str:
+    return _listed(f"{count} {status}" for status, count in Counter(statuses).items())
+
+
+def _table(slopes: Sequence[Slope]) -> str:
+    """Step sizes down, series across: values and local orders, then fits and verdicts."""
+    first = slopes[0]
+    if not first.measure:
+        where = f"{first.problem}, {first.form}: {INCOMPLETE}, cells failed: "
+        return wrapped(where + "; ".join(" ".join(_own(slope)) for slope in slopes))
+    common, names = _names(slopes)
+    title = _listed([first.problem, first.form, f"{quantity(first)} ({first.measure})", *common])
+    points = [_points(slope) for slope in slopes]
+    rows: list[tuple[Entry, ...]] = [
+        ("h", *(tuple(name) for name in names)),
+        *(
+            (f"{h:g}", *(entries.get((h, nth), MISSING) for entries in points))
+            for h, nth in sorted({at for entries in points for at in entries}, reverse=True)
+        ),
+        ("",),
+        ("slope", *(format_fit(slope.fit) for slope in slopes)),
+        ("fitted", *(_range(slope) for slope in slopes)),
+        ("predicted", *(format_prediction(slope) or MISSING for slope in slopes)),
+        ("verdict", *(format_verdict(slope) for slope in slopes)),
+    ]
+    reasons = [
+        wrapped(": ".join(filter(None, (" ".join(name), slope.reason))), indent=2)
+        for name, slope in zip(names, slopes, strict=True)
+        if slope.reason
+    ]
+    return "\n".join([wrapped(title), text_table(rows, blocks=True, indent=2), *reasons])
+
+
+def _own(slope: Slope) -> list[str]:
+    """Labels that tell a series from others of its table, without usual values."""
+    return slope.key.besides(*_TABLE)
+
+
+def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
+    """Labels that all series of a table share, and those that tell each from the others."""
+    common: list[str] = []
+    names: list[list[str]] = [[] for _ in slopes]
+    for axis in axes.series_axes():
+        if axis.name in _TABLE:
+            continue
+        given = [
+            format_integrator(in_words(axis.name, getattr(slope, axis.name))) for slope in slopes
+        ]
+        if len(set(given)) > 1:
+            for name, value in zip(names, given, strict=True):
+                name += [value] if value else []
+        elif given[0] not in ("", in_words(axis.name, axis.usual or ""), TRAPEZOIDAL):
+            common += [f"at the {given[0]}" if axis is axes.INITIAL else given[0]]
+    return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
+
+
+def _descending(slope: Slope) -> list[int]:
+    return [int(i) for i in np.argsort(-slope.h, kind="stable")]
+
+
+def _points(slope: Slope) -> dict[tuple[float, int], Entry]:
+    """(h, how many of the same h came before) → value, local order, and status if not ok."""
+    found: dict[tuple[float, int], Entry] = {}
+    seen: Counter[float] = Counter()
+    orders = [math.nan, *slope.local_orders]
+    for i, order in zip(_descending(slope), orders, strict=True):
+        h, value, status = float(slope.h[i]), float(slope.values[i]), slope.statuses[i]
+        text = f"{value:.3g}" if math.isfinite(value) else ""
+        if text and math.isfinite(order):
+            text = f"{text:<9} {round(order, 2) + 0.0:.2f}".replace(" -", " −")
+        if status not in slope.record.ok:
+            found[h, -seen[h]] = (text, status) if text else status
+        else:
+            found[h, -seen[h]] = text or MISSING
+        seen[h] += 1
+    return found
+
+
+def _range(slope: Slope) -> str:
+    """Step sizes that the fit is for."""
+    h = slope.h[slope.fitted]
+    return MISSING if np.isnan(slope.fit.slope) else f"{h.max():g} … {h.min():g}"
+
+
+# -- for programs -------------------------------------------------------------------------------
+
+
+def _data(slope: Slope) -> dict[str, Any]:
+    """A series as values: `Slope.row`, with its points and the order up to each."""
+    orders = [math.nan, *slope.local_orders]
+    points = [
+        {
+            "h": float(slope.h[i]),
+            "value": float(slope.values[i]),
+            "status": slope.statuses[i],
+            "local_order": float(order),
+            "fitted": bool(slope.fitted[i]),
+        }
+        for i, order in zip(_descending(slope), orders, strict=False)
+    ]
+    rest = {key: given for key, given in slope.row().items() if key != "local_orders"}
+    return rest | {"role": slope.role, "accepted": slope.accepted, "values": points}

@@ -1,0 +1,191 @@
+"""Predicted orders laid out as the paper lays them out, for a terminal and as data."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.formulation import formulated
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.orders import FormOrders, derive_scaling, form_orders
+from newmark_cli.newmark.scaling import Preconditioning, named_scaling
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
+from newmark_cli.support.arrays import Array
+
+_SYMBOLS = {"lambda": "λ", "eta": "η"}
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def predict(
+    form: str,
+    preconditioning: Preconditioning,
+    evaluation: str = DIRECT,
+    formulation: str = INDEX_3,
+) -> dict[str, Any]:
+    """All orders of a form under a scaling; a structural zero has order None.
+
+    Args:
+        form: Name of a form.
+        preconditioning: Variant, or a scaling of your own.
+        evaluation: How residuals are evaluated.
+        formulation: Label of a formulation.
+
+    Raises:
+        ScalingError: When the scaling does not fit the form.
+        FormulationError: When the formulation cannot be used.
+    """
+    described = formulated(form, formulation)
+    orders = form_orders(described, compensated=evaluation == COMPENSATED)
+    scaling = preconditioning.scaling(described)
+    jacobian, inverse = orders.scaled(scaling)
+    rows, unknowns = described.rows, described.solved
+    residual = orders.residual + [scaling.left[row].order() for row in rows]
+    physical = orders.physical_corrections()
+    return {
+        "form": form,
+        "preconditioning": preconditioning.label,
+        "evaluation": evaluation,
+        "formulation": described.formulation,
+        "left": {row: scaling.left[row].order() for row in rows},
+        "right": {unknown: scaling.right[unknown].order() for unknown in described.unknowns},
+        "jacobian": _blocks(rows, unknowns, jacobian),
+        "inverse": _blocks(unknowns, rows, inverse),
+        "residual": {row: int(order) for row, order in zip(rows, residual, strict=True)},
+        "correction": {u: int(order) for u, order in orders.corrections(scaling).items()},
+        "physical_correction": {
+            field: {
+                "order": int(physical[field]),
+                "role": "recovered" if field in described.eliminated else "primary",
+            }
+            for field in (*FIELDS, *described.multipliers)
+        },
+        "bounds": list(orders.bounded),
+        "condition": int(orders.condition(scaling)),
+    }
+
+
+def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
+    """The least powers of h that balance a form, beside those of Table 2.
+
+    Args:
+        form: Name of a form.
+        formulation: Label of a formulation.
+
+    Raises:
+        FormulationError: When the formulation cannot be used.
+    """
+    described = formulated(form, formulation)
+    orders: FormOrders = form_orders(described)
+    left, right = derive_scaling(orders)
+    table = named_scaling("optimal", described)
+    return {
+        "form": form,
+        "formulation": described.formulation,
+        "left": left,
+        "right": right,
+        "table_2": {
+            "left": {row: factor.order() for row, factor in table.left.items()},
+            "right": {unknown: table.right[unknown].order() for unknown in described.solved},
+        },
+        "in_paper": described.in_paper,
+    }
+
+
+def as_text(found: Mapping[str, Any]) -> str:
+    """Orders of one form and scaling for a terminal."""
+    rows, unknowns = list(found["jacobian"]), list(found["inverse"])
+    title = (
+        f"({', '.join(map(_symbol, found['right']))}) form, "
+        + _formulation(found)
+        + f"preconditioning {found['preconditioning']}"
+        + (f", {found['evaluation']} evaluation" if found["evaluation"] != DIRECT else "")
+    )
+    left = ", ".join(f"{row} {_power(power)}" for row, power in found["left"].items())
+    right = ", ".join(f"{_symbol(u)} {_power(power)}" for u, power in found["right"].items())
+    residual, correction = found["residual"], found["correction"]
+    physical = ", ".join(
+        f"Δ{_symbol(field)}{'*' if entry['role'] == 'recovered' else ''} {_big_o(entry['order'])}"
+        for field, entry in found["physical_correction"].items()
+    )
+    lines = [
+        title,
+        "=" * len(title),
+        f"factors       left: {left};  right: {right}",
+        "",
+        *_matrix("J̄", rows, unknowns, found["jacobian"]),
+        "",
+        *_matrix("J̄⁻¹", unknowns, rows, found["inverse"]),
+        "",
+        "perturbation of the residual  "
+        + ", ".join(f"Δb̄_{row} {_big_o(residual[row])}" for row in rows),
+        "corrections, scaled           "
+        + ", ".join(f"Δ{_symbol(u)}̄ {_big_o(order)}" for u, order in correction.items()),
+        f"corrections, physical         {physical}",
+        f"condition number              C {_big_o(found['condition'])}",
+    ]
+    if any(e["role"] == "recovered" for e in found["physical_correction"].values()):
+        lines.append("(* eliminated, recovered from the kept fields)")
+    if found["bounds"]:
+        names = ", ".join(f"Δ{_symbol(unknown)}" for unknown in found["bounds"])
+        lines.append(
+            f"({names}: a lower bound of the order; differences in rows V and K are often exact)"
+        )
+    if "lambda" not in found["inverse"]:
+        lines.append("(λ is not an unknown of the linear system: each iteration updates it by −pΦ)")
+    return "\n".join(lines)
+
+
+def derived_as_text(found: Mapping[str, Any]) -> str:
+    """A derived scaling for a terminal, one line a side."""
+    kind = _formulation(found).removesuffix(", ")
+    lines = [f"({', '.join(map(_symbol, found['right']))}) form" + (f", {kind}" if kind else "")]
+    for side in ("left", "right"):
+        powers = ", ".join(f"{_symbol(k)} {_power(p)}" for k, p in found[side].items())
+        same = found[side] == found["table_2"][side]
+        table = "Table 2" if found["in_paper"] else "this project's factors"
+        agrees = f"the powers of {table}" if same else f"NOT the powers of {table}"
+        lines.append(f"  {side:<6} {powers:<32} {agrees}")
+    return "\n".join(lines)
+
+
+def _formulation(found: Mapping[str, Any]) -> str:
+    """Formulation as part of a title; index 3 goes without saying."""
+    return "" if found["formulation"] == INDEX_3 else f"{found['formulation']}, "
+
+
+def _blocks(
+    rows: Sequence[str], columns: Sequence[str], orders: Array
+) -> dict[str, dict[str, int | None]]:
+    return {
+        row: {
+            column: int(orders[i, j]) if np.isfinite(orders[i, j]) else None
+            for j, column in enumerate(columns)
+        }
+        for i, row in enumerate(rows)
+    }
+
+
+def _matrix(
+    name: str,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    blocks: Mapping[str, Mapping[str, int | None]],
+) -> list[str]:
+    lines = [f"{name:<13} " + "".join(f"{_symbol(column):<9}" for column in columns).rstrip()]
+    for row in rows:
+        entries = "".join(f"{_big_o(blocks[row][column]):<9}" for column in columns)
+        lines.append(f"{_symbol(row):>13} {entries}".rstrip())
+    return lines
+
+
+def _symbol(name: str) -> str:
+    return _SYMBOLS.get(name, name)
+
+
+def _power(order: int) -> str:
+    return "h" + str(order).translate(_SUPERSCRIPTS)
+
+
+def _big_o(order: int | None) -> str:
+    return "0" if order is None else f"O({_power(order)})"

@@ -1,0 +1,1 @@
+"""What any room may use: documents, files, errors, processes, arrays, spelling."""

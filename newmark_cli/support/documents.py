@@ -1,0 +1,651 @@
+"""YAML documents with line numbers, checked by pydantic, with one-line errors.
+
+Numbers follow YAML 1.2 and common sense: ``1e-4`` is a number, whatever YAML
+1.1 says.  Only plain scalars become numbers; what is quoted stays text.
+"""
+
+import re
+import reprlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeVar
+
+import yaml
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from newmark_cli.support import files
+from newmark_cli.support.errors import InputError, one_line
+from newmark_cli.support.spelling import closest, nearest
+
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_SPECIAL = {".nan": float("nan"), "nan": float("nan"), ".inf": float("inf"), "inf": float("inf")}
+_CONSTANTS = {"true": True, "false": False, "null": None, "~": None, "": None}
+# Anything larger is not a config, and would keep `validate` busy.
+_MOST_VALUES = 100_000
+_MOST_BYTES = 4_000_000
+_DEEPEST = 30
+#: Parser in C where PyYAML was built with it: ten times as fast.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_TOO_MANY = f"more than {_MOST_VALUES} values"
+_TOO_LONG = f"more than {_MOST_BYTES} characters with what aliases stand for"
+_TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
+
+#: Mistakes of one document that are reported one by one; of the rest only their number.
+MOST_REPORTED = 50
+
+#: What pydantic says of Python, said of a document.
+_WORDED = tuple(
+    (re.compile(theirs), ours)
+    for theirs, ours in (
+        ("^Input should be a valid tuple", "must be a list"),
+        ("^Input should be a valid dictionary", "must be a mapping of names to values"),
+        ("^Input should be a valid string", "must be text"),
+        ("^Input should be", "must be"),
+        (r"^Tuple should have (.*) after validation, not (\d+)$", r"must have \1, given \2"),
+    )
+)
+#: Custom errors whose text already says what was given.
+_SELF_EXPLAINING = frozenset({"unknown_name", "own"})
+
+
+def _whole(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+# No text, no truth value: what is quoted stays text, here and in every editor.
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Truth = Annotated[bool, Strict()]
+#: Last in the ``Annotated`` of a strict int: 1e4 is a whole number, as for JSON Schema.
+WHOLE = BeforeValidator(_whole)
+
+KeyPath = tuple[str | int, ...]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Mistake(NamedTuple):
+    """A mistake in a document."""
+
+    line: int  #: counted from 1; 0 for the file as a whole
+    path: KeyPath
+    text: str  #: one line that names file, line, key and what is allowed
+
+
+class DocumentError(InputError):
+    """A document cannot be used; the text names file, line, key and what is allowed.
+
+    Attributes:
+        mistakes: Every mistake that was found, at most 50, in the order of
+            their lines; the text of the error is that of the first.
+        more: Number of mistakes beyond those.
+        stopped: Whether there may be more than that.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> newmark.problem({"points": {"P": {"at": (1, 0), "weight": 2}}})
+        Traceback (most recent call last):
+        ...
+        newmark_cli.support.documents.DocumentError: mechanism: points.P.weight: unknown key; ...
+    """
+
+    def __init__(
+        self,
+        text: str,
+        mistakes: Sequence[Mistake] | None = None,
+        more: int = 0,
+        stopped: bool = False,
+    ) -> None:
+        super().__init__(text)
+        self.mistakes = (Mistake(0, (), text),) if mistakes is None else tuple(mistakes)
+        self.more, self.stopped = more, stopped
+
+
+class Mistakes:
+    """Gathers the mistakes of one document, so that checking goes on after the first.
+
+    Example:
+        mistakes = Mistakes()
+        for part in parts:
+            with mistakes.gathered():
+                check(part)
+        mistakes.refuse()
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[Mistake, None] = {}
+        self._more, self._stopped = 0, False
+
+    @property
+    def full(self) -> bool:
+        """Whether what comes now is only counted."""
+        return len(self._found) >= MOST_REPORTED
+
+    def note(self, error: DocumentError) -> None:
+        """Take up the mistakes of an error, each once."""
+        self._found.update(dict.fromkeys(error.mistakes))
+        self._more += error.more
+
+    def stop(self) -> None:
+        """Parts of the document are not looked at any more."""
+        self._stopped = True
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """Take up a `DocumentError` of the block, which ends there."""
+        try:
+            yield
+        except DocumentError as error:
+            self.note(error)
+
+    def refuse(self, more: int = 0) -> None:
+        """Raise what was gathered as one `DocumentError`; do nothing if it is nothing.
+
+        Args:
+            more: Number of mistakes that were found, but not gathered.
+        """
+        if not self._found:
+            return
+        found = sorted(self._found, key=lambda mistake: mistake.line)
+        more += self._more + len(found[MOST_REPORTED:])
+        raise DocumentError(found[0].text, found[:MOST_REPORTED], more, self._stopped)
+
+
+@dataclass(frozen=True)
+class Document:
+    """A parsed YAML file.
+
+    Attributes:
+        name: File as the user named it.
+        data: Mappings, lists and scalars.
+        lines: Path of keys and indices → line, counted from 1.
+    """
+
+    name: str
+    data: Any
+    lines: Mapping[KeyPath, int]
+
+    @classmethod
+    def of(cls, name: str, data: Any) -> "Document":
+        """A document of data that Python gives: errors name keys, and no lines.
+
+        Args:
+            name: How errors name the whole.
+            data: Mappings, sequences and scalars, those of NumPy too.
+
+        Raises:
+            DocumentError: When they are nested too deeply.
+        """
+        lines: dict[KeyPath, int] = {}
+
+        def plain(value: Any, path: KeyPath) -> Any:
+            if len(path) > _DEEPEST:
+                raise DocumentError(f"{name}: {_TOO_DEEP}")
+            lines[path] = 0
+            if callable(getattr(value, "tolist", None)):
+                value = value.tolist()
+            if isinstance(value, Mapping):
+                return {key: plain(item, (*path, key)) for key, item in value.items()}
+            if isinstance(value, list | tuple):
+                return [plain(item, (*path, i)) for i, item in enumerate(value)]
+            return value
+
+        return cls(name, plain(data, ()), lines)
+
+    def error(self, path: KeyPath, message: str) -> DocumentError:
+        """Error at the line of ``path``, or of what encloses it."""
+        line, key = self.line(path), _spell(path)
+        where = f"{self.name}, line {line}" if line else self.name
+        text = f"{where}: {key + ': ' if key else ''}{message}"
+        return DocumentError(text, [Mistake(line, path, text)])
+
+    def line(self, path: KeyPath) -> int:
+        """Line of ``path``, or of what encloses it."""
+        while path and path not in self.lines:
+            path = path[:-1]
+        return self.lines.get(path, 1)
+
+
+#: In place of a value whose mistake is reported already; `validate` says no more of it.
+REPORTED = object()
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """In place of the value of an unknown key, so that the other keys are checked too."""
+
+    model: "type[StrictModel]"
+    key: str
+
+    @property
+    def message(self) -> str:
+        return self.model.unknown_key(self.key)
+
+
+class StrictModel(BaseModel):
+    """Frozen model that refuses unknown keys with the nearest valid name."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            allowed = cls.keys()
+            unknown = [key for key in data if key not in allowed]
+            if unknown:
+                # What was meant by a misspelled key is not missing.
+                meant = (closest(key, allowed) for key in unknown[:MOST_REPORTED])
+                data = dict.fromkeys(filter(None, meant), REPORTED) | data
+                data |= {key: _Unknown(cls, key) for key in unknown}
+        elif not isinstance(data, cls):
+            raise PydanticCustomError("mapping", "must be a mapping of keys to values")
+        return data
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        """Keys as a document spells them."""
+        return [field.alias or name for name, field in cls.model_fields.items()]
+
+    @classmethod
+    def unknown_key(cls, key: str) -> str:
+        """Message for a key that is not allowed here."""
+        return f"unknown key{nearest(key, cls.keys())}"
+
+
+def unknown_name(kind: str, given: object, allowed: Iterable[str]) -> PydanticCustomError:
+    """Error for a validator: a name that is not among those allowed."""
+    return PydanticCustomError(
+        "unknown_name",
+        "unknown {kind} {given}{nearest}",
+        {"kind": kind, "given": _short(given), "nearest": nearest(given, allowed)},
+    )
+
+
+def misfit(key: str, message: str) -> PydanticCustomError:
+    """Error for a model's validator that belongs to the line of one key."""
+    return PydanticCustomError("own", "{message}", {"message": message, "key": key})
+
+
+def refused(error: InputError) -> PydanticCustomError:
+    """An error of a lower layer for a validator: its text says everything."""
+    texts = [mistake.text for mistake in error.mistakes] if isinstance(error, DocumentError) else []
+    return PydanticCustomError("own", "{message}", {"message": str(error), "others": texts[1:]})
+
+
+def require_brackets(value: Any, info: ValidationInfo) -> None:
+    """Refuse text with commas where a validator expects a list.
+
+    Raises:
+        PydanticCustomError: Says how to write the list.
+    """
+    if isinstance(value, str) and "," in value:
+        message = f"write a list in brackets: {info.field_name}: [{_cut(value)}]"
+        raise PydanticCustomError("own", "{message}", {"message": message})
+
+
+def reported() -> PydanticCustomError:
+    """Error for a validator where the mistake is reported already."""
+    return PydanticCustomError("reported", "reported already")
+
+
+def together(misfits: Iterable[PydanticCustomError]) -> None:
+    """Raise each `misfit` of a model for its validator, the first of each key.
+
+    Raises:
+        PydanticCustomError: Stands for all of them.
+    """
+    first: dict[Any, PydanticCustomError] = {}
+    for error in misfits:
+        first.setdefault((error.context or {}).get("key"), error)
+    if first:
+        error, *also = first.values()
+        raise PydanticCustomError("own", "{message}", {**(error.context or {}), "also": also})
+
+
+class RuledModel(StrictModel):
+    """Strict model whose keys are tied together by rules, each broken one a `misfit`."""
+
+    if TYPE_CHECKING:  # models that are made from tables have fields that mypy does not see
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        together(self._misfits())
+        return self
+
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        """Keys that do not fit each other."""
+        yield from ()
+
+
+@dataclass(frozen=True)
+class File:
+    """Content of a file, from which it can be read without the file.
+
+    Attributes:
+        name: File as the user named it.
+        content: What it said.
+    """
+
+    name: str
+    content: bytes = field(repr=False)
+
+    def document(self) -> Document:
+        """The document in it.
+
+        Raises:
+            DocumentError: If it is not UTF-8 text, empty, not YAML, or repeats a key.
+        """
+        try:
+            text = self.content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise DocumentError(f"{self.name}, line 1: not a text file in UTF-8") from None
+        return parse(text, self.name)
+
+
+def fetch(path: Path, name: str | None = None) -> File:
+    """A file's content.
+
+    Args:
+        path: The file.
+        name: How errors name it; the path when omitted.
+
+    Raises:
+        DocumentError: If it is missing or cannot be read.
+    """
+    name = name or str(path)
+    try:
+        content = files.read_given(path, _MOST_BYTES)
+    except OSError as error:
+        raise DocumentError(f"{one_line(name)}: cannot be read: {error.strerror}") from None
+    return File(name, content)
+
+
+def read(path: Path, name: str | None = None) -> Document:
+    """Parse one YAML file; see :func:`fetch` and `File.document`."""
+    return fetch(path, name).document()
+
+
+def parse(text: str, name: str) -> Document:
+    """Parse YAML text; see :func:`read`."""
+    try:
+        node = _Composer(name, yaml.parse(text, Loader=_LOADER)).document()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else 1
+        raise DocumentError(
+            f"{name}, line {line}: not YAML: {one_line(error.problem or 'no reason given')}"
+        ) from None
+    except yaml.reader.ReaderError as error:
+        line = text.encode().count(b"\n", 0, error.position) + 1
+        raise DocumentError(f"{name}, line {line}: not text: {error.reason}") from None
+    except (yaml.YAMLError, ValueError) as error:
+        if isinstance(error, DocumentError):
+            raise
+        raise DocumentError(f"{name}, line 1: not YAML: {type(error).__name__}") from None
+    if node is None:
+        raise DocumentError(f"{name}, line 1: the file is empty")
+    reader = _NodeReader(name)
+    return Document(name, reader.value(node, ()), reader.lines)
+
+
+def validate(
+    document: Document,
+    model: type[Model],
+    data: Any = None,
+    locate: Callable[[KeyPath], KeyPath] = lambda path: path,
+    context: Any = None,
+) -> Model:
+    """Check a document against a model.
+
+    Args:
+        document: The document.
+        model: The pydantic model.
+        data: What to check in place of the document's data.
+        locate: Path in ``data`` → path in the document, where they differ.
+        context: Handed to the validators.
+
+    Raises:
+        DocumentError: For every mistake, one for each key.
+    """
+    try:
+        return model.model_validate(document.data if data is None else data, context=context)
+    except ValidationError as error:
+        details = error.errors(include_url=False)
+    # Branches of a union complain about the same key; the first speaks for all of them.
+    placed: dict[KeyPath, Mapping[str, Any]] = {}
+    above = {detail["loc"][:k] for detail in details for k in range(len(detail["loc"]))}
+    for detail in chain.from_iterable(map(_apart, details)):
+        # A list is too short for pydantic when its items are wrong.
+        follows = detail["type"] == "too_short" and detail["loc"] in above
+        if not (follows or detail["input"] is REPORTED or detail["type"] == "reported"):
+            placed.setdefault(_place(document, detail, locate), detail)
+    mistakes = Mistakes()
+    # Messages take longer to make than places to find, and nobody reads a thousand.
+    for path in sorted(placed, key=document.line)[:MOST_REPORTED]:
+        for message in _messages(placed[path]):
+            mistakes.note(document.error(path, message))
+    mistakes.refuse(more=max(0, len(placed) - MOST_REPORTED))
+    raise DocumentError("reported already", [])
+
+
+class _Scalar(NamedTuple):
+    line: int
+    text: str
+    value: Any  #: what it means: text where it is quoted
+
+
+class _List(NamedTuple):
+    line: int
+    items: "list[_Node]"
+
+
+class _Mapping(NamedTuple):
+    line: int
+    pairs: "list[tuple[_Node, _Node]]"
+
+
+_Node = _Scalar | _List | _Mapping
+
+
+class _Composer:
+    """Turns the events of a parser into nodes, and stops at what is no config.
+
+    PyYAML's own composers do not bound their recursion, and the one in C then
+    overflows the stack.
+    """
+
+    def __init__(self, name: str, events: Iterator[Any]) -> None:
+        self.name = name
+        self._events = events
+        self._anchors: dict[str, _Node | None] = {}
+        self._values = 0
+
+    def document(self) -> _Node | None:
+        """The one document of a file; None when there is none."""
+        node = None
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                if node is not None:
+                    raise self._error(event, "more than one document")
+                node = self._node(next(self._events), 1)
+        return node
+
+    def _node(self, event: Any, depth: int) -> _Node:
+        self._values += 1
+        if self._values > _MOST_VALUES:
+            raise self._error(event, _TOO_MANY)
+        if depth > _DEEPEST:
+            raise self._error(event, _TOO_DEEP)
+        anchor = event.anchor
+        if isinstance(event, yaml.AliasEvent):
+            known = self._anchors.get(anchor)
+            if known is None:
+                inside = anchor in self._anchors
+                why = "stands inside what it refers to" if inside else "refers to nothing"
+                raise self._error(event, f"*{anchor} {why}")
+            return known
+        if anchor is not None:
+            self._anchors[anchor] = None
+        node = self._content(event, depth)
+        if anchor is not None:
+            self._anchors[anchor] = node
+        return node
+
+    def _content(self, event: Any, depth: int) -> _Node:
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.ScalarEvent):
+            # Once: it may be long, and referred to very often.
+            value = event.value if event.style else plain(event.value)
+            return _Scalar(line, event.value, value)
+        children = []
+        for child in self._events:
+            if isinstance(child, yaml.CollectionEndEvent):
+                break
+            children.append(self._node(child, depth + 1))
+        if isinstance(event, yaml.SequenceStartEvent):
+            return _List(line, children)
+        return _Mapping(line, list(zip(children[::2], children[1::2], strict=True)))
+
+    def _error(self, event: Any, message: str) -> DocumentError:
+        line = event.start_mark.line + 1
+        return DocumentError(f"{self.name}, line {line}: {one_line(message)}")
+
+
+class _NodeReader:
+    """Turns composed nodes into data, noting the line of each."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.lines: dict[KeyPath, int] = {}
+        self._values = self._characters = 0
+
+    def value(self, node: _Node, path: KeyPath) -> Any:
+        self.lines.setdefault(path, node.line)
+        self._count(node)
+        if len(path) > _DEEPEST:
+            raise self._error(node, _TOO_DEEP)
+        if isinstance(node, _Mapping):
+            return self._mapping(node, path)
+        if isinstance(node, _List):
+            return [self.value(item, (*path, i)) for i, item in enumerate(node.items)]
+        return node.value
+
+    def _mapping(self, node: _Mapping, path: KeyPath) -> dict[str, Any]:
+        mapping: dict[str, Any] = {}
+        for key_node, value_node in node.pairs:
+            if not isinstance(key_node, _Scalar):
+                raise self._error(key_node, "a key must be plain text")
+            self._count(key_node)
+            key = key_node.text
+            if key in mapping:
+                first = self.lines[(*path, key)]
+                raise self._error(
+                    key_node, f"duplicate key {_short(key)}, first given in line {first}"
+                )
+            self.lines[(*path, key)] = key_node.line
+            mapping[key] = self.value(value_node, (*path, key))
+        return mapping
+
+    def _count(self, node: _Node) -> None:
+        """As the composer and `read` did, now that aliases stand for what they refer to.
+
+        A text is one object however often it is referred to, but everything that is
+        made of it, such as a message, is not.
+        """
+        self._values += 1
+        if self._values > _MOST_VALUES:
+            raise self._error(node, _TOO_MANY)
+        if isinstance(node, _Scalar):
+            self._characters += len(node.text)
+            if self._characters > _MOST_BYTES:
+                raise self._error(node, _TOO_LONG)
+
+    def _error(self, node: _Node, message: str) -> DocumentError:
+        return DocumentError(f"{self.name}, line {node.line}: {message}")
+
+
+def plain(text: str) -> Any:
+    """What plain text of a document means: a number, a constant, or text."""
+    if text.lower() in _CONSTANTS:
+        return _CONSTANTS[text.lower()]
+    if _INTEGER.fullmatch(text) and len(text) < 20:
+        return int(text)
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    sign, bare = (-1.0, text[1:]) if text.startswith("-") else (1.0, text.removeprefix("+"))
+    return sign * _SPECIAL[bare.lower()] if bare.lower() in _SPECIAL else text
+
+
+def _apart(detail: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """A pydantic error, and those that `together` put behind it."""
+    yield detail
+    for error in detail.get("ctx", {}).get("also", ()):
+        yield {**detail, "msg": error.message(), "ctx": error.context}
+
+
+def _place(
+    document: Document, detail: Mapping[str, Any], locate: Callable[[KeyPath], KeyPath]
+) -> KeyPath:
+    """Path in the document of one pydantic error."""
+    # Pydantic adds names of union branches to a path; keep what the file has.
+    path: KeyPath = ()
+    for part in detail["loc"]:
+        if locate((*path, part)) in document.lines:
+            path = (*path, part)
+    context = detail.get("ctx", {})
+    if detail["type"] == "missing":
+        return locate((*path, detail["loc"][-1]))
+    return locate((*path, str(context["key"])) if "key" in context else path)
+
+
+def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
+    """Messages for one pydantic error, in one line or several."""
+    value, context = detail["input"], detail.get("ctx", {})
+    message = detail["msg"].removeprefix("Value error, ")
+    for theirs, ours in _WORDED:
+        message = theirs.sub(ours, message)
+    if detail["type"] == "missing":
+        message = "missing"
+    elif isinstance(value, _Unknown):
+        message = value.message
+    elif (
+        "key" not in context
+        and detail["type"] not in _SELF_EXPLAINING
+        and not isinstance(value, dict | list)
+    ):
+        message += f", given {_short(value)}"
+    yield from map(one_line, (message, *context.get("others", ())))
+
+
+def _short(value: object) -> str:
+    return _cut(repr(value[:60]) if isinstance(value, str) else _REPR.repr(value))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+#: Looks at no more of a list or mapping than it shows.
+_REPR = reprlib.Repr()
+
+
+def _spell(path: KeyPath) -> str:
+    text = ""
+    for part in path:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return one_line(text)[:120]

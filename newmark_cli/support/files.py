@@ -1,0 +1,445 @@
+"""Reading and writing files of a results folder, which may be somebody else's.
+
+Only regular files of bounded size are read, no link within a results folder is followed, and
+a file is replaced whole or stays as it was.  Files that belong together, such as a CSV and its
+record, are all written under temporary names before the first of them gets its own: a full disk
+leaves all of them as they were.  If a run is killed between two names, the checksums in the
+record show it, and the next run writes them again.
+"""
+
+import contextlib
+import errno
+import json
+import os
+import re
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from newmark_cli.support import interrupts
+from newmark_cli.support.errors import ResultsError
+
+
+def _flags(*names: str) -> int:
+    """Flags of `os.open`, without those that the platform lacks."""
+    flags = 0
+    for name in names:
+        flags |= getattr(os, name, 0)
+    return flags
+
+
+#: Flags of every file that is opened here: bytes, and for this process only.
+_ALWAYS = _flags("O_CLOEXEC", "O_NOINHERIT", "O_BINARY", "O_NOCTTY")
+#: A pipe that nobody writes to must not keep a reader waiting.
+_NO_WAIT = _flags("O_NONBLOCK")
+#: Windows lacks it, where who may make links is an administrator or a developer.
+_NO_LINK = _flags("O_NOFOLLOW")
+
+#: Largest file of results that is read (bytes).
+MOST = 1 << 30
+#: A file under its temporary name: that of the target, and what `tempfile` adds.
+_TEMPORARY = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
+
+
+def read(path: Path, most: int = MOST, links: bool = False) -> bytes:
+    """Content of a regular file.
+
+    Args:
+        path: The file.
+        most: Largest size (bytes).
+        links: Whether the file may be a symbolic link.
+
+    Raises:
+        OSError: The file is missing, cannot be read, is too large, or is not a regular
+            file; ``strerror`` says so in words.
+    """
+    try:
+        descriptor = _open(path, os.O_RDONLY | _NO_WAIT, links)
+    except ValueError:  # a NUL, or half a surrogate pair
+        raise OSError(errno.EINVAL, "it is not a file name", str(path)) from None
+    if stat.S_ISDIR(os.fstat(descriptor).st_mode):  # which `open` refuses without a name
+        os.close(descriptor)
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    with open(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+        content = b"" if status.st_size > most else file.read(most + 1)
+    if max(status.st_size, len(content)) > most:
+        raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
+    return content
+
+
+def read_given(path: Path, most: int) -> bytes:
+    """Content of a file that the user has named: a regular file, or what a shell hands over.
+
+    Raises:
+        OSError: As `read`.
+    """
+    if str(path) == "/dev/stdin" or re.fullmatch(r"/(dev|proc/self)/fd/\d+", str(path)):
+        with path.open("rb") as file:  # the pipe of <(command)
+            content = file.read(most + 1)
+        if len(content) > most:
+            raise OSError(errno.EFBIG, f"it is larger than {most} bytes", str(path))
+        return content
+    return read(path, most, links=True)
+
+
+def descriptor_of_own(path: Path) -> int:
+    """Descriptor of a file that is read and written in place, made if it is not there.
+
+    Raises:
+        OSError: It cannot be opened, or is a link, or not a regular file of its own.
+    """
+    descriptor = _open(path, os.O_RDWR | os.O_CREAT | _NO_WAIT)
+    status = os.fstat(descriptor)
+    if stat.S_ISREG(status.st_mode) and status.st_nlink < 2:
+        return descriptor
+    os.close(descriptor)
+    what = "it has another name too" if stat.S_ISREG(status.st_mode) else "it is not a regular file"
+    raise OSError(errno.EINVAL, what, str(path))
+
+
+def _open(path: Path, flags: int, links: bool = False) -> int:
+    """`os.open`, which follows a symbolic link only if it may."""
+    if not links and not _NO_LINK and path.is_symlink():
+        raise OSError(errno.ELOOP, "it is a symbolic link", str(path))
+    try:
+        return os.open(path, flags | _ALWAYS | (0 if links else _NO_LINK), 0o666)
+    except OSError as error:
+        if not links and error.errno == errno.ELOOP and path.is_symlink():
+            raise OSError(errno.ELOOP, "it is a symbolic link", str(path)) from None
+        raise
+
+
+def lock(descriptor: int, shared: bool = False) -> None:
+    """Lock an open file, or fail at once; the system unlocks it when the process ends.
+
+    Args:
+        descriptor: Of the file.
+        shared: Whether others may hold it together with this process.
+
+    Raises:
+        BlockingIOError: Another process holds it.
+        OSError: It cannot be locked, as on some network file systems; ``strerror`` says why.
+    """
+    import portalocker  # only what locks waits for its import
+
+    kind = portalocker.LockFlags.SHARED if shared else portalocker.LockFlags.EXCLUSIVE
+    try:
+        portalocker.lock(descriptor, kind | portalocker.LockFlags.NON_BLOCKING)
+    except portalocker.AlreadyLocked:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)) from None
+    except portalocker.LockException as error:
+        cause = error.__cause__
+        number, why = errno.ENOLCK, str(error)
+        if isinstance(cause, OSError):
+            number, why = cause.errno or number, cause.strerror or why
+        raise OSError(number, why) from None
+
+
+def parse_json(content: bytes) -> Any:
+    """A JSON document.
+
+    Raises:
+        ValueError: It is not JSON; says why.
+    """
+    try:
+        return json.loads(content.decode("utf-8"))
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    except UnicodeDecodeError:
+        raise ValueError("not text in UTF-8") from None
+
+
+def read_json(path: Path, most: int = MOST) -> Any:
+    """`read` and `parse_json`; raises what they raise."""
+    return parse_json(read(path, most))
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """A JSON object; empty if the file is missing or holds something else."""
+    try:
+        value = read_json(path)
+    except (OSError, ValueError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def write(path: Path, content: str | bytes, within: Path | None = None) -> None:
+    """Write a file of a results folder: whole, or as it was before.
+
+    A link that stands in its place is replaced, not followed, as is a pipe or a socket.
+
+    Args:
+        path: The file; its folder exists.
+        content: Text or bytes.
+        within: Results folder, below which no folder may be a link; the file's own folder
+            if omitted.
+
+    Raises:
+        ResultsError: The file cannot be written.
+    """
+    with _as_results_error(path, "cannot be written"):
+        require_within(path.parent, within or path.parent)
+        temporary = _temporary(path, content)
+        try:
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def write_json(path: Path, value: Any, within: Path | None = None) -> None:
+    """Write JSON for people to read; see `write`."""
+    write(path, json_text(value), within)
+
+
+def json_text(value: Any) -> str:
+    """JSON for people to read."""
+    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_output(path: Path, content: str | bytes) -> None:
+    """Write a file that the user has named.
+
+    A link is followed, a device or a pipe is written to, and a file that exists keeps its
+    mode.  A regular file is whole, or as it was before.
+
+    Raises:
+        ResultsError: The file cannot be written.
+    """
+    with _as_results_error(path, "cannot be written"):
+        target = Path(os.path.realpath(path))
+        with contextlib.suppress(FileNotFoundError):
+            if not stat.S_ISREG(mode := target.stat().st_mode) and not stat.S_ISDIR(mode):
+                with open(_open(path, os.O_WRONLY, links=True), "wb") as file:
+                    file.write(_bytes(content))
+                return
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write(target, content)
+
+
+def write_new(path: Path, content: str | bytes) -> None:
+    """Write a file that is not there yet, into a folder that nobody else writes to.
+
+    Raises:
+        ResultsError: The file is there, or cannot be written.
+    """
+    with _as_results_error(path, "cannot be written"):
+        descriptor = _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        with open(descriptor, "wb") as file:
+            file.write(_bytes(content))
+
+
+@contextlib.contextmanager
+def new_folder(
+    target: Path, last: str, is_ours: Callable[[Path], bool], force: bool = False
+) -> Iterator[Path]:
+    """A folder to be filled, whose entries replace those of another when the context ends well.
+
+    Until then it stands next to the other under a temporary name; after an exception it is
+    removed, and the other is as it was.
+
+    Args:
+        target: The folder: not there, empty, or of entries that may be replaced.
+        last: The entry that says that the folder is complete.
+        is_ours: Whether an entry of ``target`` may be replaced.
+        force: Whether ``target`` may have other entries, too, which stay as they are.
+
+    Yields:
+        The folder to be filled.
+
+    Raises:
+        ResultsError: The target is not a folder, has other entries, or cannot be written.
+    """
+    place = Path(os.path.abspath(target))
+    with _as_results_error(target, "cannot be written"):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        _require_ours(place, is_ours, force)
+        folder = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
+    remove = partial(shutil.rmtree, folder, ignore_errors=True)
+    try:
+        with interrupts.before_end(remove):
+            yield folder
+        with interrupts.postponed(), _as_results_error(target, "cannot be replaced"):
+            _require_ours(place, is_ours, force)
+            _move_entries(folder, place, last, is_ours)
+    finally:
+        remove()
+
+
+def _require_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> None:
+    """Refuse a folder with entries that may not be replaced, unless they are to stay."""
+    try:
+        mode = target.lstat().st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISDIR(mode):
+        what = "it is a symbolic link" if stat.S_ISLNK(mode) else "it is not a folder"
+        raise OSError(errno.ENOTDIR, what, str(target))
+    others = sorted(entry for entry in target.iterdir() if not is_ours(entry))
+    if others and not force:
+        raise OSError(
+            errno.ENOTEMPTY,
+            f"{others[0].name!r} in it is not of an export; name another folder, or give "
+            "--force to leave what is there and add to it",
+        )
+
+
+def _move_entries(folder: Path, target: Path, last: str, is_ours: Callable[[Path], bool]) -> None:
+    """Move the entries of a folder to another, in place of those that may be replaced."""
+    entries = sorted(folder.iterdir(), key=lambda entry: (entry.name == last, entry.name))
+    for entry in entries:
+        place = target / entry.name
+        if os.path.lexists(place) and not is_ours(place):
+            raise OSError(errno.EEXIST, f"{entry.name!r} in it is not of an export", str(place))
+    target.mkdir(exist_ok=True)
+    ours = [entry for entry in target.iterdir() if is_ours(entry)]
+    for entry in sorted(ours, key=lambda entry: (entry.name != last, entry.name)):
+        if entry.is_dir():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+    for entry in entries:
+        os.rename(entry, target / entry.name)
+
+
+def require_replaceable(path: Path) -> None:
+    """Refuse a folder in the place of a file of the results.
+
+    Raises:
+        ResultsError: There is one.
+    """
+    with _as_results_error(path, "cannot be written"):
+        if path.is_dir() and not path.is_symlink():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder; remove it")
+
+
+def make_folder(folder: Path, within: Path, parents: bool = False) -> None:
+    """Make a folder in a results folder.
+
+    Args:
+        folder: The folder.
+        within: The results folder.
+        parents: Whether the results folder may have to be made too: one that was there
+            when a run began, and is not any more, was taken away by somebody.
+
+    Raises:
+        ResultsError: It cannot be made, or is a link.
+    """
+    with _as_results_error(folder, "cannot be made"):
+        if parents:
+            within.mkdir(parents=True, exist_ok=True)
+        require_within(folder.parent, within)
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir()
+        require_within(folder, within)
+
+
+def require_within(folder: Path, within: Path) -> None:
+    """Refuse a folder that a link leads to.
+
+    Args:
+        folder: A folder in ``within``, or that itself.
+        within: Results folder, which may be a link.
+
+    Raises:
+        OSError: There is a link, or something else than a folder, between the two.
+    """
+    for part in (folder, *folder.parents):
+        if part == within:
+            return
+        if not stat.S_ISDIR(part.lstat().st_mode):
+            what = "a symbolic link" if part.is_symlink() else "not a folder"
+            raise OSError(errno.ENOTDIR, f"{part} is {what}", str(part))
+
+
+def replace_together(contents: Mapping[Path, str | bytes | None], within: Path) -> None:
+    """Replace files that belong together; see the module.
+
+    Args:
+        contents: File → what it is to hold; None for one that is to be removed.
+        within: Results folder.
+
+    Raises:
+        ResultsError: They cannot be written.
+    """
+    temporaries: dict[Path, Path] = {}
+    try:
+        for path, content in contents.items():
+            with _as_results_error(path, "cannot be written"):
+                require_within(path.parent, within)
+                if content is not None:
+                    temporaries[path] = _temporary(path, content)
+        for path in contents:
+            with _as_results_error(path, "cannot be written"):
+                if path in temporaries:
+                    os.replace(temporaries[path], path)
+                else:
+                    path.unlink(missing_ok=True)
+    except BaseException:
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def temporaries(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Files below a folder that have a temporary name, each with the name of its target."""
+    for file in sorted(folder.rglob(".*")):
+        match = _TEMPORARY.fullmatch(file.name)
+        if match and not file.is_symlink() and file.is_file():
+            yield file, match[1]
+
+
+def _temporary(path: Path, content: str | bytes) -> Path:
+    """A file next to another, with new content and the mode of the other."""
+    mode = _mode(path)
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    temporary = Path(name)
+    try:
+        with open(descriptor, "wb") as file:
+            file.write(_bytes(content))
+            file.flush()
+            os.fsync(descriptor)
+            if hasattr(os, "fchmod"):  # Windows gets it with Python 3.13
+                os.fchmod(descriptor, mode)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    return temporary
+
+
+def _mode(path: Path) -> int:
+    """Mode of a regular file, or the one that a new file gets; OSError for a folder."""
+    with contextlib.suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        if stat.S_ISREG(mode):
+            return stat.S_IMODE(mode) & 0o777
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    return 0o666 & ~_umask()
+
+
+def _bytes(content: str | bytes) -> bytes:
+    return content.encode() if isinstance(content, str) else content
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+@contextlib.contextmanager
+def _as_results_error(path: Path, what: str) -> Iterator[None]:
+    try:
+        yield
+    except ResultsError:
+        raise
+    except OSError as error:
+        raise ResultsError(f"{path}: {what}: {error.strerror or error}") from None

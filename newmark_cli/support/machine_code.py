@@ -1,0 +1,103 @@
+"""Machine code that LLVM makes for one pattern, kept on disk and loaded into the process."""
+
+import threading
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba import types
+
+from newmark_cli.support.cached_code import are_kept, kept_bytes
+
+_lock = threading.Lock()
+#: File → what keeps its code alive, and knows where functions stand in it.
+_loaded: dict[str, Any] = {}
+
+
+@cache
+def identity() -> str:
+    """Dependencies of code besides its source: LLVM and the processor."""
+    return (
+        f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} "
+        f"{llvm.get_host_cpu_features().flatten()}"
+    )
+
+
+@cache
+def source(path: str) -> bytes:
+    """Text of a file of the package, for digests: read once, as the code that is imported."""
+    return Path(path).read_bytes()
+
+
+def addresses(
+    owner: Any, functions: Sequence[str], key: str, make: Callable[[], str | Any]
+) -> list[int]:
+    """Where functions stand; compiled, or read from disk, when first asked for.
+
+    Args:
+        owner: Function whose folder of compiled code has the file.
+        functions: Their names in the module.
+        key: What tells the module from others, with `identity` in it, fit for the name of a
+            file.
+        make: Makes the module: its text, or a module that is optimised already.
+    """
+    name = _file(functions, key)
+    with _lock:
+        if name not in _loaded:
+            machine = target()
+            code = kept_bytes(owner, name, lambda: machine.emit_object(_verified(make())))
+            engine = llvm.create_mcjit_compiler(_verified(""), machine)
+            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+            engine.finalize_object()
+            _loaded[name] = engine
+        return [_loaded[name].get_function_address(function) for function in functions]
+
+
+def is_made(owner: Any, functions: Sequence[str], key: str) -> bool:
+    """Whether `addresses` need not compile."""
+    name = _file(functions, key)
+    return name in _loaded or are_kept(owner, name)
+
+
+def _file(functions: Sequence[str], key: str) -> str:
+    return f"{'-'.join(functions)}-{key}"
+
+
+def generate_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Code generator of a numba intrinsic that calls what stands at its first argument.
+
+    Arrays are handed on as where their data stand.
+    """
+    given = [
+        context.make_array(kind)(context, builder, value).data
+        if isinstance(kind, types.Array)
+        else value
+        for kind, value in zip(signature.args[1:], arguments[1:], strict=True)
+    ]
+    result = context.get_value_type(signature.return_type)
+    kind = type(builder.function.ftype)(result, [value.type for value in given])
+    found = builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), given)
+    return context.get_dummy_value() if signature.return_type == types.void else found
+
+
+def target() -> Any:
+    """This machine, as LLVM compiles for it."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=1,
+        reloc="pic",
+        codemodel="jitdefault",
+    )
+
+
+def _verified(module: str | Any) -> Any:
+    if isinstance(module, str):
+        module = llvm.parse_assembly(module)
+        module.triple = llvm.get_default_triple()
+    module.verify()
+    return module
