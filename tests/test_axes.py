@@ -137,7 +137,7 @@ for number, arguments in enumerate(commands):
 IMPORTED = (
     "cli.commands",
     "newmark.compiled_march",
-    "report.check",
+    "report.tables.check",
     "running.runner",
     "study.collection",
     "study.compute",

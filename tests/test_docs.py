@@ -57,8 +57,8 @@ COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
 #: Processes for code of the user's import it, too.
 QUICKER = """from newmark_cli.cli import advising
 from newmark_cli.console import main
-from newmark_cli.library import linearised
-from newmark_cli.report import style
+from newmark_cli.advice import linearised
+from newmark_cli.report.drawing import style
 
 linearised._SAMPLES, linearised._ROUGHLY = 2, 1
 original = advising._advised

@@ -56,7 +56,7 @@ def kept(cli):
 
 def python(code, **options):
     """Run a script that has `main`, `interrupts` and what it needs to signal itself."""
-    head = "import os, signal, sys, time\nfrom newmark_cli import interrupts\n"
+    head = "import os, signal, sys, time\nfrom newmark_cli.support import interrupts\n"
     return subprocess.run(
         [sys.executable, "-c", head + textwrap.dedent(code)],
         capture_output=True, text=True, timeout=60, **options,

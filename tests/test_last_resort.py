@@ -19,7 +19,7 @@ LINE = re.compile(
 SCRIPT_OF_BROKEN = """
 import os
 from newmark_cli.console import main
-from newmark_cli.report import theory
+from newmark_cli.report.tables import theory
 
 kept = theory.predict
 

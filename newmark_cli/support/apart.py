@@ -46,7 +46,9 @@ _IMPORTED = tuple(
     )
 )  # fmt: skip
 
-_START = "import sys; sys.path[:] = {path!r}; from newmark_cli import apart; apart._serve({fd})"
+_START = (
+    "import sys; sys.path[:] = {path!r}; from newmark_cli.support import apart; apart._serve({fd})"
+)
 
 
 class ApartError(Exception):

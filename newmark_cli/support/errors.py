@@ -66,7 +66,8 @@ class NewmarkWarning(UserWarning):
 def warn(*messages: str) -> None:
     """Warn, at the line of whoever called the library."""
     level, frame = 1, sys._getframe()
-    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+    package = __name__.partition(".")[0]
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
         level, frame = level + 1, frame.f_back
     for message in messages:
         warnings.warn(message, NewmarkWarning, stacklevel=level)

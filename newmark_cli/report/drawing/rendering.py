@@ -22,7 +22,7 @@ from newmark_cli.support.processors import usable
 _WORTH = 3
 
 _START = (
-    "import sys; sys.path[:] = {path!r}; from newmark_cli.report import rendering; "
+    "import sys; sys.path[:] = {path!r}; from newmark_cli.report.drawing import rendering; "
     "rendering.serve(sys.stdin.buffer, sys.stdout.buffer)"
 )
 

@@ -5,9 +5,9 @@
 Marches the mechanisms of strangers.py, each with one mutation of the core or of its problem, and
 one of the lists of step sizes, with and without it.  A mutation is made in this process, in what a
 march is given or gives; references stay as they are.  So the truth is known by
-construction: a series that the mutation reaches, and whose order it changes by more than twice the
-tolerance, is wrong.  Prints verdicts of these series by mutation, and every one that passes, with
-its values and those without the mutation.  Exits with 1 if any does.
+construction: a series that the mutation reaches, and whose order it takes away from the predicted
+one by more than twice the tolerance, is wrong.  Prints verdicts of these series by mutation, and
+every one that passes, with its values and those without the mutation.  Exits with 1 if any does.
 """
 
 import sys
@@ -279,10 +279,13 @@ def compared(name: str, mutation: Mutation, clean: Any, wrong: Any) -> Iterator[
         _, before, fit_before = clean[key]
         changed = shift(h, values, before)
         tolerance = fit["tolerance"] if np.isfinite(fit["tolerance"]) else 0.2
+        # Who takes a series that noise bends to what theory says has made nothing wrong.
+        off = shift(h, before, np.ones(len(before))) - fit["expected"]
+        mended = abs(off + changed) < abs(off)
         yield {
             "mutation": name,
             "series": " ".join(filter(None, map(str, key))),
-            "wrong": abs(changed) > 2 * tolerance,
+            "wrong": abs(changed) > 2 * tolerance and not mended,
             "verdict": decided(fit["verdict"]),
             "without": decided(fit_before["verdict"]),
             "shift": changed,
@@ -297,7 +300,7 @@ def compared(name: str, mutation: Mutation, clean: Any, wrong: Any) -> Iterator[
 
 def main() -> int:
     parser = running.options(__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=45, help="mechanisms of each kind")
+    parser.add_argument("--count", type=int, default=50, help="mechanisms of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", nargs="+", choices=strangers.KINDS, default=[*strangers.KINDS])
     parser.add_argument("--mutations", nargs="+", choices=MUTATIONS, default=[*MUTATIONS])
