@@ -1,7 +1,7 @@
 """Newmark/Newton studies of index-3 multibody DAEs at small step sizes.
 
-The Python library: ``import newmark_cli as newmark``, see docs/python.md.  What stands in
-``__all__`` is public; everything else may change without notice.  The names are imported
+The Python library: ``import newmark_cli as newmark``, see docs/python.md.  The names in
+``__all__`` are public; everything else may change without notice.  The names are imported
 when they are first used, because NumPy, SciPy and the compiler take their time.
 """
 

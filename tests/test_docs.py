@@ -130,7 +130,7 @@ class Reader:
         """Save a file, run commands, run code, or validate what goes into a file."""
         if block.title:
             self.cli.write(block.title, block.text)
-        if block.not_run or block.language == "text":
+        if block.not_run or block.language in ("text", "math"):
             return
         if block.title.startswith(".github/workflows/"):
             (job,) = yaml.safe_load(block.text)["jobs"].values()

@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import latex2mathml.converter
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -23,6 +24,7 @@ ROOT = Path(__file__).parents[2]
 #: Files of the repository that are pages of the site.
 PROJECT = {"contributing.md": "CONTRIBUTING.md", "changes.md": "CHANGELOG.md"}
 _FIGURE = re.compile(r"\]\((?:\.\./)+results/figures/([\w.-]+)\)")
+_FORMULA = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PLAIN = re.compile("\x1b\\[[0-9;]*m")
 
 
@@ -51,7 +53,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     up = "../" * page.file.src_uri.count("/")
     for path, name in PROJECT.items():
         markdown = markdown.replace(f"](../{up}{name})", f"]({up}{path})")
+    markdown = _FORMULA.sub(_mathml, markdown)
     return _FIGURE.sub(rf"]({up}figures/\1)", markdown)
+
+
+def _mathml(formula: re.Match[str]) -> str:
+    """A formula as MathML, which browsers set without a script."""
+    return latex2mathml.converter.convert(formula[1], display="block")
 
 
 # -- notebooks ------------------------------------------------------------------------------------
