@@ -892,3 +892,31 @@ def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):
     twice = ("--tolerance", "1e-8", "--tolerance", "1e-9")
     refused = cli("advise", "pendulum", "--h", "1e-3", *twice, code=2)
     assert "all unknowns: given twice" in refused.stderr
+
+
+def test_noise_of_recovered_multipliers():
+    """Of a pendulum λ = −m (|v|² + g·u)/|u|², whose gradients tell what last places do to it."""
+    about = linearised.subject_of("pendulum")
+    squares = []
+    for at in about.states:
+        v, g = at.v0, at.values(at.t0, at.u0, at.v0, np.zeros(1)).force
+        weight, length = float(at.M[0, 0]), at.u0 @ at.u0
+        size = -(weight * v @ v + g @ at.u0) / length
+        by_u = (-g - 2 * size * at.u0) / length
+        by_v = -2 * weight * v / length
+        squares.append(np.sum((by_u * np.spacing(at.u0)) ** 2 + (by_v * np.spacing(v)) ** 2) / 12)
+    ratio = about.recovered_noise(np.float64) / math.sqrt(np.mean(squares))
+    assert 0.7 < ratio < 1.4
+    assert about.recovered_noise(np.float64, 1e-3) > 1e9 * about.recovered_noise(np.float64)
+
+
+def test_cures_without_noise_are_named():
+    """Velocities that are projected keep λ quiet at any h; dissipation only down to some."""
+    advice = newmark.advise("pendulum", h=1e-4)
+    quiet = next(text for text in advice.findings if text.startswith("noise of λ stays"))
+    assert "projection velocity, recovered λ" in quiet
+    assert "generalized-alpha rho=0.9;" not in quiet
+    found = {one.cure: one for one in advice.noise}
+    assert found["projection velocity, recovered λ"].carried == {0.01: 0.0, 1.0: 0.0}
+    assert 1e-9 < found["generalized-alpha rho=0.9"].carried[0.01] < 1e-5
+    assert found["recovered λ"].carried == {}

@@ -154,6 +154,25 @@ class Subject:
         ]
         return math.sqrt(np.mean(np.square(each)))
 
+    def recovered_noise(self, dtype: type[np.floating[Any]], of_v: float = 0.0) -> float:
+        """Rms over the states of the noise of ‖λ‖ that the index-1 equations give from u and v.
+
+        Args:
+            dtype: Of u and v, which are off by their rounding.
+            of_v: Norm of what v is off by besides.
+        """
+        random, squares = np.random.default_rng(20261123), []
+        for at, (_, multipliers) in zip(self.states, self._accelerations, strict=True):
+            system = Index1(at)
+            for _ in range(_SAMPLES):
+                u, v = (
+                    x + random.uniform(-0.5, 0.5, self.n) * np.spacing(np.abs(x).astype(dtype))
+                    for x in (at.u0, at.v0)
+                )
+                v += of_v * random.normal(size=self.n) / math.sqrt(self.n)
+                squares.append(np.sum((system.accelerations(at.t0, u, v)[1] - multipliers) ** 2))
+        return math.sqrt(np.mean(squares))
+
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
         """Floors at the states, none without one; from fewer draws at some if `roughly`."""
         if unpredicted(scheme) or not self.has_state:
