@@ -905,7 +905,7 @@ def test_noise_of_recovered_multipliers():
         by_u = (-g - 2 * size * at.u0) / length
         by_v = -2 * weight * v / length
         squares.append(np.sum((by_u * np.spacing(at.u0)) ** 2 + (by_v * np.spacing(v)) ** 2) / 12)
-    ratio = about.recovered_noise(np.float64) / math.sqrt(np.mean(squares))
+    ratio = about.recovered_noise(np.float64) / np.sqrt(np.mean(squares))
     assert 0.7 < ratio < 1.4
     assert about.recovered_noise(np.float64, 1e-3) > 1e9 * about.recovered_noise(np.float64)
 

@@ -51,6 +51,8 @@ _NOTHING = 1e-40
 _SAMPLES, _ROUGHLY = 8, 2
 #: Times as many where there is one state, and one in so many states for what is only compared.
 _ALONE = 4
+#: Multiple of a rounding whose effect is looked at.
+_AMPLIFIED = 1024.0
 _DAMPED = "generalized-alpha rho=0.9"
 #: Times (s) after the start at which forces are looked at that come later.
 _LATER = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
@@ -165,12 +167,14 @@ class Subject:
         for at, (_, multipliers) in zip(self.states, self._accelerations, strict=True):
             system = Index1(at)
             for _ in range(_SAMPLES):
-                u, v = (
-                    x + random.uniform(-0.5, 0.5, self.n) * np.spacing(np.abs(x).astype(dtype))
+                # Less than one unit in the last place would round to nothing.
+                off = [
+                    _AMPLIFIED * random.uniform(-0.5, 0.5, self.n) * np.spacing(x.astype(dtype))
                     for x in (at.u0, at.v0)
-                )
-                v += of_v * random.normal(size=self.n) / math.sqrt(self.n)
-                squares.append(np.sum((system.accelerations(at.t0, u, v)[1] - multipliers) ** 2))
+                ]
+                off[1] += _AMPLIFIED * of_v * random.normal(size=self.n) / math.sqrt(self.n)
+                found = system.accelerations(at.t0, at.u0 + off[0], at.v0 + off[1])[1]
+                squares.append(np.sum((found - multipliers) ** 2) / _AMPLIFIED**2)
         return math.sqrt(np.mean(squares))
 
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
