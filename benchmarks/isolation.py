@@ -76,8 +76,7 @@ def _be_own():
 
 
 def isolated(tasks, jobs):
-    """Outcomes from processes of their own, forks of a server that starts anew."""
-    apart.stop()
+    """Outcomes from processes of their own, forks of a server."""
     with executors.local(tasks, jobs, None, lambda steps: None) as finished:
         return {name: done.outcome for name, done in finished}
 

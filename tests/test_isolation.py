@@ -5,7 +5,7 @@ import os
 import signal
 
 import pytest
-from conftest import SWING, CommandLine, wait_until
+from conftest import SWING, CommandLine
 
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
 from newmark_cli.support import apart
@@ -202,15 +202,6 @@ def test_calls_end_in_time():
     with pytest.raises(apart.TookLonger, match=r"^took longer than 0\.2 s$"):
         apart.call(wait_for_ever, (), timeout=0.2, owner="late")
     assert apart.call(patch, (), owner="late")[0] is False
-
-
-def test_a_server_that_is_killed_is_started_anew():
-    """Nobody notices."""
-    apart.call(patch, ())
-    server = apart.call(os.getppid, ())
-    os.kill(server, signal.SIGKILL)
-    wait_until(lambda: apart.call(os.getppid, ()) != server)
-    assert apart.call(patch, ())[0] is False
 
 
 def test_no_code_runs_here(tmp_path):

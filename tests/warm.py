@@ -295,8 +295,6 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
     sys.argv = command
     paths = environment.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[0:1] = [str(Path(command[0]).parent), *filter(None, paths)]
-    if {"--allow-code", "worker"} & {*command}:
-        spare_server()
     try:
         runpy.run_path(command[0], run_name="__main__")
     except SystemExit as ending:
@@ -311,38 +309,6 @@ def leave(code):
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     os._exit(code or 0)
-
-
-def spare_server():
-    """Fork what `newmark_cli.support.apart` would start: it has imported its modules already.
-
-    The first server of the command is this one.  As if it were started then, it has the
-    command's folder, environment and streams, and leaves signals to it.
-    """
-    from newmark_cli.support import apart, interrupts
-
-    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
-    if os.fork() == 0:
-        ours.close()
-        path, given, _, _ = socket.recv_fds(theirs, 1 << 20, 1)
-        theirs.close()
-        if path:
-            sys.path[:] = json.loads(path)
-            apart._serve(given[0])
-        os._exit(0)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    theirs.close()
-    start = apart._Server.__init__
-
-    def take(self):
-        apart._Server.__init__ = start
-        self.asked_by = os.getpid()
-        self._control, control = socket.socketpair()
-        with control, ours:
-            socket.send_fds(ours, [json.dumps(sys.path).encode()], [control.fileno()])
-
-    apart._Server.__init__ = take
 
 
 def load(modules):

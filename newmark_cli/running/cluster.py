@@ -2,6 +2,7 @@
 
 import logging
 import os
+import signal
 import sys
 import tempfile
 import uuid
@@ -9,18 +10,12 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any
 
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.spec import is_code, portable
-from newmark_cli.running.executors import (
-    Apart,
-    Execution,
-    Task,
-    failed,
-    interrupts_held,
-    perform,
-)
+from newmark_cli.running.executors import Execution, Task, failed, perform, perform_apart
 from newmark_cli.running.store import core, unlike, versions
 from newmark_cli.study.cell import Done
 from newmark_cli.support import interrupts
@@ -74,7 +69,7 @@ def cluster(
     with interrupts.raising(), ExitStack() as stack:
         environment = stack.enter_context(_only_own_imports())
         try:
-            with interrupts_held():  # what imports on the way may swallow them
+            with _interrupts_held():  # what imports on the way may swallow them
                 import dask
                 import distributed
 
@@ -98,7 +93,7 @@ def cluster(
                 own = _OWN | {"temporary-directory": stack.enter_context(scratch)}
                 stack.enter_context(dask.config.set(own))
                 # Half a cluster does not know how to end.
-                with interrupts_held():
+                with _interrupts_held():
                     where = stack.enter_context(
                         distributed.LocalCluster(
                             n_workers=jobs,
@@ -138,6 +133,17 @@ def cluster(
             )
 
         yield _as_done(submit, tasks, address, on_steps)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C and hangups wait; processes that start here leave them to this thread."""
+    hangup = {number for number in interrupts.NAMES if number.name == "SIGHUP"}
+    with interrupts.held(hangup):
+        # Started on the way, the tracker of semaphores would allow Ctrl-C.
+        resource_tracker.ensure_running()
+        with interrupts.held({signal.SIGINT}):
+            yield
 
 
 @contextmanager
@@ -192,7 +198,7 @@ def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
             f"{'; '.join(others) or f'{same} of the same version'}"
         )
     if is_code(task.cell.problem):
-        return Apart().perform(task, timeout)
+        return perform_apart(task, timeout)
     return perform(task, timeout)
 
 

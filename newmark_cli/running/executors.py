@@ -1,18 +1,15 @@
 """Where cells run: threads, separate processes, or the workers of a dask scheduler.
 
-An executor takes cells and gives back what each found as it finishes; it neither
-keeps nor writes anything.  What goes wrong in a cell is a status of the cell; what
-goes wrong with the executor ends the run.
+An executor takes cells and yields the outcome of each as it finishes; it writes nothing.
+An error in a cell is a status of the cell; an error of the executor ends the run.
 """
 
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import resource_tracker
 from typing import Any
 
 import numpy as np
@@ -24,7 +21,7 @@ from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute, march_seconds, prepare
-from newmark_cli.support import apart, interrupts
+from newmark_cli.support import apart
 from newmark_cli.support.errors import InputError
 
 
@@ -35,7 +32,7 @@ class Task:
     Attributes:
         cell: The cell.
         reference: Solution that its errors are taken from, if it measures any.
-        compiled: Whether its problem is compiled, of a task that travels; see `Apart`.
+        compiled: Whether its problem is compiled, of a task that travels; see `perform_apart`.
         timed: Whether its march is timed by itself, too.
     """
 
@@ -52,10 +49,6 @@ class Task:
 
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
-
-
-class _Stopped(Exception):
-    """The run has ended; raised inside a cell between two stretches."""
 
 
 class _Overtime(Exception):
@@ -95,7 +88,7 @@ def perform(
             return done
     except ContradictionError as error:
         outcome = failed(str(error))
-    except (_Stopped, InputError):
+    except (apart.Stopped, InputError):
         raise
     except _Overtime:
         assert timeout is not None
@@ -120,59 +113,39 @@ def failed(reason: str) -> Outcome:
     return Outcome([], 0, np.nan, "failed", reason)
 
 
-class Apart:
-    """Cells of the user's code, each in a process of its own; threads may share this object.
+def perform_apart(
+    task: Task, timeout: float | None, stopped: Callable[[], bool] = lambda: False
+) -> Done:
+    """Run one cell of user code in a separate process.
 
     What one cell's code changes in its process no other cell sees.  Only cells of one
     problem that is compiled, which takes long and leaves nothing to change, follow each
     other in one process.
+
+    Args:
+        task: The cell, with its problem as it travels; what goes wrong inside, or with its
+            process, becomes its status.
+        timeout: Most wall time (s), after which its process is ended.
+        stopped: Whether the run has ended.
+
+    Raises:
+        InputError: When the cell asks for something that does not exist.
     """
-
-    def __init__(self) -> None:
-        self._running: set[apart.Process] = set()
-        self._guard = threading.Lock()
-        self._ended = False
-
-    def perform(self, task: Task, timeout: float | None) -> Done:
-        """Run one cell; what goes wrong inside, or with its process, becomes its status.
-
-        Args:
-            task: The cell, with its problem as it travels.
-            timeout: Most wall time (s), after which its process is ended.
-
-        Raises:
-            InputError: When the cell asks for what there is not.
-        """
-        problem = task.cell.problem
-        assert isinstance(problem, Code)
-        with apart.process(problem.reading if task.compiled else None) as process:
-            start = time.perf_counter()
-            with self._guard:
-                if self._ended:
-                    process.end()
-                self._running.add(process)
-            try:
-                done = process.call(perform, (task,), timeout)
-            except apart.TookLonger:
-                assert timeout is not None
-                return Done(overtime(timeout), timeout)
-            except apart.ApartError as error:
-                return Done(failed(str(error)), time.perf_counter() - start)
-            finally:
-                with self._guard:
-                    self._running.discard(process)
-        if not isinstance(done, Done):
-            return Done(
-                failed("returned something that is not a result"), time.perf_counter() - start
-            )
-        return done
-
-    def end(self) -> None:
-        """End all processes that run a cell, and those that are about to."""
-        with self._guard:
-            self._ended = True
-            for process in self._running:
-                process.end()
+    problem = task.cell.problem
+    assert isinstance(problem, Code)
+    start = time.perf_counter()
+    try:
+        done = apart.call(
+            perform, (task,), timeout, problem.reading if task.compiled else None, stopped
+        )
+    except apart.TookLonger:
+        assert timeout is not None
+        return Done(overtime(timeout), timeout)
+    except apart.ApartError as error:
+        return Done(failed(str(error)), time.perf_counter() - start)
+    if not isinstance(done, Done):
+        return Done(failed("returned something that is not a result"), time.perf_counter() - start)
+    return done
 
 
 @contextmanager
@@ -200,17 +173,17 @@ def local(
     def checked(steps: int) -> None:
         on_steps(steps)
         if stopped.is_set():
-            raise _Stopped
+            raise apart.Stopped
 
     def threaded(task: Task) -> Done:
         if stopped.is_set():
-            raise _Stopped
+            raise apart.Stopped
         return perform(task, timeout, checked)
 
-    processes = Apart()
-
     def apart_from_others(task: Task) -> Done:
-        done = processes.perform(task, timeout)
+        if stopped.is_set():
+            raise apart.Stopped
+        done = perform_apart(task, timeout, stopped.is_set)
         on_steps(task.cell.weight)
         return done
 
@@ -234,7 +207,6 @@ def local(
         stopped.set()
         for pool in (waiting, threads):
             pool.shutdown(wait=False, cancel_futures=True)
-        processes.end()
         waiting.shutdown()
         threads.shutdown()
 
@@ -248,21 +220,3 @@ def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:
     places = {name: place for place, name in enumerate(tasks)}
     order = sorted(tasks, key=lambda name: first.get(tasks[name].cell.problem, places[name]))
     return {name: tasks[name] for name in order}
-
-
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Interrupts wait; threads and processes that start here leave Ctrl-C to this thread."""
-    with interrupts.postponed():
-        if not hasattr(signal, "pthread_sigmask"):  # Windows: no such signals, and no tracker
-            yield
-            return
-        # The tracker of semaphores must outlive a hangup; started on the way, it would
-        # undo what follows.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
-        try:
-            resource_tracker.ensure_running()
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -4,16 +4,15 @@ A Python problem may change whatever its process holds: functions of NumPy, the 
 directory, the environment; it may end the process, or not come back.  So a process that
 runs it does nothing else, and runs one problem only.
 
-A process is a fork of a server, which has imported the package and never runs user
-code: it starts in milliseconds, and knows nothing of what ran before it.  The
-standard library's fork server could not be used in the workers of dask, would import the
-program's main module into every process, and listens on a socket with a name.  Windows
-cannot fork: there problems in Python are refused.
+A process is a fork of a server, which has imported the package and never runs user code:
+it starts in milliseconds, and knows nothing of what ran before.  The standard library's
+server listens on a socket with a name, imports the main module of the program, and is
+refused to the workers of dask.  Windows cannot fork: there problems in Python are refused.
 """
 
 import atexit
 import contextlib
-import gc
+import functools
 import importlib
 import os
 import pickle
@@ -25,7 +24,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any
 
@@ -33,22 +32,18 @@ from newmark_cli.support import interrupts
 from newmark_cli.support.errors import ExecutorError, InputError, described
 from newmark_cli.support.processors import usable
 
-#: What ends a process at once.
-_KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
-#: What loads a problem.  The first process needs no more, and should not wait.
+#: What loads a problem; the first process needs no more, and should not wait.
 _FIRST = "newmark_cli.problems.python_problem"
-#: What runs one, and would otherwise be imported by each process for itself.
-_IMPORTED = tuple(
-    f"newmark_cli.{name}"
-    for name in (
-        "problems.reference", "study.compute", "study.motion",
-        "newmark.compiled_march", "newmark.scipy_march", "running.runner",
-    )
-)  # fmt: skip
-
-_START = (
-    "import sys; sys.path[:] = {path!r}; from newmark_cli.support import apart; apart._serve({fd})"
-)
+#: What runs one, imported before the second process.
+_REST = "newmark_cli.running.preloaded"
+_START = """
+import sys
+sys.path[:] = {path!r}
+from newmark_cli.support import apart
+apart._serve({descriptor})
+"""
+#: How often a call looks whether it should stop (s).
+_LOOK = 0.1
 
 
 class ApartError(Exception):
@@ -57,6 +52,10 @@ class ApartError(Exception):
 
 class TookLonger(ApartError):
     """A call did not come back in time."""
+
+
+class Stopped(Exception):
+    """Nobody waits for the result any more: the run has ended."""
 
 
 def inside() -> bool:
@@ -69,81 +68,9 @@ def inside() -> bool:
 
 
 _inside = False
-
-
-class Process:
-    """A process of its own that takes one call after the other."""
-
-    def __init__(self) -> None:
-        """Start it.
-
-        Raises:
-            ExecutorError: When no process can be started.
-        """
-        self._connection, self._ended, self._pid = _forked()
-        self._given_up = False
-
-    def call(
-        self, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float | None = None
-    ) -> Any:
-        """Result of a function that the process calls.
-
-        Args:
-            function: A function of a module.
-            arguments: What pickle can carry.
-            timeout: Most wall time (s); the process is ended then.
-
-        Raises:
-            ApartError: When there is no answer; the process is of no more use.
-            InputError: What the function raised.
-        """
-        try:
-            return self._answer(pickle.dumps((_folder(), sys.path, function, arguments)), timeout)
-        except InputError:
-            raise
-        except BaseException:
-            self.end()
-            raise
-
-    def _answer(self, asked: bytes, timeout: float | None) -> Any:
-        with contextlib.suppress(OSError):  # it has ended; the code says how
-            self._connection.send_bytes(asked)
-        if not wait([self._connection, self._ended], timeout):
-            raise TookLonger(f"took longer than {timeout:g} s")
-        try:
-            # The process may have ended behind its answer.
-            given = self._connection.recv_bytes() if self._connection.poll() else b""
-        except (EOFError, OSError):
-            given = b""
-        if not given:
-            raise ApartError(f"its process ended with code {self._code()}")
-        try:
-            well, found = pickle.loads(given)
-        except Exception as error:
-            raise ApartError(
-                f"returned something that cannot be read: {described(error)}"
-            ) from None
-        if well:
-            return found
-        raise found if isinstance(found, InputError) else ApartError(str(found))
-
-    def _code(self) -> int:
-        try:
-            return int(self._ended.recv())
-        except (EOFError, OSError):  # the server has ended
-            return -_KILL
-
-    @property
-    def alive(self) -> bool:
-        """Whether it can be called."""
-        return not (self._given_up or self._ended.poll())
-
-    def end(self) -> None:
-        """End the process at once, whatever it does; from any thread."""
-        if self.alive:
-            self._given_up = True
-            with contextlib.suppress(OSError):
-                os.kill(self._pid, _KILL)
+#: Processes that wait for a call, each with its owner.
+_waiting: list[tuple[Hashable, "_Process"]] = []
+_guard = threading.RLock()
 
 
 def call(
@@ -151,81 +78,126 @@ def call(
     arguments: tuple[Any, ...],
     timeout: float | None = None,
     owner: Hashable = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Any:
-    """Result of a function in a process of its own; see `Process.call` and `process`."""
-    with process(owner) as one:
-        return one.call(function, arguments, timeout)
-
-
-@contextlib.contextmanager
-def process(owner: Hashable = None) -> Iterator[Process]:
-    """A process of its own.
+    """Result of a function that a separate process calls.
 
     Args:
+        function: A function of a module.
+        arguments: What pickle can carry.
+        timeout: Most wall time (s); the process is ended then.
         owner: The process is kept for the next call of the same owner, for what takes
-            long to compile; without one it ends with the context.
+            long to compile; without one it ends with the call.
+        stopped: Whether to give up, asked now and then.
+
+    Raises:
+        ApartError: When there is no answer.
+        Stopped: When it has given up.
+        ExecutorError: When no process can be started.
+        InputError: What the function raised.
     """
-    one = _taken(owner) or Process()
+    process = _taken(owner) or _Process()
     try:
-        yield one
-    except InputError:
-        _put_back(owner, one)
-        raise
+        answer = process.call(pickle.dumps((function, arguments)), timeout, stopped)
     except BaseException:
-        one.end()
+        process.end()
         raise
-    _put_back(owner, one)
+    _put_back(owner, process)
+    succeeded, result = answer
+    if succeeded:
+        return result
+    raise result if isinstance(result, InputError) else ApartError(str(result))
 
 
 def end(owner: Hashable) -> None:
     """End a process that is kept for the next call of an owner, who makes none."""
-    one = _taken(owner)
-    if one is not None:
-        one.end()
+    process = _taken(owner)
+    if process is not None:
+        process.end()
 
 
-#: Processes that wait for a call, each with its owner.
-_waiting: list[tuple[Hashable, Process]] = []
-_guard = threading.RLock()
-
-
-def _taken(owner: Hashable) -> Process | None:
+def _taken(owner: Hashable) -> "_Process | None":
     with _guard:
-        for place, (theirs, one) in enumerate(_waiting):
-            if owner is not None and theirs == owner and one.alive:
+        for place, (theirs, process) in enumerate(_waiting):
+            if owner is not None and theirs == owner:
                 del _waiting[place]
-                return one
+                return process if process.alive else None
     return None
 
 
-def _put_back(owner: Hashable, one: Process) -> None:
-    if owner is None or not one.alive:
-        one.end()
+def _put_back(owner: Hashable, process: "_Process") -> None:
+    if owner is None:
+        process.end()
         return
     with _guard:
-        _waiting.append((owner, one))
+        _waiting.append((owner, process))
         while len(_waiting) > usable():
             _waiting.pop(0)[1].end()
 
 
-def stop() -> None:
-    """End the server with all its processes; the next call starts it anew."""
-    global _server
-    with _guard:
-        _waiting.clear()
-        if _server is not None:
-            _server.close()
-            _server = None
+class _Process:
+    """A separate process that takes one call after the other."""
 
+    def __init__(self) -> None:
+        if not hasattr(os, "fork"):
+            raise ExecutorError(
+                "problems in Python run in processes that are forked, which this system cannot; "
+                "use Linux or macOS, or Linux within Windows (WSL)"
+            )
+        self._connection, theirs = Pipe()
+        self._ended, ends = Pipe(duplex=False)
+        with theirs, ends, _guard:
+            try:
+                _server(os.getpid()).send(theirs, ends)
+            except OSError:  # it was killed
+                _server.cache_clear()
+                _server(os.getpid()).send(theirs, ends)
+        # What a call may take does not count the start.
+        if self._connection in wait([self._connection, self._ended]):
+            self._connection.recv_bytes()
 
-@atexit.register
-def _stop_at_exit() -> None:
-    # Python warns of a socket that its end closes.  Not if a thread is just asking: it may hang.
-    if _guard.acquire(blocking=False):
+    @property
+    def alive(self) -> bool:
+        """Whether it can be called."""
+        return not self._ended.poll()
+
+    def call(
+        self, asked: bytes, timeout: float | None, stopped: Callable[[], bool]
+    ) -> tuple[bool, Any]:
+        """Whether a call succeeds, and its result or error."""
+        with contextlib.suppress(OSError):  # it has ended; the code says how
+            self._connection.send_bytes(pickle.dumps((_folder(), sys.path, asked)))
+        until = None if timeout is None else time.monotonic() + timeout
+        while not wait([self._connection, self._ended], _LOOK):
+            if stopped():
+                raise Stopped
+            if until is not None and time.monotonic() > until:
+                raise TookLonger(f"took longer than {timeout:g} s")
         try:
-            stop()
-        finally:
-            _guard.release()
+            # The process may have ended after its answer.
+            answer = self._connection.recv_bytes() if self._connection.poll() else b""
+        except (EOFError, OSError):
+            answer = b""
+        if not answer:
+            raise ApartError(f"its process ended with code {self._code()}")
+        try:
+            succeeded, result = pickle.loads(answer)
+        except Exception as error:
+            raise ApartError(
+                f"returned something that cannot be read: {described(error)}"
+            ) from None
+        return bool(succeeded), result
+
+    def _code(self) -> int:
+        try:
+            return int(self._ended.recv())
+        except (EOFError, OSError):
+            return -signal.SIGKILL
+
+    def end(self) -> None:
+        """End the process at once, whatever it does."""
+        self._connection.close()
+        self._ended.close()
 
 
 def _folder() -> str | None:
@@ -235,127 +207,47 @@ def _folder() -> str | None:
         return None
 
 
-# -- the server, seen from the process that asks for others -------------------------------
-
-
 class _Server:
-    """The process that is forked."""
+    """The process that forks, seen from the one that asks for processes."""
 
     def __init__(self) -> None:
-        self.asked_by = os.getpid()
         self._control, theirs = socket.socketpair()
-        start = _START.format(path=sys.path, fd=theirs.fileno())
-        with theirs, _signals_blocked():
-            # Not to be waited for: it ends with this process.
-            self._process = subprocess.Popen(
+        atexit.register(self._control.close)
+        start = _START.format(path=sys.path, descriptor=theirs.fileno())
+        with theirs, interrupts.held():
+            started = subprocess.Popen(
                 [sys.executable, "-P", "-c", start],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
             )
-        self._process.returncode = 0  # no warning that it is still running
+        started.returncode = 0  # not to be waited for: it ends with this process
 
-    def fork(self) -> tuple[Connection, Connection, int]:
-        """Of a new process: for its calls, for the code that it ends with, and its number."""
-        ours, theirs = Pipe()
-        ended, ends = Pipe(duplex=False)
-        with theirs, ends:
-            socket.send_fds(self._control, [b"1"], [theirs.fileno(), ends.fileno()])
-        return ours, ended, ours.recv()
-
-    def close(self) -> None:
-        """Ask for no more."""
-        self._control.close()
+    def send(self, connection: Connection, ends: Connection) -> None:
+        """Have a process forked that answers a connection, and told what code it ends with."""
+        socket.send_fds(self._control, [b"1"], [connection.fileno(), ends.fileno()])
 
 
-_server: _Server | None = None
-
-
-def _forked() -> tuple[Connection, Connection, int]:
-    if not hasattr(os, "fork"):
-        raise ExecutorError(
-            "problems in Python run in processes that are forked, which this system cannot; "
-            "use Linux or macOS, or Linux within Windows (WSL)"
-        )
-    with _guard:
-        for server in (_server, None):
-            if server is None or server.asked_by != os.getpid():
-                server = _started()
-            with contextlib.suppress(EOFError, OSError):  # it has ended
-                return server.fork()
-    raise ExecutorError("no process can be started for user code")
-
-
-def _started() -> _Server:
-    global _server
-    stop()
-    _server = _Server()
-    return _server
-
-
-@contextlib.contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Who starts here leaves signals to this process, from its first moment."""
-    main = threading.current_thread() is threading.main_thread()
-    with interrupts.postponed() if main else contextlib.nullcontext():
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+@functools.cache
+def _server(pid: int) -> _Server:
+    """Of this process: a fork of it has its own."""
+    return _Server()
 
 
 # -- the server and its forks -------------------------------------------------------------
 
 
 def _serve(descriptor: int) -> None:
-    """Fork for everyone who asks, and tell how each has ended; ends with who has started it."""
+    """Fork for everyone who asks; ends with who has started it."""
     importlib.import_module(_FIRST)
-    control = socket.socket(fileno=descriptor)
-    woken, wakes = os.pipe()
-    for end in (woken, wakes):
-        os.set_blocking(end, False)
-    signal.signal(signal.SIGCHLD, lambda number, frame: None)
-    signal.set_wakeup_fd(wakes, warn_on_full_buffer=False)
-    running: dict[int, Connection[Any, Any]] = {}
-    ready_for_cells = False
-    while True:
-        ready, _, _ = select.select([control.fileno(), woken], [], [])
-        if woken in ready:
-            os.read(woken, 4096)
-            for pid, code in _ended():
-                with running.pop(pid) as ends, contextlib.suppress(OSError):
-                    ends.send(code)
-        if control.fileno() in ready:
-            _, given, _, _ = socket.recv_fds(control, 1, 2)
-            if not given:
-                break
-            connection, ends = Connection(given[0]), Connection(given[1])
-            pid = _fork()
-            if pid == 0:
-                signal.set_wakeup_fd(-1)
-                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                os.close(woken)
-                os.close(wakes)
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those who wait
+    with socket.socket(fileno=descriptor) as control:
+        while descriptors := socket.recv_fds(control, 1, 2)[1]:
+            if _fork() == 0:
                 control.close()
-                for each in (ends, *running.values()):
-                    each.close()
-                _work(connection)
-            connection.close()
-            running[pid] = ends
-            if not ready_for_cells:
-                _import_rest()
-                ready_for_cells = True
-    for pid in running:
-        os.kill(pid, _KILL)
-
-
-def _import_rest() -> None:
-    """What the cells need, while the first process loads a problem."""
-    for name in _IMPORTED:
-        importlib.import_module(name)
-    importlib.import_module(_FIRST).warm()
-    gc.collect()
-    gc.freeze()  # a collection in a fork would copy every page
+                _watch(*map(Connection, descriptors))
+            for each in descriptors:
+                os.close(each)
+            importlib.import_module(_REST)
 
 
 def _fork() -> int:
@@ -365,44 +257,52 @@ def _fork() -> int:
         return os.fork()
 
 
-def _ended() -> Iterator[tuple[int, int]]:
-    """Children that have ended since the last time, and their codes."""
-    with contextlib.suppress(ChildProcessError):
-        while True:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-            if pid == 0:
-                return
-            yield pid, os.waitstatus_to_exitcode(status)
+def _watch(connection: Connection, ends: Connection) -> None:
+    """Have a process work, end it when nobody waits for its answers, and tell its code."""
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    pid = _fork()
+    if pid == 0:
+        ends.close()
+        _work(connection)
+    threading.Thread(target=_kill_at_hangup, args=(connection, pid), daemon=True).start()
+    _, status = os.waitpid(pid, 0)
+    with contextlib.suppress(OSError):
+        ends.send(os.waitstatus_to_exitcode(status))
+    os._exit(0)
+
+
+def _kill_at_hangup(connection: Connection, pid: int) -> None:
+    hangup = select.poll()
+    hangup.register(connection.fileno(), 0)
+    hangup.poll()
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
 
 
 def _work(connection: Connection) -> None:
-    """Be a process of its own: answer calls until nobody asks."""
-    global _inside, _server
-    _inside, _server = True, None
+    """Answer calls until nobody asks."""
+    global _inside
+    _inside = True
+    _server.cache_clear()
     _leave_signals_to_parent()
-    _end_with_parent()
     exit_now = os._exit  # whatever becomes of the name
     try:
-        connection.send(os.getpid())
+        connection.send_bytes(b"ready")
         while True:
-            folder, path, function, arguments = connection.recv()
-            connection.send_bytes(_answered(folder, path, function, arguments))
+            folder, sys.path[:], asked = pickle.loads(connection.recv_bytes())
+            connection.send_bytes(_answered(folder, asked))
     except (EOFError, OSError):
         exit_now(0)
     finally:
         exit_now(1)
 
 
-def _answered(
-    folder: str | None, path: list[str], function: Callable[..., Any], arguments: tuple[Any, ...]
-) -> bytes:
-    found: tuple[bool, Any]
+def _answered(folder: str | None, asked: bytes) -> bytes:
     try:
         if folder is not None:
             os.chdir(folder)
-        sys.path[:] = path
-        found = True, function(*arguments)
-        answer = pickle.dumps(found)
+        function, arguments = pickle.loads(asked)
+        answer = pickle.dumps((True, function(*arguments)))
     except InputError as error:
         # Dask teaches pickle to take these along, and they may be of what cannot be pickled.
         error.__cause__ = error.__context__ = error.__traceback__ = None
@@ -424,14 +324,3 @@ def _leave_signals_to_parent() -> None:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda number, frame: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, interrupts.NAMES)
-
-
-def _end_with_parent() -> None:
-    """Let this process end when the server has; nobody else waits for its work."""
-    threading.Thread(target=_end_with, args=[os.getppid()], daemon=True).start()
-
-
-def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(1)
-    os._exit(1)

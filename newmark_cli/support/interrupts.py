@@ -14,7 +14,8 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
 
 #: What the signals are called; the exit code is 128 plus the signal's number.
@@ -62,6 +63,21 @@ def postponed() -> Iterator[None]:
         _State.postponed -= 1
         if _State.arrived is not None and not _State.postponed:
             _answer(_State.arrived)
+
+
+@contextlib.contextmanager
+def held(names: Iterable[int] = tuple(NAMES)) -> Iterator[None]:
+    """Signals wait; threads and processes that start here leave those named to this thread."""
+    main = threading.current_thread() is threading.main_thread()
+    with postponed() if main else contextlib.nullcontext():
+        if not hasattr(signal, "pthread_sigmask"):  # Windows: no such signals
+            yield
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, names)
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager
