@@ -199,8 +199,7 @@ def test_shipped_figures_are_drawn_as_they_say(committed_results):
                 assert {(one.look.color, x, y) for x, y in points} <= drawn
             if panel.y_limits:
                 assert axes.get_ylim() == panel.y_limits
-        # A table needs none.
-        assert len(drawing.legends) == (figure.name != "19")
+        assert len(drawing.legends) == 1
         for legend in drawing.legends:
             assert inside(drawing, legend.get_window_extent()), figure.name
 

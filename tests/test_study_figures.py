@@ -11,11 +11,12 @@ from each import each
 
 from newmark_cli.newmark.invariants import INVARIANTS
 from newmark_cli.report import page
-from newmark_cli.report.drawing import automatic, cures, draw, plot, sheets
+from newmark_cli.report.drawing import automatic, draw, plot, sheets
 from newmark_cli.report.drawing.panels import WIDTH
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.reading.figures import FIGURES, TABLED
+from newmark_cli.report.tables import cures
 from newmark_cli.study import config, drawing, results
 from newmark_cli.study.measures import RECORDS
 from newmark_cli.support.errors import InputError

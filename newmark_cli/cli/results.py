@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
     from newmark_cli.report.tables.outcomes import Outcome
     from newmark_cli.report.tables.paper_tables import Entry
+    from newmark_cli.report.tables.table import Report
 
 #: Series of which `check` says why they are not as predicted, unless all are asked for.
 REMARKS = 20
@@ -219,23 +220,22 @@ def check(
 @click.option(
     "--format",
     "form",
-    default="markdown",
-    show_default=True,
-    type=click.Choice(["markdown", "latex", "csv"]),
-    help="How tables of studies that are named are printed.",
+    type=click.Choice(["text", "markdown", "latex", "csv"]),
+    help="How tables are printed; by default those of studies that are named as markdown, others "
+    "as text, which are then also written into DIR/tables.",
 )
 @click.option(
     "--formulations",
     is_flag=True,
     help="Make the tables of all formulations, predicted only; they need no results.",
 )
-@click.option("--cures", is_flag=True, help="Tabulate which cure cures what, see Figure 19.")
+@click.option("--cures", is_flag=True, help="Tabulate which cure cures what.")
 def tables(
     studies: tuple[str, ...],
     folder: Path,
     rows: str,
     columns: str,
-    form: str,
+    form: str | None,
     formulations: bool,
     cures: bool,
 ) -> int:
@@ -260,10 +260,12 @@ def tables(
         from newmark_cli.report.tables import study_tables
 
         found = slopes.collect(folder, studies)
-        screen.lines(study_tables.text(study_tables.grids(found, rows, columns), form).rstrip())
+        screen.lines(
+            study_tables.text(study_tables.grids(found, rows, columns), form or "markdown").rstrip()
+        )
         return 0
     if cures:
-        return show_cures(folder)
+        return show_cures(folder, form)
     if formulations:
         show_formulations(folder)
         return 0
@@ -466,24 +468,21 @@ def show_formulations(folder: Path) -> None:
         screen.line(file)
 
 
-def show_cures(folder: Path) -> int:
-    """Print the table of cures, and write it; 1 when a cell is not as predicted."""
-    from newmark_cli.report.drawing import cure_table
-    from newmark_cli.report.drawing.cures import TABLED
-    from newmark_cli.report.drawing.sheets import Results
-    from newmark_cli.report.judging import slopes
-    from newmark_cli.report.judging.text import text_table, wrapped
+def show_report(folder: Path, made: "Report", form: str | None) -> None:
+    """Print tables in a format; without one as text, and write them in the others."""
+    screen.lines(made.written(form or "text").rstrip())
+    if form is None:
+        screen.line()
+        for file in made.write(folder):
+            screen.line(file)
 
-    given = [study for study in TABLED if (folder / f"{study}.csv").exists()]
-    cells = cure_table.build(Results(folder, slopes.collect(folder, given or TABLED)))
-    for title, grid in cure_table.grids(cells):
-        screen.lines(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")
-    for line in cure_table.notes():
-        screen.lines(wrapped(line))
-    screen.line()
-    for file in cure_table.write(folder, cells):
-        screen.line(file)
-    screen.line()
+
+def show_cures(folder: Path, form: str | None = None) -> int:
+    """Print the tables of cures; 1 when an entry is not as predicted."""
+    from newmark_cli.report.tables import cures
+
+    cells = cures.build(cures.collect(folder))
+    show_report(folder, cures.report(cells), form)
     return 0 if all(cell.agrees for cell in cells.values()) else 1
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import newmark_cli
 from newmark_cli.mechanisms import registry
-from newmark_cli.report.drawing import cure_table, draw, plot, sheets
+from newmark_cli.report.drawing import draw, plot, sheets
 from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.style import Drawing, rendered
@@ -16,7 +16,8 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Figure
-from newmark_cli.report.tables import check, outcomes, paper_tables
+from newmark_cli.report.tables import check, cures, outcomes, paper_tables
+from newmark_cli.report.tables.table import Table
 from newmark_cli.support import files
 from newmark_cli.support.errors import InputError, ResultsError
 
@@ -128,7 +129,7 @@ def html(folder: Path) -> str:
         tables=_tables(found),
         note=paper_tables.NOTE,
         cures=_cures(Results(folder, found)),
-        cure_notes=cure_table.notes(),
+        legend=cures.LEGEND,
         timings=records.timing_rows(provenance),
         runs=runs,
     )
@@ -203,12 +204,12 @@ def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
     return [paper_tables.factors(), *paper_tables.grids(entries)]
 
 
-def _cures(found: Results) -> list[tuple[str, list[tuple[str, ...]]]]:
+def _cures(found: Results) -> Sequence[Table]:
     """Which cure cures what; none without results of the study."""
     try:
-        return cure_table.grids(cure_table.build(found))
+        return cures.report(cures.build(found)).tables
     except ResultsError:
-        return []
+        return ()
 
 
 def _run(study: str, record: Mapping[str, Any]) -> Run:

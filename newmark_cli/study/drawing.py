@@ -47,9 +47,9 @@ def quantities(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(quantity for several in found for quantity in several))
 
 
-#: What figures draw: series against the step size, errors against work, values over time, a
-#: mechanism, or the table of cures.
-KINDS = ("orders", "work", "history", "drift", "mechanism", "cures")
+#: What figures draw: series against the step size, errors against work, values over time, or a
+#: mechanism.
+KINDS = ("orders", "work", "history", "drift", "mechanism")
 
 
 @dataclass(frozen=True)

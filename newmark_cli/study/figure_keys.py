@@ -111,8 +111,8 @@ else:
             Field(
                 None,
                 description="how: against the step size (orders) or the work, over time (history, "
-                "drift), a drawing of the problem (mechanism), or the table of cures; default: "
-                "orders, or work for work-precision",
+                "drift), or a drawing of the problem (mechanism); default: orders, or work for "
+                "work-precision",
             ),
         ),
         series=(

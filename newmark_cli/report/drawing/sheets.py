@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.report.drawing import cure_table, traces
+from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import (
     Legend,
     Look,
@@ -351,7 +351,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
     )  # fmt: skip
 
 
-# -- mechanisms and tables ----------------------------------------------------------------------
+# -- mechanisms -----------------------------------------------------------------------------------
 
 
 def _require_mechanism(figure: Figure, results: Results) -> None:
@@ -372,15 +372,10 @@ def _mechanism(figure: Figure, results: Results) -> Sheet:
     return mechanism_sheet(figure.title, subject, subject.u0)
 
 
-def _cures(figure: Figure, results: Results) -> Sheet:
-    return cure_table.sheet(figure, results)
-
-
 _SHEETS: Mapping[str, Callable[[Figure, Results], Sheet]] = {
     "orders": _orders,
     "work": _work,
     "history": _history,
     "drift": _drift,
     "mechanism": _mechanism,
-    "cures": _cures,
 }

@@ -122,8 +122,9 @@ def _longest(
     return max((length(part) for entry in column for part in parts(entry)), default=1)
 
 
-def _fitted(widths: Sequence[tuple[int, int]], room: int) -> list[int]:
-    """Widths that fit: the widest columns give way first, and break words last."""
+def fitted(rows: Sequence[Sequence[str]], room: int) -> list[int]:
+    """Widths of columns that fit: the widest give way first, and break words last."""
+    widths = _widths(rows)
     found = [most for _, most in widths]
     while sum(found) + _GAP * (len(found) - 1) > room:
         above = [i for i, (least, _) in enumerate(widths) if found[i] > least]
@@ -139,7 +140,7 @@ def _laid_out(rows: Sequence[Sequence[str]], room: int) -> str:
     from rich.table import Table
     from rich.text import Text
 
-    widths = _fitted(_widths(rows), room)
+    widths = fitted(rows, room)
     # Rich knows whether the output is a terminal, and which colours that shows.
     console = Console(width=room, highlight=False)
     headings, *entries = rows

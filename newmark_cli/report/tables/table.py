@@ -1,0 +1,220 @@
+"""A table as data, and how it is written: as text, Markdown, LaTeX or CSV."""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from newmark_cli.report.judging.text import fitted, latex_text, markdown, text_table, wrapped
+from newmark_cli.study import results
+from newmark_cli.support import files
+
+#: Letters in a line of a page in LaTeX; columns of longer tables wrap.
+_LINE = 100
+#: What there is no entry of.
+MISSING = "–"
+#: What ends an entry that is not as predicted, and what says so.
+MARK, MARKED = " !", "! marks what is not as predicted."
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts.
+
+    Attributes:
+        title: What it shows.
+        headings: Of the columns.
+        rows: An entry for each column.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def lines(self) -> list[tuple[str, ...]]:
+        """Headings and rows."""
+        return [self.headings, *self.rows]
+
+
+#: What a table does not say itself: a term, or nothing, and a sentence.
+Legend = Sequence[tuple[str, str]]
+#: A row of a CSV: entry by column.
+Record = Mapping[str, Any]
+
+
+def pivoted(
+    title: str,
+    records: Iterable[Record],
+    rows: Mapping[str, Callable[[Any], str]],
+    column: str,
+    entry: Callable[[Any], str],
+) -> Table:
+    """A table of records, each an entry in the row and column that its values say.
+
+    Args:
+        title: Of the table.
+        records: Its entries.
+        rows: Key that tells rows apart → how its values are written; the names head columns.
+        column: Key of which the values head the other columns.
+        entry: What is written of a record.
+    """
+    cells: dict[tuple[Any, ...], dict[Any, str]] = {}
+    across: dict[Any, None] = {}
+    for record in records:
+        across[record[column]] = None
+        cells.setdefault(tuple(record[key] for key in rows), {})[record[column]] = entry(record)
+    body = (
+        (
+            *(write(value) for write, value in zip(rows.values(), where, strict=True)),
+            *(entries.get(value, MISSING) for value in across),
+        )
+        for where, entries in cells.items()
+    )
+    return Table(title, (*rows, *map(str, across)), tuple(body))
+
+
+def as_text(tables: Sequence[Table], legend: Legend = ()) -> str:
+    """Tables for a terminal: what is too wide goes into several, one below the other."""
+    parts = [f"{wrapped(t.title)}\n\n{text_table(t.lines, blocks=True)}\n" for t in tables]
+    return "\n".join([*parts, *(wrapped(line) for line in sentences(legend))]).rstrip()
+
+
+def as_markdown(tables: Sequence[Table], legend: Legend = ()) -> str:
+    """Tables with headings, and the legend as a list."""
+    parts = []
+    for table in tables:
+        parts += [f"### {markdown(table.title)}", "", markdown_table(table.lines), ""]
+    parts += [
+        f"- **{markdown(term)}**: {markdown(said)}" if term else f"- {markdown(said)}"
+        for term, said in legend
+    ]
+    return "\n".join([*parts, ""])
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows, headings first, as a table in Markdown."""
+    lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
+
+
+def as_latex(tables: Sequence[Table], legend: Legend = ()) -> str:
+    """Tables as a journal takes them, without any package; the legend is the last caption's."""
+    labels = [re.sub(r"\W+", "-", table.title, flags=re.ASCII).strip("-") for table in tables]
+    return "\n".join(
+        _latex(table, f"{label}-{i}" if labels.count(label) > 1 else label, legend)
+        for i, (table, label) in enumerate(zip(tables, labels, strict=True), 1)
+    )
+
+
+def _latex(table: Table, label: str, legend: Legend) -> str:
+    said = sentences([line for line in legend if not line[0] or line[0] in table.headings])
+    narrow, wide = fitted(table.lines, _LINE), fitted(table.lines, 10 * _LINE)
+    wraps = [width < most for width, most in zip(narrow, wide, strict=True)]
+    columns = "".join(
+        rf"p{{{width / _LINE:.2f}\linewidth}}" if wrap else "l"
+        for width, wrap in zip(narrow, wraps, strict=True)
+    )
+
+    def row(entries: Iterable[str]) -> str:
+        ragged = (
+            r"\raggedright " * wrap + latex(e) for e, wrap in zip(entries, wraps, strict=True)
+        )
+        return "    " + " & ".join(ragged) + r" \tabularnewline"
+
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"  \centering",
+            rf"  \caption{{{latex(' '.join([f'{table.title}.', *said]))}}}",
+            rf"  \label{{tab:{label}}}",
+            r"  \footnotesize",
+            r"  \setlength{\tabcolsep}{4pt}\smallskip",
+            rf"  \begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+            r"    \hline",
+            row(table.headings),
+            r"    \hline",
+            *map(row, table.rows),
+            r"    \hline",
+            r"  \end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )
+
+
+#: Symbols of entries in math mode.
+_SYMBOLS = {
+    "α": r"\alpha ", "β": r"\beta ", "γ": r"\gamma ", "η": r"\eta ", "λ": r"\lambda ",
+    "ρ": r"\rho ", "ω": r"\omega ", "κ": r"\kappa ", "Φ": r"\Phi ", "Δ": r"\Delta ",
+    "∂": r"\partial ", "∞": r"_\infty ", "−": "-", "±": r"\pm ", "≥": r"\ge ", "→": r"\to ",
+    "ᵀ": "^T", "₀": "_0", "′": "'", "×": r"\times ", "‖": r"\|", "ε": r"\varepsilon ",
+}  # fmt: skip
+_POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_MATH = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)|([" + "".join(_SYMBOLS) + "])")
+
+
+def latex(text: str) -> str:
+    """Text with the field's symbols that any LaTeX prints as it is."""
+
+    def math(match: re.Match[str]) -> str:
+        powers, symbol = match.groups()
+        said = f"^{{{powers.translate(_POWERS)}}}" if powers else _SYMBOLS[symbol].strip()
+        return f"${said}$"
+
+    return _MATH.sub(math, latex_text(text)).replace("–", "--").replace("…", r"\dots{}")
+
+
+def as_csv(tables: Sequence[Table], legend: Legend = ()) -> str:
+    """The rows of all tables, each with the title of its table."""
+    columns = ("table", *dict.fromkeys(name for table in tables for name in table.headings))
+    entries = (
+        {"table": table.title, **dict(zip(table.headings, row, strict=True))}
+        for table in tables
+        for row in table.rows
+    )
+    return results.csv_text(columns, entries)
+
+
+#: How tables are written.
+WRITERS = {"text": as_text, "markdown": as_markdown, "latex": as_latex, "csv": as_csv}
+
+
+def sentences(legend: Legend) -> list[str]:
+    """Lines of a legend."""
+    return [f"{term}: {said}" if term else said for term, said in legend]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Tables that belong together.
+
+    Attributes:
+        name: Of their files.
+        tables: The tables.
+        legend: How to read them.
+        records: Their entries with numbers, for programs; rows of the tables when omitted.
+        columns: Columns of the records.
+    """
+
+    name: str
+    tables: tuple[Table, ...]
+    legend: Legend = ()
+    records: Sequence[Record] = ()
+    columns: tuple[str, ...] = ()
+
+    def written(self, form: str) -> str:
+        """Them in a format, one of `WRITERS`."""
+        if form == "csv" and self.columns:
+            return results.csv_text(self.columns, self.records)
+        return WRITERS[form](self.tables, self.legend)
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write them as Markdown, LaTeX and CSV below ``tables``; returns the files."""
+        files.make_folder(folder / "tables", folder, parents=True)
+        found = []
+        for suffix, form in ((".md", "markdown"), (".csv", "csv"), (".tex", "latex")):
+            found.append(folder / "tables" / f"{self.name}{suffix}")
+            files.write(found[-1], self.written(form), folder)
+        return found
