@@ -243,7 +243,9 @@ def test_only_the_drawing_modules_import_matplotlib():
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             if {name.partition(".")[0] for name in names} & {"matplotlib", "PIL"}:
                 importing.add(file.relative_to(package).as_posix())
-    assert importing == {f"report/{name}.py" for name in ("style", "draw", "draw_mechanism")}
+    assert importing == {
+        f"report/drawing/{name}.py" for name in ("style", "draw", "draw_mechanism")
+    }
 
 
 def test_series_can_be_told_apart():

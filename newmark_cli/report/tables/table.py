@@ -67,7 +67,7 @@ def pivoted(
         cells.setdefault(tuple(record[key] for key in rows), {})[record[column]] = entry(record)
     body = (
         (
-            *(write(value) for write, value in zip(rows.values(), where, strict=True)),
+            *(spell(value) for spell, value in zip(rows.values(), where, strict=True)),
             *(entries.get(value, MISSING) for value in across),
         )
         for where, entries in cells.items()
