@@ -187,8 +187,8 @@ def write_history(folder, figure):
         for when, values in zip(t, found, strict=True):
             row = {column: getattr(curve, column, "") for column in results.HISTORY_COLUMNS}
             row |= {"h": figure.h, "step": round(when / figure.h), "t": float(when)}
-            table.append(row | {f"lambda_{k + 1}": float(v) for k, v in enumerate(values)})
-    columns = (*results.HISTORY_COLUMNS, "lambda_1", "lambda_2")
+            table.append(row | {"lambda[a]": float(values[0]), "lambda[b]": float(values[1])})
+    columns = (*results.HISTORY_COLUMNS, "lambda[a]", "lambda[b]")
     path = results.history_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)

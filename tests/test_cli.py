@@ -195,7 +195,7 @@ def test_reproduce_keeps_the_slopes_of_other_studies(
     # A study that would fail the check.
     text = (tmp_path / "multipliers.csv").read_text()
     (tmp_path / "multipliers.csv").write_text(text.replace(",ok,", ",not_converged,"))
-    monkeypatch.setattr(running, "_run", lambda *_: 0)
+    monkeypatch.setattr(running, "_run", lambda *_: [])
     monkeypatch.setattr("newmark_cli.report.drawing.plot.plot", lambda *_: [])
     monkeypatch.setattr("newmark_cli.report.tables.paper_tables.build", lambda *_: [])
 
@@ -205,6 +205,8 @@ def test_reproduce_keeps_the_slopes_of_other_studies(
 
     code, told = called("reproduce")
     assert code == 0
+    summary = told[told.index("Summary of 2 studies") :].splitlines()
+    assert len(summary) <= 10
     assert "slopes as predicted" in told
     assert "multipliers" not in told
     written = (tmp_path / "slopes.csv").read_bytes()

@@ -271,7 +271,7 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting, entry, said):
     ("{measure: error}", "slope: missing: give slope, at_most, at_least, spread or status"),
     ("{measure: error, quantity: a, slope: 2}", "quantity: error has no 'a'; allowed: u, v, lam"),
     ("{measure: correction, slope: -2}", "measure: 'correction' is not among the study's; did"),
-    ("{measure: error, slope: two}", "slope: must be a valid number, given 'two'"),
+    ("{measure: error, slope: two}", "slope: must be a number, given 'two'"),
     ("{measure: error, slope: 2, within: 0}", "within: must be greater than 0, given 0"),
     ("{measure: error, slope: 2, h: 1e-3}", "h: is where at_most or at_least hold"),
     ("{measure: error, at_most: 1, h: 3e-3}", "h: '0.003' is not among the study's"),

@@ -213,7 +213,7 @@ def history(tmp_path_factory):
     [
         (lambda text: text[:-3], "truncated"),
         (lambda text: text.rpartition("\n")[0].rpartition(",")[0] + "\n", "fields where"),
-        (lambda text: text.replace("lambda_2", "lambda_3", 1), "the columns after t"),
+        (lambda text: text.replace("lambda[b]", "v[b]", 1), "the columns after t"),
         (lambda text: text.replace(",step,", ",stage,", 1), "lacks step"),
         (lambda text: text.replace("generalized", "generalised"), "needs generalized-α, direct"),
         (lambda text: text.replace("e-06,", "e-05,"), "needs trapezoidal, direct, trap"),

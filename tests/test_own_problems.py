@@ -69,7 +69,7 @@ def test_validate(cli, hoist):
     """A line for each file, exit 2 when one is not valid, nothing is run."""
     done = cli("validate", "mine.yaml", "hoist.yaml")
     mechanism = [
-        "hoist.yaml: mechanism, 4 coordinates, 3 constraints",
+        "hoist.yaml: mechanism, 4 coordinates, 3 constraints, 1 degree of freedom",
         "  assembled: S, the farthest, is 0.00581 m from its guess",
     ]
     assert done.stdout.splitlines() == ["mine.yaml: study mine, 24 cells", *mechanism]

@@ -100,7 +100,7 @@ def test_studies_with_forces_in_python(folder):
     assert said in folder.refused("validate", "swing.yaml")
     assert said in folder.refused("run", "study.yaml")
     line = folder("validate", "--allow-code", "swing.yaml").stdout
-    assert line == "swing.yaml: mechanism, 2 coordinates, 1 constraints\n"
+    assert line == "swing.yaml: mechanism, 2 coordinates, 1 constraints, 1 degree of freedom\n"
     folder("run", "study.yaml", "--allow-code")
     assert re.search(r"([56]) of \1 slopes as predicted", folder("check", "s").stdout)
     done = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout

@@ -90,7 +90,7 @@ def test_names_come_from_the_registries():
     assert definitions["IntegratorConfig"]["anyOf"][-1]["properties"]["method"]["enum"] == list(
         INTEGRATORS
     )
-    shipped, _, *mappings, code = definitions["problem"]["anyOf"]
+    shipped, _, _, *mappings, code = definitions["problem"]["anyOf"]
     assert shipped["enum"] == list(PROBLEMS)
     assert [name for mapping in mappings for name in mapping["properties"]] == list(FAMILIES)
     assert code["required"] == ["python"]

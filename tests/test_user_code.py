@@ -155,7 +155,7 @@ def test_machine_code_is_not_kept(cli):
         cli.write("sizes.py", sizes.replace("1.0", gravity))
         cli("run", "mine.yaml", "--allow-code", "--force", "--jobs", 1)
         with (cli.folder / "results/history/mine.csv").open() as file:
-            multipliers.append(float(next(csv.DictReader(file))["lambda_1"]))
+            multipliers.append(float(next(csv.DictReader(file))["lambda[1]"]))
     # From rest it goes by the square of gravity.
     assert multipliers[1] / multipliers[0] == pytest.approx(81, rel=0.01)
     assert not list(cli.folder.rglob("__pycache__"))

@@ -184,7 +184,7 @@ def test_a_thousand_mistakes_are_counted(cli):
     for name, text in (("m.yaml", mechanism), ("c.yaml", study)):
         cli.write(name, text)
         with pytest.raises(DocumentError) as caught:
-            config.describe(cli.folder / name, name, False)
+            config.describe(str(cli.folder / name), False)
         assert (len(caught.value.mistakes), caught.value.more) == (50, 950)
         *lines, last = cli("validate", name, code=2).stderr.splitlines()
         assert len(lines) == len(set(lines)) == documents.MOST_REPORTED == 50
@@ -246,7 +246,6 @@ def test_a_comma_in_a_file_name(tmp_path):
         ),
         ("generalized_alpha rho=0.9", ["unknown method 'generalized_alpha'; did you mean"]),
         ("generalized-alpha", ["method: generalized-alpha needs rho; for example "]),
-        ("BDF2", ["unknown method 'BDF2'; did you mean 'bdf2'?"]),
         ("hht alpha=x", ["alpha must be a number, given 'hht alpha=x'"]),
         ("hht 0.1", ["unknown parameter '0.1'; for example {method: generalized-alpha, rho: 0.9}"]),
         ("3", ["must be the name of a method, or a mapping such as {method: generalized-alpha, "]),

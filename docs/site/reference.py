@@ -300,10 +300,10 @@ def csv_page() -> str:
         + ", ".join(f"`{name}`" for name in results.HISTORY_COLUMNS)
         + ", and of "
         + ", ".join(f"`{name}`" for name in results.HISTORY_MAY_HAVE)
-        + " those in which a cell differs from the default. Behind them stand λ as `lambda_1`, "
-        "`lambda_2`, … in the history, `position` and `velocity` in the drift, and in the "
-        "trajectory what was kept, by name: `u[A.x]`, `v[A.x]`, `a[A.x]`, `lambda[bars.link]`, …, "
-        "`energy`. [Multipliers](../python.md#multipliers) has signs and units.\n"
+        + " those in which a cell differs from the default. Behind them stand λ by constraint in "
+        "the history, `position` and `velocity` in the drift, and in the trajectory what was kept, "
+        "by name: `u[A.x]`, `v[A.x]`, `a[A.x]`, `lambda[bars.link]`, …, `energy`. "
+        "[Multipliers](../python.md#multipliers) has signs and units.\n"
     )
 
 

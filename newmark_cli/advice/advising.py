@@ -181,6 +181,7 @@ class Advice:
         return "\n\n".join(filter(None, sections(self)))
 
 
+@arguments.scaling_by_either_name
 def advise(
     subject: Any,
     *,

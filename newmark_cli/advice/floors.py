@@ -13,6 +13,7 @@ from newmark_cli.newmark.scheme import DIRECT
 from newmark_cli.support.errors import ArgumentError
 
 
+@arguments.scaling_by_either_name
 def floor(
     subject: Any,
     *,

@@ -24,6 +24,7 @@ from newmark_cli.cli import (
     showing,
 )
 from newmark_cli.cli.streams import UNREAD, OutputError
+from newmark_cli.support import compiling
 from newmark_cli.support.errors import ExecutorError, InputError
 
 
@@ -101,6 +102,8 @@ def run(arguments: Sequence[str] | None) -> int:
     # Cells run side by side: a BLAS with threads of its own would only be in the way.
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    if sys.stderr.isatty():
+        compiling.tell(screen.note)
     try:
         code = int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
         sys.stdout.flush()

@@ -85,9 +85,11 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    Prints a line for each valid file, and a line for each mistake in the others; of a
-    spatial mechanism also its freedoms, what is redundant, and the inertia of each body.
-    Warns of sizes that can hardly be meant.  Exits with 2 if a file is not valid.
+    FILE is also the name of a shipped study or problem, or a file's name without .yaml.
+    Prints a line for each valid file, with the degrees of freedom of a mechanism, and a line
+    for each mistake in the others.  For a spatial mechanism, also says what is redundant and
+    gives the inertia of each body.  Warns of sizes that are probably mistakes.  Exits with 2
+    if a file is not valid.
 
     \b
     Example:
@@ -99,7 +101,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     code = 0
     for name in files:
         try:
-            for line in config.describe(Path(name), name, allow_code):
+            for line in config.describe(name, allow_code):
                 screen.line(line)
         except DocumentError as error:
             for mistake in error.mistakes:

@@ -51,15 +51,16 @@ def axis_option(
     """An option for values of an axis of studies.
 
     Args:
-        name: Of the option.
+        name: Of the option; ``preconditioning`` and ``scaling`` are the same one.
         metavar: What stands for its value.
         text: What it means.
         sections: Sections of `newmark-study list` whose names complete it.
         multiple: Whether it may be repeated.
     """
+    same = ("preconditioning", "scaling")
     return click.option(
-        f"--{name}", multiple=multiple, metavar=metavar, shell_complete=complete(*sections),
-        help=text,
+        *(f"--{each}" for each in (same if name in same else (name,))), name, multiple=multiple,
+        metavar=metavar, shell_complete=complete(*sections), help=text,
     )  # fmt: skip
 
 

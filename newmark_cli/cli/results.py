@@ -164,6 +164,7 @@ def check(
       newmark-study check my-study --strict --junit slopes.xml
     """
     from newmark_cli.report.judging import expectations, slopes
+    from newmark_cli.report.judging.text import wrapped
     from newmark_cli.report.reading import records
     from newmark_cli.report.tables import outcomes
     from newmark_cli.study import reading
@@ -187,7 +188,9 @@ def check(
         )
     else:
         told = [f"{one.path}: {one.finding}" for one in changed]
-        show_claims(found, expected, show_all, markdown, told)
+        summary = show_claims(found, expected, show_all, markdown, told)
+        if not markdown:
+            screen.lines(wrapped(summary))
     asserted = outcomes.of(found, expected, changed, tables=True)
     if junit is not None:
         files.write_output(junit, outcomes.junit(asserted, strict))
@@ -395,8 +398,8 @@ def show_claims(
     show_all: bool = False,
     markdown: bool = False,
     changed: Sequence[str] = (),
-) -> None:
-    """Print slopes, claims and expectations, why some fail, and how many hold.
+) -> str:
+    """Print slopes, claims and expectations, and why some fail; returns how many hold.
 
     Args:
         slopes: The series.
@@ -412,7 +415,7 @@ def show_claims(
     chosen = checking.chosen(slopes, show_all)
     if markdown:
         # A table to publish: what nothing can be said of is for those who run the check.
-        chosen = [s for s in chosen if show_all or s.figures or s.fails]
+        chosen = [s for s in chosen if show_all or s.figures or s.fails] or list(slopes)
         tables = (
             checking.slope_rows(chosen),
             expectations.claim_rows(expected),
@@ -421,7 +424,7 @@ def show_claims(
         for table in tables:
             if len(table) > 1:
                 screen.lines(checking.markdown_table(table) + "\n")
-        return
+        return ""
     for table in (
         checking.slope_lines(chosen),
         expectations.claim_lines(expected),
@@ -440,7 +443,7 @@ def show_claims(
     summary = checking.summary(slopes, expectations.summary(expected))
     if changed:
         summary += f", {len(changed)} not what was written"
-    screen.lines(wrapped(summary))
+    return summary
 
 
 def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:

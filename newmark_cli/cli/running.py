@@ -84,7 +84,7 @@ def run(
     studies = [config.find(name, allow_code) for name in configs]
     if dry_run:
         return _dry_run(studies, folder, how.force, shard)
-    return _run(studies, folder, how, shard, kind, timed)
+    return _tell(_run(studies, folder, how, shard, kind, timed), folder, how.quiet)
 
 
 @click.command()
@@ -134,13 +134,14 @@ def merge(
 @click.command()
 @results_folder
 @running_options
-@click.option("--all", "everything", is_flag=True, help="Also run the studies past the paper.")
+@click.option("--all", "everything", is_flag=True, help="Also run the studies beyond the paper.")
 def reproduce(folder: Path, how: How, everything: bool) -> int:
     """Run the paper's studies, draw its figures, check slopes.
 
-    With --all, does the same for the studies past the paper and checks their
-    claims.  Says which studies have the numbers that were shipped, bit for bit.
-    Exits with 1 if a slope is not as predicted or a claim fails.
+    With --all, does the same for the studies beyond the paper and checks their
+    claims.  Ends with a summary, which says how many studies have the numbers that
+    were shipped, bit for bit.  Exits with 1 if a slope is not as predicted or a claim
+    fails.
 
     \b
     Example:
@@ -149,12 +150,12 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.study import config
 
     studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
-    code = _run([config.load_shipped(name) for name in studies], folder, how, None)
+    runs = _run([config.load_shipped(name) for name in studies], folder, how, None)
+    code = _tell(runs, folder, how.quiet)
 
     from newmark_cli.report.drawing import plot as plotting
     from newmark_cli.report.drawing.sheets import Results
     from newmark_cli.report.judging import expectations, slopes
-    from newmark_cli.report.judging.text import wrapped
     from newmark_cli.report.reading import records
     from newmark_cli.report.tables import outcomes
     from newmark_cli.report.tables import paper_tables as tabling
@@ -162,19 +163,29 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
 
     found = slopes.collect(folder, studies)
     files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
-    screen.line(f"{len(files)} files in {folder / 'figures'}")
     screen.line()
     show_tables(folder, tabling.build(found))
     if everything:
         code = max(code, show_cures(folder))
     expected = expectations.judge(folder, found)
-    show_claims(found, expected)
+    summary = show_claims(found, expected)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,
     # only about what was run.
     others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
     slopes.write(folder, found + slopes.collect(folder, others))
     code = code or verdict(outcomes.of(found, expected, tables=True))
-    screen.lines(wrapped(records.agreement(folder, studies, config.shipped_sums())))
+    ended = sum(status == "ok" for done in runs for status in done.statuses)
+    for line in (
+        f"Summary of {len(studies)} studies, whose CSVs are in {folder}:",
+        f"cells: {ended} of {sum(len(done.statuses) for done in runs)} ok",
+        f"written: {len(files)} files in {folder / 'figures'}, tables in {folder / 'tables'}",
+        summary,
+        records.agreement(folder, studies, config.shipped_sums()),
+        "next: 'newmark-study show andrews-u' for values, 'newmark-study report' for a page"
+        if code == 0
+        else "not all is as it should be: the lines that begin with 'newmark-study:' say what",
+    ):
+        screen.line(line)
     return code
 
 
@@ -185,7 +196,7 @@ def _run(
     shard: tuple[int, int] | None,
     kind: str = "csv",
     timed: bool = False,
-) -> int:
+) -> "list[StudyRun]":
     from newmark_cli.cli import terminal
     from newmark_cli.running import runner
 
@@ -195,8 +206,7 @@ def _run(
     )  # fmt: skip
     with terminal.watching(how.quiet, how.verbose) as watcher:
         interrupts.note(lambda: _kept(watcher, how.force))
-        runs = runner.run_studies(studies, folder, options, watcher)
-    return _tell(runs, folder, how.quiet)
+        return runner.run_studies(studies, folder, options, watcher)
 
 
 def _kept(counts: "Counts", force: bool) -> str:

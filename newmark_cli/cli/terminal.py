@@ -8,15 +8,19 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from newmark_cli.cli import screen
-from newmark_cli.running.runner import Planned, Watcher, weight
+from newmark_cli.running.runner import Planned, Watcher
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
-from newmark_cli.support import interrupts
+from newmark_cli.support import compiling, interrupts
 from newmark_cli.support.errors import visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+
+#: What a cell takes besides its steps, in steps: measuring, and writing it down.
+_PER_CELL = 2_000
 
 
 class Counts(Watcher):
@@ -71,9 +75,10 @@ class Told(Counts):
     def planned(self, plan: Sequence[Planned]) -> None:
         """Open the display; a run that has nothing to do shows none."""
         super().planned(plan)
-        total = weight(plan)
+        total = sum(cell.weight + _PER_CELL for cell in self._places)
         if total and sys.stderr.isatty():
             self._display = _opened(_display(total), self._stack)
+            compiling.tell(self._say)
             self._count()
             self._display.refresh()  # a run may end before the next frame
 
@@ -92,6 +97,7 @@ class Told(Counts):
     def finished(self, cell: Cell, done: Done) -> None:
         """Count a cell, and write a line for it when lines are asked for."""
         super().finished(cell, done)
+        self.steps(_PER_CELL)
         if self._verbose:
             reason = f": {done.outcome.reason}" if done.outcome.reason else ""
             reason += "".join(f"; measured no error: {why}" for why in done.outcome.lacks)
@@ -113,25 +119,37 @@ class Told(Counts):
 
     def _count(self) -> None:
         if self._display is not None:
+            (task,) = self._display.tasks
             self._display.update(
-                self._display.task_ids[0], done=self.done, failed=self.failed, left=self.left
+                task.id,
+                done=self.done,
+                failed=self.failed,
+                left=self.left,
+                # What a failed cell has not marched is not left, either.
+                completed=task.completed if self.left else task.total,
             )
 
 
 def _display(total: int) -> "Progress":
-    """A bar weighted by steps, counts of cells, and the time left."""
+    """A bar weighted by steps and cells, counts of cells, and the time left."""
     return _bar(["done", "failed", "left"], total)
 
 
 def _bar(counts: Sequence[str], total: int) -> "Progress":
     """A bar, counts, and the time left."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
+    from rich.text import Text
+
+    class Percent(TaskProgressColumn):
+        def render(self, task: Task) -> Text:
+            most = 99 if task.fields.get("left") else 100
+            return Text(f"{min(int(task.percentage), most):>3}%", style="progress.percentage")
 
     display = Progress(
         BarColumn(bar_width=20),
-        TaskProgressColumn(),
+        Percent(),
         TextColumn(", ".join(f"{{task.fields[{name}]}} {name}" for name in counts)),
         Remaining(compact=True, elapsed_when_finished=True),
         console=Console(stderr=True),

@@ -1,9 +1,11 @@
 """Arguments of public functions, checked: one clear sentence for each mistake."""
 
 import reprlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import wraps
+from inspect import signature
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -14,6 +16,25 @@ from newmark_cli.support.spelling import nearest
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = 60
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def scaling_by_either_name(function: _Function) -> _Function:
+    """Let a function take ``scaling`` and ``preconditioning`` for the same argument."""
+    names = ("scaling", "preconditioning")
+    own, other = sorted(names, key=lambda name: name not in signature(function).parameters)
+
+    @wraps(function)
+    def called(*given: Any, **named: Any) -> Any:
+        if other in named:
+            if own in named:
+                raise ArgumentError(f"{own} and {other} are one argument: give one of them")
+            named[own] = named.pop(other)
+        return function(*given, **named)
+
+    return cast(_Function, called)
 
 
 def shown(given: Any) -> str:

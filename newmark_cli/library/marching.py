@@ -216,6 +216,7 @@ def march(
 ) -> Trajectory: ...
 
 
+@arguments.scaling_by_either_name
 def march(
     problem: Any,
     *,
@@ -264,7 +265,7 @@ def march(
             `newmark_cli.newmark.integrator`.
         scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"`` (Table 2),
             ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
-            ``right`` as in a config.
+            ``right`` as in a config; ``preconditioning`` is the same argument.
         evaluation: ``"direct"`` as the paper writes the residuals, or ``"compensated"``.
         precision: ``"float64"`` or ``"float32"``, the arithmetic of the march; what is
             returned is float64.

@@ -9,7 +9,7 @@ from newmark_cli.library.arguments import flag, shown
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spec import PythonFactory, Sized
+from newmark_cli.mechanisms.spec import PythonFactory, Sized, name_and_arguments, with_ending
 from newmark_cli.problems import fingerprint, python_problem
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.problems.python_problem import Definition
@@ -28,9 +28,11 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
         given: One of
 
             - the name of a shipped problem, such as ``"andrews"``;
-            - the name of a family, with its sizes as further arguments;
-            - the path of a mechanism file, ``"mine.yaml"``, as text or `pathlib.Path`; where it
-              names forces in Python, with ``allow_code=True``, and **their code runs**;
+            - the name of a family, with its sizes as further arguments, or its label,
+              ``"chain(links=20)"``;
+            - the path of a mechanism file, ``"mine.yaml"`` or ``"mine"``, as text or
+              `pathlib.Path`; where it names forces in Python, with ``allow_code=True``, and
+              **their code runs**;
             - a Python file and a function in it that returns a `Definition`,
               ``"mine.py:factory"``, with its arguments as further ones.  **Its code runs.**
             - a `Definition`, or anything with its attributes;
@@ -65,6 +67,9 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
         >>> swing.coordinate_names, swing.constraint_names
         (('P.x', 'P.y'), ('bars.rod',))
     """
+    if isinstance(given, str) and not arguments:  # a label, or a file without its ending
+        given, arguments = name_and_arguments(given)
+        given = given if given in PROBLEMS else with_ending(given)
     if isinstance(given, str) and given in FAMILIES:
         return _member(given, arguments)
     if isinstance(given, str) and given.rpartition(":")[0].endswith(".py"):

@@ -65,6 +65,7 @@ class Factors:
         return tuple(self.right)
 
 
+@arguments.scaling_by_either_name
 def scaling(
     form: str,
     *,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from newmark_cli.library import arguments
 from newmark_cli.report.reading import records
-from newmark_cli.study import config, reading, results
+from newmark_cli.study import axes, config, reading, results
 from newmark_cli.study import trajectories as kept
 from newmark_cli.study.config import Study
 from newmark_cli.study.keys import Surroundings
@@ -200,7 +200,7 @@ def plot(
             name; the first if omitted.
         size: Width and height (inch).
         **choice: Draw only these: ``measure``, ``quantity``, ``form``, ``problem``,
-            ``preconditioning``, ``integrator``.
+            ``preconditioning`` or ``scaling``, ``integrator``.
 
     Returns:
         A figure of matplotlib, which a notebook shows and ``savefig`` writes.
@@ -224,16 +224,17 @@ def plot(
     from newmark_cli.report.drawing.sheets import Results, sheet
     from newmark_cli.report.judging.slopes import collect
 
-    axes = ("quantity", "form", "problem", "preconditioning", "integrator")
+    choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
+    choice = {axes.ALIASES.get(name, name): given for name, given in choice.items()}
     for name, given in choice.items():
-        arguments.one_of("argument", name, ("measure", *axes))
+        arguments.one_of("argument", name, ("measure", *choosable))
         if not isinstance(given, str):
             raise ArgumentError(f"{name} must be text, given {arguments.shown(given)}")
     with _folder(frame) as folder:
         found = Results(folder, collect(folder))
         chosen = plotting.Choice(
             (choice["measure"],) if "measure" in choice else (),
-            {name: (choice[name],) if name in choice else () for name in axes},
+            {name: (choice[name],) if name in choice else () for name in choosable},
             everything=True,
         )
         try:

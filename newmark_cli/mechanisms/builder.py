@@ -43,6 +43,12 @@ class Row(NamedTuple):
         return ".".join(map(str, self.parts))
 
 
+def apart(length: float, misfit: float) -> str:
+    """A distance in so many digits that its misfit from a length shows."""
+    digits = 12 if abs(misfit) > 1e-9 * length else 16
+    return f"{length + misfit:.{digits}g}"
+
+
 class Builder(ABC):
     """Turns a mechanism into the tables of an element loop.
 

@@ -16,7 +16,9 @@ from newmark_cli.support.documents import Document, File
 #: Keys that only spatial mechanisms have.
 _SPATIAL = ("joints", "rates", "redundant")
 #: Keys of which a mechanism has at least one, and a study has none.
-_OF_MECHANISMS = ("points", "bodies", "dimensions")
+OF_MECHANISMS = ("points", "bodies", "dimensions")
+#: Keys that only studies have.
+_OF_STUDIES = ("study", "cases", "problem", "h", "measure")
 
 
 def load(path: Path, name: str, spelled: str | None = None, allow_code: bool = False) -> Problem:
@@ -73,8 +75,8 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
         code: Adds forces in Python, see `planar.built`; refused if omitted.
     """
     if isinstance(document.data, dict):
-        if not is_mechanism(document.data) and "study" in document.data:
-            raise document.error((), "is a study, not a mechanism")
+        if not is_mechanism(document.data) and not document.data.keys().isdisjoint(_OF_STUDIES):
+            raise document.error((), "is a study, not a mechanism; give the study's problem")
         given = document.data.get("dimensions", 2)
         if isinstance(given, bool) or given not in (2, 3):
             raise document.error(("dimensions",), f"must be 2 or 3, given {given!r:.40}")
@@ -119,7 +121,7 @@ def made(name: str, data: dict[str, Any]) -> Problem:
 
 def is_mechanism(data: Any) -> bool:
     """Whether the data of a file are those of a mechanism rather than of a study."""
-    return isinstance(data, dict) and not data.keys().isdisjoint(_OF_MECHANISMS)
+    return isinstance(data, dict) and not data.keys().isdisjoint(OF_MECHANISMS)
 
 
 def assembled(problem: Problem) -> list[str]:

@@ -53,6 +53,8 @@ Length = Annotated[
 
 def _two_numbers(value: Any, info: ValidationInfo) -> Any:
     documents.require_brackets(value, info)
+    if isinstance(value, int | float):
+        raise ValueError("must have two components, [x, y]")
     if isinstance(value, list | tuple) and len(value) == 3:
         raise ValueError("must have two components, given three; is 'dimensions: 3' missing?")
     return value

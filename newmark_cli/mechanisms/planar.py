@@ -340,8 +340,8 @@ class Builder(builder.Builder):
         if not (checked or self.mechanism.assemble) and abs(misfit) > MISFIT * length:
             raise self.document.error(
                 path,
-                f"{start} and {end} start {length + misfit:.12g} m apart, given length "
-                f"{length:g}; correct the positions or set 'assemble: true'",
+                f"{start} and {end} start {builder.apart(length, misfit)} m apart, given length "
+                f"{length:.16g}; correct the positions or set 'assemble: true'",
             )
         plain = all(complex(weight).imag == 0 for weight in difference.values())
         self.element("LINK" if plain else "BAR", difference, (length * length,), constraint=path)

@@ -27,8 +27,13 @@ def digest() -> str:
     """Hexadecimal digest of the files of the shipped problems."""
     found = hashlib.sha256()
     for name in PROBLEMS:
-        found.update(name.encode() + b"\0" + (_FOLDER / f"{name}.yaml").read_bytes())
+        found.update(name.encode() + b"\0" + file(name).read_bytes())
     return found.hexdigest()
+
+
+def file(name: str) -> Path:
+    """The file of a shipped problem."""
+    return _FOLDER / f"{name}.yaml"
 
 
 @cache
@@ -42,7 +47,7 @@ def problem(name: str) -> Problem:
         raise ProblemError(f"unknown problem {name!r}{nearest(name, PROBLEMS)}")
     from newmark_cli.mechanisms import loading
 
-    return loading.load(_FOLDER / f"{name}.yaml", name)
+    return loading.load(file(name), name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +74,7 @@ def is_spatial(name: str) -> bool:
     """Whether there is a shipped mechanism in space of this name; nothing is built."""
     from newmark_cli.support import documents
 
-    found = documents.read(_FOLDER / f"{name}.yaml").data if name in PROBLEMS else {}
+    found = documents.read(file(name)).data if name in PROBLEMS else {}
     return found.get("dimensions") == 3
 
 
@@ -78,7 +83,7 @@ def picture(name: str) -> Picture:
     from newmark_cli.mechanisms.models import Mechanism
     from newmark_cli.support import documents
 
-    document = documents.read(_FOLDER / f"{name}.yaml")
+    document = documents.read(file(name))
     # Of an assembled one the file has a guess only.
     if document.data.get("dimensions") == 3 or document.data.get("assemble"):
         built = problem(name)
@@ -109,7 +114,7 @@ def about(name: str) -> About:
     """Description of a shipped problem in its file."""
     from newmark_cli.support import documents
 
-    data = documents.read(_FOLDER / f"{name}.yaml").data
+    data = documents.read(file(name)).data
     return About(data["title"], data["description"], *size(data))
 
 

@@ -522,8 +522,8 @@ class Builder(builder.Builder):
             if not self.mechanism.assemble and abs(misfit) > _MISFIT * length:
                 raise self.document.error(
                     (*path, "length"),
-                    f"its points start {length + misfit:.12g} m apart, given length {length:g}; "
-                    "correct the positions or set 'assemble: true'",
+                    f"its points start {builder.apart(length, misfit)} m apart, given length "
+                    f"{length:.16g}; correct the positions or set 'assemble: true'",
                 )
         elif isinstance(joint.at, dict) and not self.mechanism.assemble:
             self._require_met(joint, a, b, apart, path)

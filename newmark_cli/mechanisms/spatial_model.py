@@ -44,6 +44,8 @@ GROUND = "ground"
 
 def _three_numbers(value: Any, info: ValidationInfo) -> Any:
     documents.require_brackets(value, info)
+    if isinstance(value, int | float):
+        raise ValueError("must have three components, [x, y, z]")
     if isinstance(value, list | tuple) and len(value) == 2:
         raise ValueError("must have three components, given two: this mechanism is spatial")
     return value

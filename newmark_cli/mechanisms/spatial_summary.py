@@ -1,11 +1,14 @@
 """Summary of a spatial mechanism: sizes, freedoms, ranks, inertia."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from newmark_cli.mechanisms.spatial import SpatialModel
-from newmark_cli.mechanisms.spatial_model import Body
+from newmark_cli.mechanisms.spatial_model import Body, BodyPoint
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
+from newmark_cli.support.spelling import degrees_of_freedom
 
 #: Bodies whose inertia is listed.
 _MOST_BODIES = 20
@@ -22,7 +25,7 @@ def lines(name: str, problem: Problem) -> list[str]:
     n, m, free = problem.n, problem.m, model.freedom
     found = [
         f"{name}: spatial mechanism, {n} coordinates, {m} constraints, "
-        f"{free} freedom{'s' * (free != 1)}; rank of M {model.mass_rank}, "
+        f"{degrees_of_freedom(free)}; rank of M {model.mass_rank}, "
         f"of the saddle point {n + m}"
     ]
     if problem.released:
@@ -32,22 +35,43 @@ def lines(name: str, problem: Problem) -> list[str]:
     found += [f"  warning: nothing holds {body}: no joint has it" for body in model.loose]
     bodies = model.mechanism.bodies
     for body in list(bodies)[:_MOST_BODIES]:
-        about, of_origin = map(_moments, (bodies[body].tensor, about_origin(bodies[body])))
-        if any(bodies[body].centre):
+        points = [p for p in model.mechanism.body_points.values() if p.on == body and p.mass]
+        centre, tensor, origin = inertia_with(bodies[body], points)
+        about, of_origin = _moments(tensor), _moments(origin)
+        if np.any(centre):
             about = f"its centre {about}, about its origin {of_origin}"
         else:
             about = f"its centre and origin {about}"
-        found.append(f"  {body}: inertia about {about}")
+        loaded = " with its point masses" * bool(points)
+        found.append(f"  {body}: inertia{loaded} about {about}")
     if len(bodies) > _MOST_BODIES:
         found.append(f"  … and {len(bodies) - _MOST_BODIES} more bodies")
     return found
 
 
-def about_origin(body: Body) -> Array:
-    """(3, 3) tensor of inertia of a body about its origin, in body axes (kg m²)."""
-    centre = np.array(body.centre)
-    steiner = (centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    return np.asarray(body.tensor + body.mass * steiner)
+def inertia_with(body: Body, points: Iterable[BodyPoint] = ()) -> tuple[Array, Array, Array]:
+    """Mass centre (m), and tensors of inertia about it and about the origin (kg m²).
+
+    Args:
+        body: The body.
+        points: Point masses on it, which are counted.
+
+    Returns:
+        (3,), (3, 3), (3, 3) in body axes.
+    """
+    masses = [body.mass, *(point.mass for point in points)]
+    places = [np.array(body.centre), *(np.array(point.at) for point in points)]
+    mass, centre, origin = sum(masses), places[0], np.array(body.tensor)
+    if mass:
+        centre = np.asarray(np.average(places, axis=0, weights=masses))
+    for part, place in zip(masses, places, strict=True):
+        origin += part * _steiner(place)
+    return centre, np.asarray(origin - mass * _steiner(centre)), origin
+
+
+def _steiner(place: Array) -> Array:
+    """(3, 3) tensor of inertia of a unit mass (m²)."""
+    return np.asarray((place @ place) * np.eye(3) - np.outer(place, place))
 
 
 def _moments(tensor: Array) -> str:

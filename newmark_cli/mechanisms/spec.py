@@ -14,8 +14,10 @@ it was read, and the next one of what they say then.
 Another kind is another such class beside these and a member of `ProblemSpec`.
 """
 
+import json
 import math
 import os
+import re
 import tempfile
 import uuid
 from abc import ABC, abstractmethod
@@ -30,7 +32,7 @@ from typing import Any, NoReturn, Self, TypeVar
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.support import apart
-from newmark_cli.support.documents import File
+from newmark_cli.support.documents import Document, File, plain
 
 
 @dataclass(frozen=True)
@@ -349,6 +351,49 @@ class ForcedMechanism(Code, MechanismFile):
     def run(self) -> Problem:
         """The problem, for which the code runs here."""
         return loading.loaded(self.file, self.label, self.path.parent)
+
+
+@dataclass(frozen=True)
+class Inline(MechanismFile):
+    """A mechanism that stands in a study, as JSON in place of a file."""
+
+    @property
+    def given(self) -> Any:
+        """The mechanism itself."""
+        return json.loads(self.file.content)
+
+
+def inline(data: Any) -> Inline:
+    """The mechanism with these keys.
+
+    Raises:
+        DocumentError: For every mistake, each with its key.
+    """
+    name = str(data.get("title") or "mechanism") if isinstance(data, dict) else "mechanism"
+    loading.built(name, Document.of("mechanism", data))
+    return Inline(File(name, json.dumps(data).encode()))
+
+
+#: A label such as ``chain(links=20)``: a name, and arguments between blanks.
+_LABEL = re.compile(r"([^()]+)\(([^()]*)\)")
+
+
+def name_and_arguments(label: str) -> tuple[str, dict[str, Any]]:
+    """Family and sizes, or Python factory and arguments, from the label of a problem."""
+    match = _LABEL.fullmatch(label)
+    if match is None:
+        return label, {}
+    parts = (part.partition("=") for part in re.split("[ ,]+", match[2].strip()) if part)
+    return match[1], {name: plain(value) for name, _, value in parts}
+
+
+def with_ending(name: str, folder: Path = Path()) -> str:
+    """A YAML file by its name without the ending, if there is one; else the name as it is."""
+    if name and not Path(name).suffix:
+        for ending in (".yaml", ".yml"):
+            if os.path.isfile(folder / f"{name}{ending}"):
+                return name + ending
+    return name
 
 
 ProblemSpec = Shipped | Sized | MechanismFile | PythonFactory

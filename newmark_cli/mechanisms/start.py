@@ -29,6 +29,8 @@ MOST_CORRECTIONS = 50
 MISSED = 1e-9
 #: Constraints that an error names.
 MOST_NAMED = 12
+#: Parts that are named where no position is found.
+_MOST_PARTS = 4
 #: Part of a row in what depends on each other, from which on it has a share in it.
 _INVOLVED = 1e-6
 #: Part of the largest share in what is redundant that a row must have to be dropped.
@@ -104,25 +106,35 @@ def column_norms(gradient: scipy.sparse.csc_array) -> Array:
 def _assembled(builder: Builder, problem: Problem) -> Array:
     """Positions on the constraints near a guess."""
     u = _on_constraints(problem, problem.u0)
-    size = _size(u)
+    missed = _missed_by_part(builder, problem, u)
+    if not missed:
+        return u
+    hint, unit = "", " m"
+    if len(problem.axes) == 3:  # where what one joint misses is soon spread over all bodies
+        guessed, unit = _missed_by_part(builder, problem, problem.u0), ""
+        hint = "".join(f" {part} is open by {by:.3g} there;" for part, by in [*guessed.items()][:1])
+    named = ", ".join(f"{part} by {by:.3g}{unit}" for part, by in [*missed.items()][:_MOST_PARTS])
+    raise builder.document.error(
+        ("assemble",),
+        f"no position found from this guess:{hint} the closest one misses {named}"
+        f"{', …' if len(missed) > _MOST_PARTS else ''}; these contradict each other, or the guess "
+        "is too far away",
+    )
+
+
+def _missed_by_part(builder: Builder, problem: Problem, u: Array) -> dict[str, float]:
+    """Part → the most by which a position misses one of its constraints, the largest first."""
     missed = problem.constraint_values(problem.t0, u)
     for k, square in builder.squares.items():  # by how much the length is missed
         missed[k] = np.sqrt(max(0.0, square + 2 * missed[k])) - np.sqrt(square)
-    missed = np.abs(missed)
-    off = np.flatnonzero(~(missed <= MISSED * size)).tolist()
-    if not off:
-        return u
-    worst = sorted(off, key=lambda k: -missed[k])[:MOST_NAMED]
-    named = ", ".join(
-        f"{builder.rows[k].full} by {missed[k]:.3g}{'' if builder.rows[k].name else ' m'}"
-        for k in sorted(worst)
-    )
-    raise builder.document.error(
-        ("assemble",),
-        f"no position found from this guess: the closest one misses {named}"
-        f"{', …' if len(off) > len(worst) else ''}; these contradict each other, or the guess is "
-        "too far away",
-    )
+    found: dict[tuple[bool, str], float] = {}
+    for row, by in zip(builder.rows, np.abs(missed).tolist(), strict=True):
+        if not by <= MISSED * _size(u):
+            rigid = not row.owner  # what keeps a body rigid comes last
+            part = rigid, str(row.parts[0]) if row.name else row.full
+            found[part] = max(found.get(part, 0.0), by)
+    order = sorted(found, key=lambda part: (part[0], -found[part]))
+    return {part[1]: found[part] for part in order}
 
 
 def _size(u: Array) -> float:

@@ -11,6 +11,7 @@ core knows an integrator: another of the family is another set of coefficients
 (`Relations`), from which its sensitivities and so its scaling follow.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
@@ -23,6 +24,8 @@ from newmark_cli.support.errors import InputError
 from newmark_cli.support.spelling import nearest
 
 FIELDS = ("u", "v", "a")
+#: What tables and figures call Newmark's scheme with β = 1/4 and γ = 1/2.
+TRAPEZOIDAL_NAME = "trapezoidal"
 
 #: What a past vector may become (`Relations.advance`): a new field, the true
 #: acceleration v', or an increment over the step, w = u − u_n − h v_n, ν = v − v_n.
@@ -410,13 +413,29 @@ def parameters(method: str) -> tuple[str, ...]:
     return tuple(field.name for field in fields(INTEGRATORS[method]))
 
 
+#: Letters and words of legends, such as generalized-α (ρ∞ = 0.9), as labels have them.
+_SPELLED = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", " = ": "=", "(": "", ")": "",
+            ",": ""}  # fmt: skip
+
+
+def plain_label(text: str) -> str:
+    """A label from what tables and legends print of it; other text stays as it is."""
+    if text == TRAPEZOIDAL_NAME:
+        return Newmark().label
+    method, *rest = re.split(r" (?=\()", text, maxsplit=1)
+    plain = " ".join([method.casefold(), *rest])
+    for theirs, ours in _SPELLED.items():
+        plain = plain.replace(theirs, ours)
+    return plain if plain.split(" ")[0] in INTEGRATORS else text
+
+
 def parse(label: str) -> Integrator:
-    """Read a `label`.
+    """Read a `label`, or what tables and legends print of it.
 
     Raises:
         IntegratorError: If the label is not valid.
     """
-    method, *given = label.split(" ")
+    method, *given = plain_label(label).split(" ")
     if method not in INTEGRATORS:
         raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
     pairs = [part.partition("=") for part in given]

@@ -544,8 +544,3 @@ def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
 def _quiet_facts(problem: Problem, t_end: float, h: float) -> motion.Facts:
     with np.errstate(all="ignore"):
         return motion.facts(problem, t_end, h)
-
-
-def weight(planned: Sequence[Planned]) -> int:
-    """Total of the steps that `Watcher.steps` is told of when a plan is carried out."""
-    return sum(one.cell.weight for one in planned if one.done is None)

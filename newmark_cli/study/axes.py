@@ -236,7 +236,7 @@ class Cell:
         initial=None,
         since=(2, 2),
         many=False,
-        config=lambda keys: keys.StopConfig | None,
+        config=lambda keys: keys.Stop,
         default=None,
         about="tolerance on the scaled correction; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a tolerance",
@@ -306,7 +306,7 @@ class Cell:
         default=None,
     )
     accept: tuple[str, ...] = setting(
-        "statuses that the study is about, which are then no failures; not_converging: of series",
+        "statuses that cells may end with and not count as failed; not_converging, for series",
         column=False,
         computed=False,
         compare=False,
@@ -520,6 +520,25 @@ class SeriesKey:
             for each, value in zip(series_axes(), self.values, strict=True)
             if each.name not in said and value and value != each.usual
         ]
+
+
+#: Another name of an axis, where one is typed.
+ALIASES = {"scaling": "preconditioning"}
+
+
+def in_words(axis: str, value: str) -> str:
+    """A value that says little without its axis, with it; any other as it is."""
+    if axis == "projection":
+        method, _, rest = value.partition(" ")
+        named = "no projection" if method == "none" else f"{method} projection"
+        return named + (f" with {rest}" if rest else "")
+    if axis == "multipliers":
+        return {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}.get(
+            value, value
+        )
+    if axis == "stop":
+        return value if value == SATURATION else f"tolerance {value}"
+    return f"{value} start" if axis == "start" else value
 
 
 def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Study configs: YAML in, frozen models and cells out."""
 
 import math
-import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from copy import copy
@@ -19,13 +18,14 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
-from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.spec import (
     ForcedMechanism,
     MechanismFile,
     ProblemSpec,
     Traits,
     is_code,
+    with_ending,
     with_problem,
 )
 from newmark_cli.newmark.forms import FORMS
@@ -68,7 +68,7 @@ from newmark_cli.support.documents import (
     misfit,
 )
 from newmark_cli.support.errors import warn
-from newmark_cli.support.spelling import closest, nearest
+from newmark_cli.support.spelling import closest, degrees_of_freedom, nearest
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -112,7 +112,12 @@ class _Rules(RuledModel):
                     yield misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
                 steps = self.t_end / h
                 if any(measure.at_end for measure in measures) and abs(steps - round(steps)) > 1e-6:
-                    yield misfit("h", f"errors need a whole number of steps to t_end, given {h:g}")
+                    near = self.t_end / max(round(steps), 1)
+                    yield misfit(
+                        "h",
+                        f"errors need a whole number of steps to t_end = {self.t_end:g}, given "
+                        f"{h:g}; the nearest is {near:.10g}",
+                    )
         yield from (error for measure in measures for error in self._unmeasurable(measure))
         labels = [variant.label for variant in self.variants()]
         if len(set(labels)) < len(labels):
@@ -395,6 +400,7 @@ def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study
 
 def parse(document: Document, around: Surroundings | None = None) -> Study:
     """Study from a document; see :func:`load`."""
+    document = document.renamed(axes.ALIASES, frozenset(("problem",)))
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")
@@ -591,12 +597,20 @@ def find(config: str, allow_code: bool = False) -> Study:
     Raises:
         DocumentError: When it is neither, or is not valid.
     """
-    path = Path(config)
-    if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
-        return load(path, config, allow_code)
     if config in shipped():
         return load_shipped(config)
-    raise DocumentError(f"{config}: no such file and no shipped config{nearest(config, shipped())}")
+    config = with_ending(config)
+    path = Path(config)
+    if path.suffix in (".yaml", ".yml"):
+        return load(path, config, allow_code)
+    raise _no_study(config)
+
+
+def _no_study(config: str) -> DocumentError:
+    if Path(config).exists():
+        return DocumentError(f"{config}: is not a study; give a YAML file, or a shipped study")
+    near = nearest(config, shipped())
+    return DocumentError(f"{config}: no such file and no shipped study{near}")
 
 
 def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
@@ -609,14 +623,7 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
     Raises:
         DocumentError: When there is none, or the file is not valid.
     """
-    match = re.fullmatch(r"([\w-]+)\(([\w= ]*)\)", text)
-    value: Any = text
-    if match:
-        sizes = dict(part.partition("=")[::2] for part in match[2].split())
-        value = {match[1]: {k: int(v) if v.isdecimal() else v for k, v in sizes.items()}}
-    elif re.fullmatch(r".+\.py:\w+", text):
-        value = {"python": text}
-    document = Document.of("command line", {"problem": value})
+    document = Document.of("command line", {"problem": text})
     around = Surroundings(allow_code=allow_code)
     spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
     _warn_of(spec)
@@ -627,17 +634,23 @@ class _OneProblem(StrictModel):
     problem: Annotated[Any, BeforeValidator(problem_of)]
 
 
-def describe(path: Path, name: str, allow_code: bool) -> list[str]:
+def describe(name: str, allow_code: bool) -> list[str]:
     """Contents of a valid config or mechanism file, in a line or a few.
 
     Args:
-        path: The file.
-        name: How the line names it.
+        name: The file, with or without its ending, or the name of a shipped study or problem.
         allow_code: Whether problems in Python may be loaded.
 
     Raises:
         DocumentError: For every mistake.
     """
+    if name in shipped():
+        path = _shipped.folder() / f"{name}.yaml"
+    elif name in registry.PROBLEMS:
+        path = registry.file(name)
+    else:
+        name = with_ending(name)
+        path = Path(name)
     file = documents.fetch(path, name)
     document = file.document()
     if loading.is_mechanism(document.data):
@@ -650,7 +663,8 @@ def describe(path: Path, name: str, allow_code: bool) -> list[str]:
 
             found = spatial_summary.lines(name, problem)
         else:
-            found = [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints"]
+            free = degrees_of_freedom(problem.n - problem.m)
+            found = [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints, {free}"]
         warn(*problem.doubts)
         return found + loading.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))

@@ -33,6 +33,9 @@ from newmark_cli.mechanisms.spec import (
     PythonFactory,
     Shipped,
     Sized,
+    inline,
+    name_and_arguments,
+    with_ending,
 )
 from newmark_cli.newmark.forms import FORMS, INDEX_3, MULTIPLIERS, ROWS
 from newmark_cli.newmark.formulation import (
@@ -40,15 +43,18 @@ from newmark_cli.newmark.formulation import (
     PROJECTIONS,
     REPORTED,
     STARTS,
+    UNPROJECTED,
     Formulation,
     Projection,
 )
 from newmark_cli.newmark.integrator import (
     FIELDS,
     INTEGRATORS,
+    TRAPEZOIDAL_NAME,
     Integrator,
     IntegratorError,
     parameters,
+    plain_label,
 )
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import (
@@ -66,7 +72,7 @@ from newmark_cli.newmark.scheme import (
     Tolerance,
 )
 from newmark_cli.study import drawing
-from newmark_cli.study.axes import STUDY_NAME
+from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, in_words
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES, RECORDS
 from newmark_cli.support import documents
@@ -134,6 +140,7 @@ class _Known:
 
     kind: str
     allowed: tuple[str, ...]
+    axis: str = ""  #: whose words for its values are names, too
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -146,6 +153,8 @@ class _Known:
         return {"type": "string", "enum": list(self.allowed)}
 
     def _check(self, name: str) -> str:
+        if name not in self.allowed and self.axis:
+            name = next((one for one in self.allowed if in_words(self.axis, one) == name), name)
         if name not in self.allowed:
             raise documents.unknown_name(self.kind, name, self.allowed)
         return name
@@ -252,11 +261,16 @@ class MethodConfig(Valued):
     @classmethod
     def _from_text(cls, data: Any) -> Any:
         if isinstance(data, str):
-            return cls._split(data)
+            return cls._split(cls.plain(data))
         if not isinstance(data, dict | cls):
             text = f"must be the name of a method, or a mapping such as {cls.example()}"
             raise PydanticCustomError("method", "{message}", {"message": text})
         return data
+
+    @classmethod
+    def plain(cls, text: str) -> str:
+        """A label from what tables and legends print of it."""
+        return text
 
     @classmethod
     def _split(cls, text: str) -> dict[str, Any]:
@@ -282,8 +296,8 @@ class MethodConfig(Valued):
         mapping = handler.resolve_ref_schema(handler(schema))
         # Without its title, by which it would become a definition of the name that this one has.
         mapping = {key: value for key, value in mapping.items() if key != "title"}
-        text = {"type": "string", "pattern": f"^({'|'.join(cls.METHODS)})( |$)"}
-        return {"anyOf": [{"type": "string", "enum": list(cls.METHODS)}, text, mapping]}
+        text = {"type": "string"}
+        return {"anyOf": [text | {"enum": list(cls.METHODS)}, text, mapping]}
 
     def parameters(self) -> dict[str, float]:
         """Those that are given."""
@@ -335,7 +349,12 @@ class IntegratorConfig(MethodConfig):
     @model_validator(mode="before")
     @classmethod
     def _by_another_name(cls, data: Any) -> Any:
-        return {} if data == "trapezoidal" else data
+        return {} if data == {"method": TRAPEZOIDAL_NAME} else data
+
+    @classmethod
+    def plain(cls, text: str) -> str:
+        """A label from what tables and legends print of it."""
+        return plain_label(text)
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
@@ -402,6 +421,14 @@ class ProjectionConfig(MethodConfig):
     """What is projected after each step: a mapping, or text such as ``velocity``."""
 
     METHODS = PROJECTIONS
+
+    @classmethod
+    def plain(cls, text: str) -> str:
+        """A label from what tables and legends print of it."""
+        if text == in_words("projection", UNPROJECTED.label):
+            return UNPROJECTED.label
+        return text.replace(" projection", "").replace(" with ", " ")
+
     method: Annotated[str, _Known("projection", tuple(PROJECTIONS))] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
@@ -423,6 +450,15 @@ class StopConfig(Valued):
 
     absolute: Positive | None = Field(None, description="bound of the scaled correction")
     relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_text(cls, data: Any) -> Any:
+        """Text such as ``absolute 1e-08``, as CSVs have it."""
+        if not isinstance(data, str):
+            return data
+        words = data.removeprefix("tolerance ").replace("=", " ").split()
+        return dict(zip(words[::2], map(documents.plain, words[1::2]), strict=False))
 
     @model_validator(mode="after")
     def _given(self) -> "StopConfig":
@@ -450,7 +486,21 @@ class KrylovConfig(Valued):
         return Krylov(self.tolerance, self.limit)
 
 
+def _stop(value: Any) -> Any:
+    return None if value == SATURATION else value
+
+
+def _written_stop(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
+    return {"anyOf": [handler(schema), {"type": "string"}]}
+
+
+Stop = Annotated[Annotated[StopConfig, Shown(_written_stop)] | None, BeforeValidator(_stop)]
+
+
 def _preconditioning(value: Any) -> Any:
+    if isinstance(value, str) and value.endswith("]"):  # as CSVs have a scaling of one's own
+        own = Preconditioning.parse(value)
+        return OwnScaling(name=own.name, left=dict(own.left), right=dict(own.right))
     if isinstance(value, dict):
         return OwnScaling.model_validate(value)
     if not isinstance(value, str) or value not in VARIANTS:
@@ -479,6 +529,10 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
     around = info.context or Surroundings()
     if isinstance(value, ProblemSpec):
         return value
+    if isinstance(value, str):
+        value = _labelled(value, around)
+    if loading.is_mechanism(value):
+        return _read_once(repr(value), "", partial(inline, value), around)
     if isinstance(value, dict) and "python" in value:
         return _python_problem(value, around)
     if isinstance(value, dict):
@@ -501,6 +555,16 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
     if not isinstance(value, str) or value not in PROBLEMS:
         raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
+
+
+def _labelled(text: str, around: Surroundings) -> Any:
+    """What a label stands for, ``chain(links=20)`` or the name of a file without its ending."""
+    name, arguments = name_and_arguments(text)
+    if re.fullmatch(r".+\.py:\w+", name):
+        return {"python": name, "args": arguments}
+    if name in FAMILIES and arguments:
+        return {name: arguments}
+    return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
 
 
 def _mechanism(path: Path, spelled: str, allow_code: bool) -> ProblemSpec:
@@ -574,7 +638,8 @@ def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
 def _written_variant(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
     """What `_preconditioning` takes."""
     own = handler(OwnScaling.__pydantic_core_schema__)
-    return {"anyOf": [{"type": "string", "enum": list(VARIANTS)}, own]}
+    label = {"type": "string", "pattern": r"\]$"}
+    return {"anyOf": [{"type": "string", "enum": list(VARIANTS)}, label, own]}
 
 
 def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
@@ -601,8 +666,13 @@ def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonS
             {"type": "string", "enum": list(PROBLEMS)},
             {
                 "type": "string",
-                "description": "mechanism file; its path is relative to the config",
-                "pattern": r"[^/]\.ya?ml/*$",
+                "description": "mechanism file, relative to the config, or a label of a problem",
+                "pattern": r"\.ya?ml/*$|\)$|\.py:\w+$",
+            },
+            {
+                "type": "object",
+                "description": "mechanism, with the keys of a mechanism file",
+                "anyOf": [{"required": [key]} for key in loading.OF_MECHANISMS],
             },
             *(
                 mapping(family.title, {name: handler(family.size.__pydantic_core_schema__)}, name)
@@ -666,11 +736,17 @@ Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERG
 Integrators = OneOrMore[IntegratorConfig]
 Formulations = OneOrMore[FormulationConfig]
 Projections = OneOrMore[ProjectionConfig]
-Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED))]]
-Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS))]]
+Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED), "multipliers")]]
+Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS), "start")]]
 
 
-Compared = OneOrMore[Annotated[str, _Known("axis", drawing.COMPARABLE)]]
+Compared = OneOrMore[
+    Annotated[
+        str,
+        BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis),
+        _Known("axis", drawing.COMPARABLE),
+    ]
+]
 Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
 Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
 Recorded = Annotated[str, _Known("measure", tuple(RECORDS))]

@@ -883,15 +883,15 @@ def over_time(problem: "Problem") -> tuple[str, ...]:
 
     A problem without outputs has its multipliers only.
     """
-    columns = tuple(f"{LAMBDA}{k + 1}" for k in range(problem.m))
+    columns = tuple(f"{LAMBDA}[{name}]" for name in problem.constraint_names)
     if problem.outputs is None:
         return columns
     named = tuple(f"{OUTPUT}[{name}]" for name in problem.outputs.names)
     return (*columns, *named, *((ENERGY,) if problem.potential is not None else ()))
 
 
-#: Names of the columns of multipliers in time series, but for their number.
-LAMBDA = "lambda_"
+#: Multipliers in the names of their columns in time series: ``lambda[bars.link]``.
+LAMBDA = "lambda"
 
 
 class _History(Observer):

@@ -142,7 +142,7 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     return table
 
 
-#: Columns of a time series before those of the multipliers, lambda_1, lambda_2, …
+#: Columns of a time series before those of the multipliers, lambda[bars.link] and so on.
 HISTORY_COLUMNS = (
     "study", *(axis.name for axis in axes.cell_axes() if axis.cell and axis.since[0] == 0),
     "step", "t",
@@ -181,11 +181,8 @@ def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome])
     ]
     problems = {cell.problem for cell, _ in recording}
     of_problem = {spec: over_time(spec.load()) for spec in problems}
-    # Multipliers of the problem that has most of them, then what there is by name.
     each = dict.fromkeys(name for cell, _ in recording for name in of_problem[cell.problem])
-    multipliers = [name for name in each if name.startswith(LAMBDA)]
-    multipliers.sort(key=lambda name: int(name.removeprefix(LAMBDA)))
-    names = [*multipliers, *(name for name in each if not name.startswith(LAMBDA))]
+    names = sorted(each, key=lambda name: not name.startswith(LAMBDA))
     return _over_time(study, recording, names, [of_problem[cell.problem] for cell, _ in recording])
 
 

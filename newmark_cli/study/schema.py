@@ -10,6 +10,7 @@ from typing import Any
 
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
+from newmark_cli.study.axes import ALIASES
 from newmark_cli.study.config import MOST_CASES, Study
 from newmark_cli.support.json_schema import Generator, JsonSchema, with_definitions
 
@@ -22,11 +23,13 @@ def config_schema() -> JsonSchema:
     definitions = written["$defs"]
     case = definitions["Case"]
     for key, value in case["properties"].items():
-        one, several = value.get("anyOf", ({}, {}))
+        one, several, *_ = value.get("anyOf", ({}, {}))
         if several.get("items") == one and "$ref" not in one:
             definitions[key] = one
             value["anyOf"][0] = several["items"] = {"$ref": f"#/$defs/{key}"}
-    needed = case.pop("required")
+    for name, usual in ALIASES.items():
+        case["properties"][name] = case["properties"][usual]
+    needed = [key for key in case.pop("required") if key not in ALIASES.values()]
     for key in case["properties"]:
         written["properties"][key] = {"$ref": f"#/$defs/Case/properties/{key}"}
     written["properties"]["cases"] = {

@@ -15,12 +15,21 @@ from typing import Any
 from numba import njit
 from numba.core.caching import FunctionCache, NullCache
 
+from newmark_cli.support import compiling
+
 #: Folders that were warned of.
 _warned: set[str] = set()
 
 
 class _Cache(FunctionCache):
     """The cache of one function, which may be on a disk that is full."""
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Compiled code that is kept; None where it is to be compiled now."""
+        found = super().load_overload(signature, context)
+        if found is None:
+            compiling.begins()
+        return found
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep compiled code; where it cannot be kept, say so once."""
@@ -67,6 +76,7 @@ def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
         return make()
     with contextlib.suppress(OSError):
         return path.read_bytes()
+    compiling.begins()
     made = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -33,6 +33,7 @@ from newmark_cli.support.spelling import closest, nearest
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _SPECIAL = {".nan": float("nan"), "nan": float("nan"), ".inf": float("inf"), "inf": float("inf")}
+_SWITCHES = {True: "on", False: "off"}
 _CONSTANTS = {"true": True, "false": False, "null": None, "~": None, "": None}
 # Anything larger is not a config, and would keep `validate` busy.
 _MOST_VALUES = 100_000
@@ -54,6 +55,8 @@ _WORDED = tuple(
         ("^Input should be a valid tuple", "must be a list"),
         ("^Input should be a valid dictionary", "must be a mapping of names to values"),
         ("^Input should be a valid string", "must be text"),
+        ("^Input should be a valid number", "must be a number"),
+        ("^Input should be a valid integer", "must be a whole number"),
         ("^Input should be", "must be"),
         (r"^Tuple should have (.*) after validation, not (\d+)$", r"must have \1, given \2"),
     )
@@ -197,12 +200,42 @@ class Document:
             if callable(getattr(value, "tolist", None)):
                 value = value.tolist()
             if isinstance(value, Mapping):
-                return {key: plain(item, (*path, key)) for key, item in value.items()}
+                # YAML 1.1, as PyYAML reads it, takes the keys on and off for true and false.
+                keys = {key: _SWITCHES[key] if isinstance(key, bool) else key for key in value}
+                return {keys[key]: plain(item, (*path, keys[key])) for key, item in value.items()}
             if isinstance(value, list | tuple):
                 return [plain(item, (*path, i)) for i, item in enumerate(value)]
             return value
 
         return cls(name, plain(data, ()), lines)
+
+    def renamed(self, names: Mapping[str, str], leaves: frozenset[str]) -> "Document":
+        """The same with keys by their usual names.
+
+        Args:
+            names: Other name of a key → its usual one.
+            leaves: Keys below which no key is of the document's own making.
+
+        Raises:
+            DocumentError: When a mapping has both names of a key.
+        """
+        lines = dict(self.lines)
+
+        def walk(value: Any, path: KeyPath, given: KeyPath) -> Any:
+            lines[path] = self.lines.get(given, self.line(given))
+            if isinstance(value, list):
+                return [walk(item, (*path, i), (*given, i)) for i, item in enumerate(value)]
+            if not isinstance(value, dict) or not leaves.isdisjoint(path):
+                return value
+            for name, usual in names.items():
+                if name in value and usual in value:
+                    raise self.error((*given, name), f"is the same as {usual}; give one of them")
+            return {
+                names.get(key, key): walk(item, (*path, names.get(key, key)), (*given, key))
+                for key, item in value.items()
+            }
+
+        return Document(self.name, walk(self.data, (), ()), lines)
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
@@ -621,8 +654,13 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
         message = theirs.sub(ours, message)
     if detail["type"] == "missing":
         message = "missing"
+    elif detail["type"] == "literal_error" and closest(value, allowed := _quoted(context)):
+        message = f"unknown name {_short(value)}{nearest(value, allowed)}"
     elif isinstance(value, _Unknown):
         message = value.message
+    elif detail["type"] in ("float_type", "int_type") and isinstance(value, str):
+        quoted = " without quotes" if not isinstance(plain(value), str) else ""
+        message += f"{quoted}, given {_short(value)}"
     elif (
         "key" not in context
         and detail["type"] not in _SELF_EXPLAINING
@@ -630,6 +668,11 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
     ):
         message += f", given {_short(value)}"
     yield from map(one_line, (message, *context.get("others", ())))
+
+
+def _quoted(context: Mapping[str, Any]) -> list[str]:
+    """Names that a literal may be, as pydantic lists them."""
+    return re.findall("'([^']*)'", str(context.get("expected", "")))
 
 
 def _short(value: object) -> str:

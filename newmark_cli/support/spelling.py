@@ -27,6 +27,11 @@ def closest(given: object, allowed: Iterable[str]) -> str | None:
     return names[close[0]] if close else None
 
 
+def degrees_of_freedom(number: int) -> str:
+    """So many of them, in words."""
+    return f"{number} degree{'s' * (number != 1)} of freedom"
+
+
 def _folded(name: str) -> str:
     return name.casefold().replace("_", "-").replace(" ", "-")
 

@@ -74,10 +74,11 @@ class Results:
 
 def lacks(path: Path, figure: "Figure", missing: Iterable[str]) -> ResultsError:
     """What to say of results that a figure cannot be made from."""
-    return ResultsError(
-        f"{path}: figure {figure.name} needs {', '.join(dict.fromkeys(missing))}; "
-        f"run 'newmark-study run {figure.study}' again"
-    )
+    command = f"run 'newmark-study run {figure.study}'"
+    if not path.exists():
+        return ResultsError(f"{path}: no results for figure {figure.name}; {command} first")
+    named = ", ".join(dict.fromkeys(missing))
+    return ResultsError(f"{path}: figure {figure.name} needs {named}; {command} again")
 
 
 def require(figure: Figure, results: Results) -> None:

@@ -317,7 +317,8 @@ def _wanted(given: Evidence, points: Mask) -> str:
     if not len(h) and given.kind == "determined":
         return "nothing but rounding: the problem may lack it"
     if len(h) < LEAST:
-        return f"{len(h)} of the {LEAST} step sizes that an order takes: {more} h would decide"
+        sizes = f"{len(h)} usable step size{'s' * (len(h) != 1)}"
+        return f"{sizes}, an order takes {LEAST}: {more} h would decide"
     slope = f"slope {_sloped(fit)}"
     if fit.straight:
         decades = math.log10(h[0] / h[-1]) * fit.margin / given.tolerance

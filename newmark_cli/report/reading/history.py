@@ -1,5 +1,6 @@
 """Time series of multipliers and of drifts: reading them back."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,10 +56,12 @@ def read_histories(
     """
     path = history_path(folder, study)
     frame, names = _frame(path, study)
-    by_name = [name for name in names if name == ENERGY or name.startswith(f"{OUTPUT}[")]
-    names = names[: len(names) - len(by_name)]
-    if not names or names != [f"{LAMBDA}{k + 1}" for k in range(len(names))]:
-        raise ResultsError(f"{path}, line 1: the columns after t must be lambda_1, lambda_2, …")
+    others = [name for name in names if name == ENERGY or name.startswith(f"{OUTPUT}[")]
+    names = names[: len(names) - len(others)]
+    # Files of older versions number the multipliers.
+    if not names or not all(re.fullmatch(rf"{LAMBDA}(\[.+\]|_\d+)", name) for name in names):
+        text = "the columns after t must be lambda[name of a constraint]"
+        raise ResultsError(f"{path}, line 1: {text}, given {', '.join(names) or 'none'}")
     return [
         History(table[:, 0], table[:, 1:]) if table.size else None
         for table in _tables(path, frame, names, cells)

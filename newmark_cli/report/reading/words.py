@@ -4,10 +4,10 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from newmark_cli.study import axes
-from newmark_cli.study.axes import TRAPEZOIDAL
+from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME
+from newmark_cli.study.axes import TRAPEZOIDAL, in_words, series_axes
 from newmark_cli.study.drawing import WORK_PRECISION
-from newmark_cli.study.measures import RECORDS, symbol
+from newmark_cli.study.measures import MEASURES, RECORDS, symbol
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
@@ -26,7 +26,7 @@ _PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
 def integrator_text(label: str) -> str:
     """An integrator as people write it, from its label."""
     if label == TRAPEZOIDAL:
-        return "trapezoidal"
+        return TRAPEZOIDAL_NAME
     method, *given = label.split()
     pairs = (part.partition("=") for part in given)
     said = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
@@ -36,13 +36,20 @@ def integrator_text(label: str) -> str:
 def means(axis: str, word: str, value: str) -> bool:
     """Whether a word of a command line is a value of an axis, as CSVs or people write it.
 
-    An integrator may be given by its method, a scaling of one's own by its name, and a
-    mechanism file without its ending.
+    An integrator may be given by its method, a scaling of one's own by its name, a mechanism
+    file without its ending, and what a measure records by the measure.
     """
+    if not value:
+        return False
     spellings = {value, spelled(axis, value)}
     if axis == "integrator":
         spellings.add(value.split()[0])
-    return word in spellings
+    if axis == "measure":
+        spellings |= {
+            name for name, of in MEASURES.items() if value in (row.name for row in of.records)
+        }
+    same = next(each.same for each in series_axes() if each.name == axis)
+    return word in spellings or same(word) == value
 
 
 def spelled(axis: str, value: str) -> str:
@@ -57,8 +64,6 @@ def spelled(axis: str, value: str) -> str:
         return value.partition("[")[0]
     if axis == "row_block":
         return f"row {value} perturbed"
-    if axis == "stop":
-        return value if value == axes.SATURATION else f"tolerance {value}"
     if axis == "initial":
         return "at the start" if value else "along the motion"
     if axis == "measure":
@@ -74,19 +79,6 @@ def measure_text(measure: str) -> str:
 def joined_values(names: Iterable[str], where: Mapping[str, str]) -> str:
     """Values of axes, a comma between them; what a series has nothing of is left out."""
     return ", ".join(spelled(axis, where[axis]) for axis in names if where[axis])
-
-
-def in_words(axis: str, value: str) -> str:
-    """A value that says little without its axis, with it; any other as it is."""
-    if axis == "projection":
-        method, _, rest = value.partition(" ")
-        named = "no projection" if method == "none" else f"{method} projection"
-        return named + (f" with {rest}" if rest else "")
-    if axis == "multipliers":
-        return {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}.get(
-            value, value
-        )
-    return f"{value} start" if axis == "start" else value
 
 
 def quantity(series: "Slope | Curve") -> str:

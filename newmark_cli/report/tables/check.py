@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope, in_figure_order
 from newmark_cli.report.judging.text import format_orders, gathered, markdown
@@ -11,6 +12,9 @@ from newmark_cli.report.judging.verdicts import FAILING, NOT_CONVERGING, PASS, S
 from newmark_cli.report.reading.curves import TRAPEZOIDAL
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.reading.words import quantity
+
+#: Series that are named one by one where all that is to be said of them is the same.
+_MOST_ALIKE = 3
 
 
 def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
@@ -136,14 +140,19 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
         slopes: The series; those as predicted have no line, and of those that are shown
             only the ones that lose their order at the smallest step size.
     """
-    lines = []
+    alike: dict[tuple[str, str, str], list[Slope]] = {}
     for slope in slopes:
         if not slope.accepted and (slope.verdict not in (PASS, SHOWN) or _loses_order(slope)):
-            where = f"{_where(slope)} {_variant(slope)}, {quantity(slope)}"
             orders = format_orders(slope)
             said = (f"local orders {orders}" if orders else "", slope.reason)
-            told = "; ".join(filter(None, said))
-            lines.append(f"{slope.verdict}: {where}: {told or 'no reason known'}")
+            key = slope.verdict, slope.study, "; ".join(filter(None, said))
+            alike.setdefault(key, []).append(slope)
+    lines = []
+    for (verdict, study, why), same in alike.items():
+        named = [f"{_where(slope)} {_variant(slope)}, {quantity(slope)}" for slope in same]
+        if len(named) > _MOST_ALIKE:
+            named = [f"{study}, {len(named)} series alike"]
+        lines += [": ".join(filter(None, (verdict, where, why))) for where in named]
     return lines
 
 
@@ -155,7 +164,7 @@ def _loses_order(slope: Slope) -> bool:
 
 def format_integrator(label: str) -> str:
     """An integrator by its label, the trapezoidal rule in a word."""
-    return "trapezoidal" if label == TRAPEZOIDAL else label
+    return TRAPEZOIDAL_NAME if label == TRAPEZOIDAL else label
 
 
 def format_prediction(slope: Slope) -> str:

@@ -2,46 +2,31 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME
 from newmark_cli.report.judging.fits import format_fit
 from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.text import Entry, text_table, wrapped
 from newmark_cli.report.judging.verdicts import INCOMPLETE
-from newmark_cli.report.reading.words import in_words, quantity
+from newmark_cli.report.reading.words import means, quantity
 from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
 from newmark_cli.study import axes
-from newmark_cli.study.measures import MEASURES, symbol
 from newmark_cli.study.reading import named_studies, read_rows
 from newmark_cli.support.errors import ResultsError
 from newmark_cli.support.spelling import nearest
 
-#: The integrator that goes without saying, in a word.
-TRAPEZOIDAL = "trapezoidal"
 #: What a value is shown as that is not there.
 MISSING = "–"
 #: Columns of a study's CSV that tell its cells apart.
 _CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]
 #: Axes in which the series of one table agree.
 _TABLE = ("study", "problem", "form", "measure", "quantity")
-#: Axis → other names of a value of a series, by which it can be chosen, too.
-_ALIASES: Mapping[str, Callable[[str], tuple[str, ...]]] = {
-    "problem": lambda label: (label.removesuffix(".yaml"),),
-    "integrator": lambda label: (
-        (label.partition(" ")[0],) + (("trapezoidal",) if label == axes.TRAPEZOIDAL else ())
-    ),
-    "quantity": lambda name: (symbol(name),),
-    "measure": lambda name: tuple(
-        measure.name
-        for measure in MEASURES.values()
-        if any(record.name == name for record in measure.records)
-    ),
-}
 #: Axes by which series are chosen.
 CHOOSERS = ("problem", "form", "integrator", "preconditioning", "measure", "quantity")
 
@@ -126,13 +111,13 @@ def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> lis
         values = wanted.get(name, ())
         there = dict.fromkeys(getattr(slope, name) for slope in left)
         for value in values:
-            if not any(_is(name, value, given) for given in there):
+            if not any(means(name, value, given) for given in there):
                 raise ResultsError(
                     f"{_listed(study.name for study in studies)}: no series matches "
                     f"--{name} {value!r}{nearest(value, filter(None, there))}"
                 )
         if values:
-            left = [s for s in left if any(_is(name, v, getattr(s, name)) for v in values)]
+            left = [s for s in left if any(means(name, v, getattr(s, name)) for v in values)]
     matching = {id(slope) for slope in left}
     asked = bool(wanted.get("measure") or wanted.get("quantity"))
     found = []
@@ -143,13 +128,6 @@ def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> lis
             Shown(study.name, study.statuses, study.slopes, tuple(chosen), len(ours) - len(chosen))
         )
     return found
-
-
-def _is(axis: str, wanted: str, given: str) -> bool:
-    """Whether a series with the given value is meant by the wanted one."""
-    names = (given, *(_ALIASES[axis](given) if axis in _ALIASES else ()))
-    same = next(each.same for each in axes.series_axes() if each.name == axis)
-    return bool(given) and (wanted in names or same(wanted) == given)
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -237,13 +215,12 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
     for axis in axes.series_axes():
         if axis.name in _TABLE:
             continue
-        given = [
-            format_integrator(in_words(axis.name, getattr(slope, axis.name))) for slope in slopes
-        ]
+        values = [axes.in_words(axis.name, getattr(slope, axis.name)) for slope in slopes]
+        given = list(map(format_integrator, values))
         if len(set(given)) > 1:
             for name, value in zip(names, given, strict=True):
                 name += [value] if value else []
-        elif given[0] not in ("", in_words(axis.name, axis.usual or ""), TRAPEZOIDAL):
+        elif given[0] not in ("", axes.in_words(axis.name, axis.usual or ""), TRAPEZOIDAL_NAME):
             common += [f"at the {given[0]}" if axis is axes.INITIAL else given[0]]
     return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
 

@@ -9,6 +9,7 @@ from newmark_cli.report.reading.words import joined_values
 from newmark_cli.report.tables.check import format_prediction
 from newmark_cli.report.tables.paper_tables import latex_row, latex_table, markdown_table
 from newmark_cli.study import results
+from newmark_cli.study.axes import ALIASES
 from newmark_cli.study.drawing import COMPARABLE
 from newmark_cli.support.errors import InputError
 from newmark_cli.support.spelling import nearest
@@ -34,6 +35,7 @@ def grids(slopes: Iterable[Slope], rows: str, columns: str) -> list[Grid]:
     Raises:
         InputError: When an axis is none, or both are the same.
     """
+    rows, columns = ALIASES.get(rows, rows), ALIASES.get(columns, columns)
     for option, axis in (("--rows", rows), ("--columns", columns)):
         if axis not in AXES:
             raise InputError(f"{option}: unknown axis {axis!r}{nearest(axis, AXES)}")

@@ -1,0 +1,265 @@
+"""What a new user types: labels that were printed, names without endings, and mistakes."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from each import each
+
+import newmark_cli as newmark
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spatial_model import SpatialMechanism
+from newmark_cli.mechanisms.spatial_summary import inertia_with
+from newmark_cli.newmark import integrator
+from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
+from newmark_cli.newmark.linear.choice import LINEAR_SOLVERS
+from newmark_cli.newmark.scaling import VARIANTS
+from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
+from newmark_cli.report.reading.words import spelled
+from newmark_cli.report.tables.check import format_integrator
+from newmark_cli.study import axes, config
+from newmark_cli.support.documents import Document
+
+SWING = {
+    "points": {"O": {"fixed": [0, 0]}, "P": {"at": [1, 0], "mass": 2}},
+    "bars": {"rod": {"from": "O", "to": "P", "length": 1}},
+    "gravity": [0, -9.81],
+}
+STUDY = {
+    "study": "s", "problem": "pendulum", "form": "u-lambda", "preconditioning": "optimal",
+    "h": [1e-2], "t_end": 0.1, "measure": "condition",
+}  # fmt: skip
+OWN = {"name": "mine", "left": {"D": "h^2"}, "right": {"lambda": "1/h^2"}}
+#: Axis → values of all its registries, as a config gives them.
+VALUES = {
+    "problem": [
+        *PROBLEMS,
+        *({name: dict.fromkeys(of.parameters, 3)} for name, of in FAMILIES.items()),
+    ],
+    "integrator": [
+        {"method": name} | {p: 0.25 if p == "beta" else 0.5 if p == "gamma" else 0.2
+                            for p in integrator.parameters(name)}
+        for name in integrator.INTEGRATORS
+    ],
+    "form": [*FORMS],
+    "preconditioning": [*VARIANTS, OWN],
+    "evaluation": [*EVALUATIONS],
+    "precision": [*PRECISIONS],
+    "linear_solver": [*LINEAR_SOLVERS],
+    "formulation": [
+        *METHODS, *({"method": name, p: 0.5} for name, of in METHODS.items() for p in of.parameters)
+    ],
+    "projection": [*PROJECTIONS, {"method": "velocity", "accelerations": True}],
+    "multipliers": [*REPORTED],
+    "start": [*STARTS],
+    "stop": ["saturation", {"absolute": 1e-8}, {"absolute": 1e-8, "relative": 1e-9}],
+    "h": [1e-3],
+}  # fmt: skip
+
+
+def parsed(axis, given):
+    """The value of an axis of cells that a config gives; rules between keys do not matter."""
+    case = config._Shared.model_validate({axis.name: given}, context=None)
+    found = getattr(case, axis.name)
+    return axis.value(found[0] if axis.many and found is not None else found)
+
+
+@each("axis", [axis for axis in axes.cell_axes() if axis.cell])
+def test_what_is_printed_can_be_typed(axis):
+    """A label of a CSV, and what tables and legends make of it, mean the value again."""
+    assert VALUES.keys() == {axis.name for axis in axes.cell_axes() if axis.cell}
+    for given in VALUES[axis.name]:
+        value = parsed(axis, given)
+        label = str(axis.usual if value is None else getattr(value, "label", value))
+        printed = {label, axes.in_words(axis.name, label)}
+        if axis.name == "integrator":
+            printed |= {format_integrator(label), spelled(axis.name, label)}
+        for text in printed:
+            typed = float(text) if axis.name == "h" else text
+            assert parsed(axis, typed) == value, text
+            if axis.name == "integrator":
+                assert integrator.parse(text) == value
+
+
+def test_trapezoidal_everywhere():
+    """In a mapping, in text, and in the library."""
+    (axis,) = (axis for axis in axes.cell_axes() if axis.name == "integrator")
+    for given in (
+        "trapezoidal",
+        {"method": "trapezoidal"},
+        "newmark",
+        "Newmark (β = 0.25, γ = 0.5)",
+    ):
+        assert parsed(axis, given) == integrator.Newmark()
+    marched = [
+        newmark.march("pendulum", h=1e-2, steps=3, integrator=given).u
+        for given in ("trapezoidal", {"method": "trapezoidal"})
+    ]
+    np.testing.assert_array_equal(*marched)
+
+
+def test_scaling_is_preconditioning(cli):
+    """One word in results; either where something is typed, and not both."""
+    given = {key: value for key, value in STUDY.items() if key != "preconditioning"}
+    names = ["none", "left"]
+    frame = newmark.run(
+        given
+        | {
+            "scaling": names,
+            "figures": [{"measure": "condition", "series": "scaling", "scaling": "left"}],
+        }
+    )
+    assert frame["preconditioning"].unique().tolist() == names
+    with pytest.raises(newmark.NewmarkError, match="scaling: is the same as preconditioning"):
+        newmark.run(STUDY | {"scaling": "left"})
+    either = [
+        newmark.march("pendulum", h=1e-2, steps=3, **{name: "none"})
+        for name in ("scaling", "preconditioning")
+    ]
+    np.testing.assert_array_equal(either[0].u, either[1].u)
+    assert newmark.scaling("v-lambda", h=1e-2, scaling="left") == newmark.scaling(
+        "v-lambda", h=1e-2, preconditioning="left"
+    )
+    with pytest.raises(newmark.NewmarkError, match="are one argument"):
+        newmark.march("pendulum", h=1e-2, steps=3, scaling="none", preconditioning="none")
+    assert (
+        cli("orders", "--scaling", "left").stdout
+        == cli("orders", "--preconditioning", "left").stdout
+    )
+    text = json.dumps(given | {"cases": [{"scaling": "lft"}]}, indent=1)
+    cli.write("s.yaml", text)
+    assert (
+        "unknown preconditioning 'lft'; did you mean 'left'?" in cli("validate", "s", code=2).stderr
+    )
+
+
+def test_a_mechanism_in_a_study(tmp_path):
+    """As from a file: the same values, a record that says what it was, and mistakes by key."""
+    (tmp_path / "swing.yaml").write_text(json.dumps(SWING))
+    frame, of_file = (
+        newmark.run(STUDY | {"problem": given}) for given in (SWING, str(tmp_path / "swing.yaml"))
+    )
+    assert set(frame["problem"]) == {"mechanism"}
+    np.testing.assert_array_equal(frame["max"], of_file["max"])
+    spec = config.parse(Document.of("study", STUDY | {"problem": SWING})).cases[0].problem[0]
+    assert spec.given == SWING
+    wrong = SWING | {"bars": {"rod": {"from": "O", "to": "Q", "length": 1}}}
+    with pytest.raises(
+        newmark.NewmarkError, match=r"problem: mechanism: bars\.rod\.to: unknown point"
+    ):
+        newmark.run(STUDY | {"problem": wrong})
+
+
+def test_yaml_1_1_reads_on_as_true():
+    """PyYAML makes True of the key `on`; so may Python."""
+    wheel = {"from": "P", "to": "Q", "length": 1, "mass": 1, "inertia": 1}
+    points = SWING["points"] | {"Q": {"at": [2, 0]}}
+    given = SWING | {"points": points, "bodies": {"b": wheel}}
+    found = [
+        newmark.problem(given | {"torques": {"t": {key: "b", "torque": 3}}}) for key in ("on", True)
+    ]
+    forces = [newmark.march(one, h=1e-3, steps=2).u for one in found]
+    np.testing.assert_array_equal(*forces)
+
+
+def test_names_without_endings(cli):
+    """`draw hoist` finds hoist.yaml, `run lift` finds lift.yaml, in the library, too."""
+    cli.write("hoist.yaml", json.dumps(SWING))
+    cli.write(
+        "lift.yaml",
+        json.dumps(STUDY | {"study": "lift", "problem": "hoist", "h": [1e-2, 1e-3, 1e-4]}),
+    )
+    assert "hoist.png" in cli("draw", "hoist").stdout
+    assert cli("run", "lift").stdout == "lift: 3 ok -> results/lift.csv\n"
+    assert set(pd.read_csv(cli.folder / "results/lift.csv")["problem"]) == {"hoist.yaml"}
+    told = cli("validate", "hoist", "lift", "andrews", "pendulum-u").stdout.splitlines()
+    assert told == [
+        "hoist.yaml: mechanism, 2 coordinates, 1 constraints, 1 degree of freedom",
+        "lift.yaml: study lift, 3 cells",
+        "andrews: mechanism, 8 coordinates, 7 constraints, 1 degree of freedom",
+        "pendulum-u: study pendulum-u, 16 cells",
+    ]
+    assert newmark.march(cli.folder / "hoist.yaml", h=1e-2, steps=1).problem.n == 2
+    assert len(cli("check", "lift", "--markdown").stdout.splitlines()) > 2
+
+
+ARM = """dimensions: 3
+bodies:
+  arm: {position: [0, 0, 0], mass: 1, inertia: [0.1, 0.1, 0.1], centre: [0.5, 0, 0]}
+  rod: {position: [1, 0, 0], mass: 1, inertia: [0.1, 0.1, 0.1]}
+joints:
+  base: {type: revolute, from: ground, to: arm, at: [0, 0, 0], axis: [0, 0, 1]}
+  elbow: {type: rigid, from: arm, to: rod, at: [1, 0, 0]}
+  end: {type: spherical, from: ground, to: rod, at: {ground: [9, 9, 9], rod: [1, 0, 0]}}
+assemble: true
+"""
+
+
+@each(
+    "name, text, told",
+    [
+        ("s", json.dumps(STUDY | {"measure": "error", "h": [7e-3]}),
+         "h: errors need a whole number of steps to t_end = 0.1, given 0.007; the nearest is "
+         "0.007142857143"),
+        ("s", json.dumps(STUDY | {"h": ["1e-3"]}),
+         "h[1]: must be a number without quotes, given '1e-3'"),
+        ("s", json.dumps(STUDY | {"problem": "s.yaml"}),
+         "problem: s.yaml, line 1: is a study, not a mechanism; give the study's problem"),
+        ("m", json.dumps(SWING | {"gravity": -9.81}),
+         "gravity: must have two components, [x, y], given -9.81"),
+        ("m", ARM.replace("spherical", "spherica"),
+         "joints.end.type: unknown name 'spherica'; did you mean 'spherical'? allowed: spherical,"),
+        ("m", ARM, "assemble: no position found from this guess: end is open by 9 there; the "
+         "closest one misses "),
+        ("m", json.dumps(SWING | {"points": {"O": {"fixed": [1e-11, 0]}, "P": {"at": [1, 0]}}}),
+         "bars.rod: O and P start 0.99999999999 m apart, given length 1; correct the positions"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_one_line(cli, name, text, told):
+    """File, line, key, what was given, what is allowed; exit code 2."""
+    cli.write(f"{name}.yaml", text)
+    (line,) = cli("validate", f"{name}.yaml", code=2).stderr.splitlines()
+    assert line.startswith(f"newmark-study: {name}.yaml, line ")
+    assert told in line
+
+
+def test_what_is_no_study(cli):
+    """A CSV that is there, a file that is not, a study's figure without results."""
+    cli.write("lift.csv", "x")
+    for arguments, told in (
+        (("run", "./lift.csv"), "./lift.csv: is not a study; give a YAML file, or a shipped study"),
+        (("run", "./lft.csv"), "./lft.csv: no such file and no shipped study"),
+    ):
+        assert told in cli(*arguments, code=2).stderr
+
+
+def test_masses_of_body_points_count():
+    """Inertia about the centre and the origin, against two point masses and a rod by hand."""
+    made = SpatialMechanism.model_validate(
+        {
+            "dimensions": 3,
+            "bodies": {
+                "rod": {
+                    "position": [0, 0, 0],
+                    "mass": 1,
+                    "centre": [0.5, 0, 0],
+                    "inertia": [0.1, 0.1, 0.1],
+                }
+            },
+            "body_points": {"tip": {"on": "rod", "at": [1, 0, 0], "mass": 2}},
+        }
+    )
+    centre, about_centre, about_origin = inertia_with(made.bodies["rod"], made.body_points.values())
+    np.testing.assert_allclose(centre, [2.5 / 3, 0, 0])
+    np.testing.assert_allclose(np.diag(about_origin), [0.1, 2.35, 2.35])
+    np.testing.assert_allclose(np.diag(about_centre), [0.1] + 2 * [2.35 - 3 * (2.5 / 3) ** 2])
+
+
+def test_history_names_constraints(cli):
+    """As trajectories do."""
+    cli.write("s.yaml", json.dumps(STUDY | {"measure": "history"}))
+    cli("run", "s")
+    assert "lambda[bars.rod]" in pd.read_csv(cli.folder / "results/history/s.csv").columns
