@@ -85,10 +85,10 @@ def test_families_take_a_size(tmp_path):
 
 def test_size_decides_the_solver(tmp_path):
     """`auto` is dense for small problems, static for large ones; dense has its limit."""
-    text = QUICK.replace("pendulum", "[{chain: {links: 100}}, {chain: {links: 101}}]")
+    text = QUICK.replace("pendulum", "[{chain: {links: 13}}, {chain: {links: 14}}]")
     assert {c.problem.label: c.solver for c in load(tmp_path, text).cells()} == {
-        "chain(links=100)": "dense-lu",
-        "chain(links=101)": "static-lu",
+        "chain(links=13)": "dense-lu",
+        "chain(links=14)": "static-lu",
     }
     text = QUICK.replace("pendulum", "{chain: {links: 7000}}") + "linear_solver: dense-lu\n"
     with pytest.raises(InputError, match="21000 unknowns, at most 20000"):

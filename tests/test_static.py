@@ -22,6 +22,7 @@ from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear import exact
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC, choose
 from newmark_cli.newmark.linear.dense import DenseSystem, no_tables
+from newmark_cli.newmark.linear.ordering import order_by_size
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written import static_elimination
 from newmark_cli.newmark.linear.written.static import StaticBalancedJacobian, StaticSystem
@@ -143,6 +144,8 @@ def test_does_not_see_a_scaling_by_powers_of_two(form):
         ("shaken-pendulum", "a-lambda", "right", GeneralizedAlpha(0.5), "direct"),
         ("chain", "u-v-lambda", "optimal", BDF2(), "direct"),
         ("bars", "u-a-lambda", "optimal", Newmark(), "compensated"),
+        ("bricard", "u-lambda", "optimal", GeneralizedAlpha(0.9), "direct"),
+        ("governor", "u-v-a-lambda", "optimal", GeneralizedAlpha(0.9), "compensated"),
     ],
 )
 @each("h", [1e-4, 1e-6])
@@ -383,13 +386,42 @@ def test_pivoted_steps_are_in_the_provenance(cli, tmp_path):
 # -- which one is taken -----------------------------------------------------------------------
 
 
-def test_auto_takes_it_where_a_scaling_is_hidden_anyway():
-    """Beyond dense matrices, of index 3 and compiled functions."""
+def test_auto_takes_it_where_it_is_much_faster():
+    """Of more than 40 unknowns, index 3 and float64; elsewhere dense matrices up to 300."""
     form = FORMS["u-lambda"]
-    small, large = (Sized("chain", (("links", links),)).load() for links in (100, 101))
+    sizes = 13, 14, 100, 101
+    small, middle, dense, large = (Sized("chain", (("links", size),)).load() for size in sizes)
     assert choose(AUTO, small, form) == DENSE
+    assert choose(AUTO, middle, form) == STATIC
+    assert choose(AUTO, middle, form, precision="float32") == DENSE
+    assert choose(AUTO, dense, form, formulated=True) == DENSE
     assert choose(AUTO, large, form) == STATIC
     assert choose(AUTO, large, form, formulated=True) == SPARSE
+
+
+@each("name, most", [("governor", 2_000), ("bricard", 3_000), ("spatial-slider-crank", 700)])
+def test_pivots_by_size_in_space(name, most):
+    """They take a small part of the operations, and last for the whole motion but for a few steps.
+
+    A pivot that is small at times is left to partial pivoting.
+    """
+    subject, form = problem(name), FORMS["u-lambda"]
+    scheme = Scheme(GeneralizedAlpha(0.8), form, named_scaling("optimal", form), 1e-3)
+    lists = StaticSystem(subject, scheme).elimination.lists
+    assert (lists.operations < most, lists.signed) == (True, False)
+    static, dense = (March(subject, scheme, solver) for solver in (STATIC, DENSE))
+    assert static.advance(1500).pivoted < 150
+    dense.advance(1500)
+    for ours, theirs in zip(static.state.fields[:2], dense.state.fields[:2], strict=True):
+        assert np.linalg.norm(ours - theirs) < 1e-7 * np.linalg.norm(theirs)
+
+
+def test_no_order_of_a_singular_matrix():
+    """No pivot is left; zeros of a regular one are none."""
+    rows, columns = np.indices((3, 3)).reshape(2, -1)
+    assert order_by_size(np.ones((3, 3)), rows, columns) is None
+    found = order_by_size(np.array([[0.0, 1, 0], [1, 0, 0], [0, 1, 1]]), rows, columns)
+    assert sorted(zip(*map(np.ndarray.tolist, found), strict=True)) == [(0, 1), (1, 0), (2, 2)]
 
 
 def test_what_it_cannot_solve_is_refused():

@@ -151,6 +151,7 @@ class Bars:
             constraints=m,
             function=elements.evaluate,
             derivatives=elements.constraint_derivatives,
+            elements=spatial.elements_of(ints),
             ints=ints,
             reals=reals,
             pattern=Pattern(

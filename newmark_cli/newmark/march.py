@@ -136,7 +136,9 @@ class March:
             done: Steps that it had taken.
         """
         self.problem, self.scheme = problem, scheme
-        self.solver = choice.choose(linear_solver, problem, scheme.form, scheme.formulated)
+        self.solver = choice.choose(
+            linear_solver, problem, scheme.form, scheme.formulated, scheme.precision
+        )
         self.system = systems.system(self.solver, problem, scheme, krylov)
         static = self.system if isinstance(self.system, StaticSystem) else None
         self._compiled: compiled_march.Engine | None = None

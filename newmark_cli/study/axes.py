@@ -329,7 +329,9 @@ class Cell:
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
         formulated = is_formulated(self.formulation, self.projection)
-        return choose(self.linear_solver, self.problem.load(), self.formulated, formulated)
+        return choose(
+            self.linear_solver, self.problem.load(), self.formulated, formulated, self.precision
+        )
 
     @property
     def weight(self) -> int:

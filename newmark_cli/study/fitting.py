@@ -56,7 +56,7 @@ def of_problem(counted: Counted, sample: Problem, at: Mapping[str, Any]) -> Iter
     if not sample.single:
         yield "precision", f"{counted.name} is computed in float64 only"
     form = at["formulation"].applied(FORMS[at["form"]])
-    if choose(at["linear_solver"], counted, form, formulated) != DENSE:
+    if choose(at["linear_solver"], counted, form, formulated, at["precision"]) != DENSE:
         yield (
             "precision",
             f"{at['precision']} needs {DENSE}: {counted.name}, {form.described}",

@@ -17,7 +17,11 @@ from typing import NamedTuple
 import llvmlite.ir as ir
 import numpy as np
 
-from newmark_cli.newmark.linear.written.static_elimination import LARGEST_MULTIPLIER, SECTIONS
+from newmark_cli.newmark.linear.written.static_elimination import (
+    LARGEST_MULTIPLIER,
+    SECTIONS,
+    SIGNED,
+)
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, MatrixTables
 from newmark_cli.support import machine_code
 from newmark_cli.support.arrays import IndexArray
@@ -48,7 +52,7 @@ class Written(NamedTuple):
             f"{tables.work.dtype} ".encode()
         )
         found.update(machine_code.source(__file__))
-        for array in (tables.structure, tables.room[-1:], tables.places, tables.origins):
+        for array in (tables.structure, tables.room[SIGNED:], tables.places, tables.origins):
             found.update(f"{len(array)} ".encode() + array.tobytes())
         return found.hexdigest()[:32]
 
@@ -97,6 +101,7 @@ def _came_before(rows: Sequence[int]) -> list[set[int]]:
 def _module(written: Written) -> ir.Module:
     """The function, as `static_elimination` or `kernel.solve_in_place` reads the same tables."""
     tables, pivoting = written
+    signed = not pivoting and bool(tables.room[SIGNED])
     module = ir.Module()
     number = ir.FloatType() if tables.work.dtype == np.float32 else ir.DoubleType()
     index = ir.IntType(64)
@@ -157,8 +162,9 @@ def _module(written: Written) -> ir.Module:
                 column[row] = build.fsub(so_far, product)
         below = [of["lower_rows"][e] for e in entries("lower", j)]
         pivot = column[j]
-        if pivoting:
+        if not signed:
             pivot = build.call(magnitude, [pivot])
+        if pivoting:
             above = largest_of(column[row] for row in below if row in before[j])
             rest = largest_of(column[row] for row in below if row not in before[j])
             good = build.and_(good, build.fcmp_ordered(">=", pivot, rest))

@@ -18,11 +18,14 @@ class EliminationLists:
         upper_starts, upper_rows, lower_starts, lower_rows: The strict factors by columns,
             in that order.
         operations: Multiplications and subtractions of a factorisation.
+        signed: Whether its pivots are positive, and have to stay so.
     """
 
-    def __init__(self, order: Order, rows: IndexArray, columns: IndexArray) -> None:
+    def __init__(
+        self, order: Order, rows: IndexArray, columns: IndexArray, signed: bool = True
+    ) -> None:
         """Of the places of a matrix' entries; a place may be there more than once."""
-        self.order, self.size = order, len(order.rows)
+        self.order, self.size, self.signed = order, len(order.rows), signed
         self._row_place, self._column_place = inverse(order.rows), inverse(order.columns)
         keys = np.unique(self._keys(rows, columns))
         starts = np.searchsorted(keys, np.arange(self.size + 1) * self.size)
@@ -56,7 +59,7 @@ class EliminationLists:
             origins=sums.origins[by_column].astype(np.uint32),
             coefficients=sums.coefficients[by_column].astype(dtype),
             structure=np.concatenate(sections).astype(np.uint32),
-            room=np.array([*begins, 0, self.size], np.uint64),
+            room=np.array([*begins, 0, self.signed, self.size], np.uint64),
             work=np.empty(0, dtype),
         )
 

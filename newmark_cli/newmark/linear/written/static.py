@@ -11,7 +11,7 @@ from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
 from newmark_cli.newmark.linear.dense import BalancedJacobian, DenseSystem
-from newmark_cli.newmark.linear.ordering import inverse, static_order
+from newmark_cli.newmark.linear.ordering import CHOSEN_UP_TO, order_by_size, static_order
 from newmark_cli.newmark.linear.sparse import (
     SparseBalancedJacobian,
     SparseSystem,
@@ -25,6 +25,12 @@ from newmark_cli.newmark.march_data import COMPLETED, MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array, IndexArray
+
+#: Most operations with pivots by size that are written out: compiling takes a second.
+_BY_SIZE_AT_MOST = 3_000
+#: How many times as many operations pivots on the diagonal may take as pivots by size, which
+#: may become small along the motion.
+_CHEAPER = 4
 
 
 class StaticElimination:
@@ -46,10 +52,32 @@ class StaticElimination:
         )
         order = static_order(problem, len(scheme.form.kept), rows, columns)
         self.lists = EliminationLists(order, rows, columns)
+        if not self.written_out and self.size <= CHOSEN_UP_TO:
+            by_size = self._order_by_size(rows, columns)
+            if by_size and _CHEAPER * by_size.operations <= self.lists.operations:
+                self.lists = by_size
+
+    def _order_by_size(self, rows: IndexArray, columns: IndexArray) -> EliminationLists | None:
+        """By numbers at the start without X and Y, which do not depend on h in these units."""
+        problem = self.problem
+        values = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(problem.m))
+        values = values._replace(x=0 * values.x, y=0 * values.y)
+        every = self._in_units(*self._constants), self._in_units(*self._terms(values))
+        matrix = np.zeros((self.size, self.size))
+        for part in every:
+            np.add.at(matrix, (part.rows, part.columns), part.values)
+        order = order_by_size(matrix, rows, columns)
+        return EliminationLists(order, rows, columns, signed=False) if order else None
+
+    @property
+    def units(self) -> tuple[Array, Array]:
+        """Units of rows and of columns in their order, the first signed as the pivots are."""
+        rows, columns = self._units
+        return rows[self.lists.order.rows], columns[self.lists.order.columns]
 
     @cached_property
-    def units(self) -> tuple[Array, Array]:
-        """Units of rows and of columns in their order, the first signed as the pivots are.
+    def _units(self) -> tuple[Array, Array]:
+        """The same in the order of the matrix.
 
         At the start, without X and Y, which is what J̄ tends to as h decreases, every pivot
         is about one in them: fields as far as the update relations couple them to the
@@ -81,15 +109,13 @@ class StaticElimination:
             columns.insert(0, unit)
         rows.append(of_constraints / (left[-1] * change[0] * right[p - 1]))
         columns.append(of_constraints / (left[0] * right[p]))
-        return (
-            _power_of_two(np.concatenate(rows)[self.lists.order.rows]),
-            _power_of_two(np.concatenate(columns)[self.lists.order.columns]),
-        )
+        return _power_of_two(np.concatenate(rows)), _power_of_two(np.concatenate(columns))
 
     @property
     def written_out(self) -> bool:
         """Whether code is made for the pattern."""
-        return self.lists.operations <= generated.OPERATIONS_AT_MOST
+        most = generated.OPERATIONS_AT_MOST if self.lists.signed else _BY_SIZE_AT_MOST
+        return self.lists.operations <= most
 
     @property
     def solve(self) -> Any:
@@ -114,9 +140,7 @@ class StaticElimination:
 
     def _in_units(self, rows: IndexArray, columns: IndexArray, values: Array) -> Constants:
         """Entries in the units of the elimination."""
-        row_unit, column_unit = (
-            units[inverse(side)] for units, side in zip(self.units, self.lists.order, strict=True)
-        )
+        row_unit, column_unit = self._units
         entries = row_unit[rows] * values.astype(float) * column_unit[columns]
         return Constants(rows, columns, entries)
 
@@ -124,12 +148,16 @@ class StaticElimination:
         """(E,) what the terms multiply."""
         return assembly.sources(values, self.scheme)
 
+    def _terms(self, values: Values) -> Constants:
+        """What a state adds to the constants."""
+        sums = self._sums
+        entries = sums.coefficients * self.sources(values)[sums.origins]
+        return Constants(sums.rows, sums.columns, entries)
+
     def matrix(self, values: Values) -> scipy.sparse.csc_array:
         """D_L J D_R at a state."""
-        sums = self._sums.coefficients * self.sources(values)[self._sums.origins]
         rows, columns, entries = (
-            np.concatenate(both)
-            for both in zip(self._constants, (*self._sums[:2], sums), strict=True)
+            np.concatenate(both) for both in zip(self._constants, self._terms(values), strict=True)
         )
         return scipy.sparse.csc_array((entries, (rows, columns)), (self.size, self.size))
 

@@ -6,8 +6,9 @@ Natarajan 2010), without exchanging rows.  A diagonal scaling of the matrix scal
 factors and changes nothing else.
 
 The matrix is taken in units of its own, powers of two that make its entries about one
-at the start and its pivots positive.  They are watched: no pivot may become negative, and
-no multiplier of the elimination exceed `LARGEST_MULTIPLIER`; else the elimination gives up.
+at the start and its pivots positive, where they are on the diagonal.  They are watched: no such
+pivot may become negative, and no multiplier of the elimination exceed `LARGEST_MULTIPLIER`; else
+the elimination gives up.
 
 All of it is called through `kernel.solve_type` or from Python, never from other compiled
 code: numba's disk cache does not notice a change in another file.
@@ -27,7 +28,8 @@ _compile = cached_njit(nogil=True, error_model="numpy")
 LARGEST_MULTIPLIER = 1e4
 
 #: Sections of ``structure``, in this order; ``room`` has where they begin, then the
-#: address of code that is made for the pattern, if there is any, and N.
+#: address of code that is made for the pattern, if there is any, whether every pivot has to be
+#: positive, and N.
 SECTIONS = (
     "row_order", "column_order",
     "constant_starts", "constant_rows", "term_starts",
@@ -38,7 +40,7 @@ SECTIONS = (
     UPPER_STARTS, UPPER_ROWS, LOWER_STARTS, LOWER_ROWS,
 ) = range(len(SECTIONS))  # fmt: skip
 
-ADDRESS = len(SECTIONS)
+ADDRESS, SIGNED = len(SECTIONS), len(SECTIONS) + 1
 
 
 @_compile
@@ -115,6 +117,7 @@ def eliminate(sources, constant, places, origins, coefficients, structure, room,
     ) = _factors(structure, room, work)  # fmt: skip
     column = work[3 * size : 4 * size]
     one, limit = work.dtype.type(1), work.dtype.type(LARGEST_MULTIPLIER)
+    signed = room[SIGNED] != 0
     for j in range(size):
         for e in range(upper_starts[j], upper_starts[j + 1]):
             column[upper_rows[e]] = 0
@@ -140,7 +143,8 @@ def eliminate(sources, constant, places, origins, coefficients, structure, room,
             lower[e] = factor
             largest = max(largest, abs(factor))
         # A pivot may be zero, or not a number.
-        if not (reciprocal > 0 and largest <= limit):
+        positive = reciprocal if signed else abs(reciprocal)
+        if not (positive > 0 and largest <= limit):
             return False
     return True
 
