@@ -2,11 +2,12 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
-import pandas as pd
+import numpy as np
 
 from newmark_cli.report.judging import expectations
 from newmark_cli.report.judging.fits import format_fit
@@ -14,9 +15,8 @@ from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.text import text_table
 from newmark_cli.report.reading import records
 from newmark_cli.study import axes
-from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
-from newmark_cli.study.reading import SERIES, read_study, study_files
+from newmark_cli.study.reading import read_study, study_files
 from newmark_cli.support.errors import visible
 
 #: Measures of what is determined by more than rounding: they agree to a relative tolerance.
@@ -27,11 +27,16 @@ DETERMINED = ("condition", "sensitivity", "krylov_iterations")
 #: corrections in physical units scatter by up to 8.4 over forms and variants.
 FACTOR = 10.0
 
-#: Columns that tell cells apart.
-_CELL = ("study", *(axis.name for axis in axes.cell_axes() if axis.cell), "steps")
-_USUAL = {axis.name: axis.usual for axis in axes.cell_axes() if axis.cell}
+#: Axes that tell cells apart and are said only where they have another value than usually.
+_SAID = ("problem", "integrator", "form", "preconditioning")
+_UNUSUAL = {
+    axis.name: axis.usual
+    for axis in axes.cell_axes()
+    if axis.cell and axis.name not in (*_SAID, "h", "steps")
+}
 
-Key = tuple[str, ...]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -89,65 +94,106 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class _Row:
+    """A value of a CSV: measure, value, and in words the study, the cell and the series."""
+
+    measure: str
+    value: float
+    study: str
+    cell: str
+    series: str
+
+
+@dataclass(frozen=True)
 class _Folder:
-    """The content of one results folder, as far as it is compared."""
+    """The content of one results folder, as far as it is compared, by names in words.
+
+    Attributes:
+        path: The folder.
+        statuses: Cell → its status.
+        rows: Row → what it has.
+        slopes: Series → its slope.
+        claims: Claim or expectation → what was measured, and the verdict.
+        environment: Study → what it was computed with; nothing of a study without a record.
+    """
 
     path: Path
-    frames: Mapping[str, pd.DataFrame]
-    slopes: Sequence[Slope]
+    statuses: Mapping[str, str]
+    rows: Mapping[str, _Row]
+    slopes: Mapping[str, Slope]
+    claims: Mapping[str, tuple[str, str]]
+    environment: Mapping[str, Mapping[str, str]]
 
     @classmethod
     def read(cls, path: Path) -> "_Folder":
-        files = study_files(path)
-        frames = {file.stem: read_study(file) for file in files}
-        slopes = [s for file in files for s in study_slopes(frames[file.stem], file)]
-        return cls(path, frames, slopes)
-
-    def cells(self) -> dict[Key, str]:
-        """Key of a cell → its status."""
-        return {
-            tuple(_spell(row[column]) for column in _CELL): str(row["status"])
-            for frame in self.frames.values()
-            for row in frame.to_dict("records")
-        }
-
-    def values(self) -> dict[Key, tuple[str, float]]:
-        """Key of a row → measure, and the value that is drawn."""
-        found: dict[Key, tuple[str, float]] = {}
-        for frame in self.frames.values():
-            for measure, rows in frame.groupby("measure", sort=False):
-                if str(measure) not in RECORDS:
-                    continue  # a cell that failed before it measured anything
-                values = RECORDS[str(measure)].drawn(rows)
-                for row, value in zip(rows.to_dict("records"), values, strict=True):
-                    key = tuple(_spell(row[column]) for column in (*SERIES, "h", "steps"))
-                    found[key] = (str(measure), float(value))
-        return found
-
-    def named_slopes(self) -> dict[SeriesKey, Slope]:
-        """Key of a series → its slope."""
-        return {slope.key: slope for slope in self.slopes}
-
-    def verdicts(self) -> dict[str, tuple[str, str]]:
-        """A claim or an expectation, as a sentence → what was measured, and the verdict."""
-        return {
+        statuses: dict[str, str] = {}
+        rows: dict[str, _Row] = {}
+        slopes: list[Slope] = []
+        environment = {}
+        for file in study_files(path):
+            frame = read_study(file)
+            slopes += study_slopes(frame, file)
+            for measure, of_measure in frame.groupby("measure", sort=False, dropna=False):
+                record = RECORDS.get(str(measure))
+                values = record.drawn(of_measure) if record else [math.nan] * len(of_measure)
+                for row, value in zip(of_measure.to_dict("records"), values, strict=True):
+                    at = f"h = {row['h']:g}, {row['steps']:g} steps"
+                    cell, series = f"{_where(row)}, {at}", f"{_where(row)}, {_what(row)}"
+                    statuses[cell] = str(row["status"])
+                    if record:  # else of a cell that failed before it measured anything
+                        entry = _Row(str(measure), float(value), str(row["study"]), cell, series)
+                        rows[f"{series}, {at}"] = entry
+            record_of = records.known(file)
+            if record_of:
+                digest = str(record_of.get("config_sha256", records.UNKNOWN))
+                said = records.environment(record_of)
+                environment[file.stem] = said | {f"config of {file.stem}": digest}
+        judged = expectations.judge(path, slopes)
+        claims = {
             f"{each.name if each.figure else f'expectation of {each.study}'}: {each.text}": (
                 each.measured,
                 each.verdict,
             )
-            for each in expectations.judge(self.path, self.slopes)
+            for each in judged
             if not each.missing
         }
+        named = {f"{_where(key)}, {_what(key)}": s for s in slopes for key in (s.key.named(),)}
+        return cls(path, statuses, rows, named, claims, environment)
 
-    def environment(self) -> dict[str, dict[str, str]]:
-        """Study → what it was computed with; nothing of a study without a record."""
-        read = {study: records.known(self.path / f"{study}.csv") for study in self.frames}
-        return {
-            study: records.environment(record)
-            | {f"config of {study}": str(record.get("config_sha256", records.UNKNOWN))}
-            for study, record in read.items()
-            if record
+    @property
+    def studies(self) -> Counter[str]:
+        """Study → how many cells it has."""
+        return Counter(cell.partition(" ")[0] for cell in self.statuses)
+
+    def alone(self, other: "_Folder") -> tuple[str, ...]:
+        """Cells, series and rows of studies in both folders that the other one lacks."""
+        found = [
+            cell
+            for cell in self.statuses
+            if cell not in other.statuses and cell.partition(" ")[0] in other.studies
+        ]
+        theirs = {row.series for row in other.rows.values()}
+        lacking = {
+            name: row
+            for name, row in self.rows.items()
+            if name not in other.rows and row.cell in other.statuses
         }
+        whole = Counter(row.series for row in lacking.values() if row.series not in theirs)
+        found += [f"{name}, {n} row{'s' if n > 1 else ''}" for name, n in whole.items()]
+        return (*found, *(name for name, row in lacking.items() if row.series in theirs))
+
+    def lacked(self, other: "_Folder") -> tuple[str, ...]:
+        """Studies that the other folder lacks altogether."""
+        return tuple(
+            f"study {study}, {count} cells"
+            for study, count in self.studies.items()
+            if study not in other.studies
+        )
+
+
+def _both(mine: Mapping[str, T], theirs: Mapping[str, T]) -> dict[str, tuple[T, T]]:
+    """What has the same name in either folder."""
+    return {name: (mine[name], theirs[name]) for name in mine if name in theirs}
 
 
 def compare(first: Path, second: Path, rtol: float) -> Comparison:
@@ -162,54 +208,34 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
         ResultsError: When a folder has no results, or a CSV cannot be used.
     """
     a, b = _Folder.read(first), _Folder.read(second)
-    cells_a, cells_b = a.cells(), b.cells()
-    shared = [key for key in cells_a if key in cells_b]
-    values_a, values_b = a.values(), b.values()
-    rows = [key for key in values_a if key in values_b]
-    slopes_a, slopes_b = a.named_slopes(), b.named_slopes()
-    series = [key for key in slopes_a if key in slopes_b]
-    claims_a, claims_b = a.verdicts(), b.verdicts()
-    claims = [text for text in claims_a if text in claims_b]
+    cells, rows = _both(a.statuses, b.statuses), _both(a.rows, b.rows)
+    slopes, claims = _both(a.slopes, b.slopes), _both(a.claims, b.claims)
+    verdicts = claims | {
+        name: ((format_fit(x.fit), x.verdict), (format_fit(y.fit), y.verdict))
+        for name, (x, y) in slopes.items()
+    }
     return Comparison(
         folders=(first, second),
         rtol=rtol,
-        cells=len(shared),
-        lacking=(_lacking(cells_a, cells_b), _lacking(cells_b, cells_a)),
-        only=(
-            (*_only(cells_a, cells_b), *_only_rows(values_a, values_b, cells_b)),
-            (*_only(cells_b, cells_a), *_only_rows(values_b, values_a, cells_a)),
-        ),
-        statuses=tuple(
-            Difference(_cell_name(key), cells_a[key], cells_b[key])
-            for key in shared
-            if cells_a[key] != cells_b[key]
-        ),
+        cells=len(cells),
+        lacking=(a.lacked(b), b.lacked(a)),
+        only=(a.alone(b), b.alone(a)),
+        statuses=tuple(Difference(name, *pair) for name, pair in cells.items() if len({*pair}) > 1),
         compared=len(rows),
         values=tuple(
-            Difference(_row_name(key), f"{values_a[key][1]:.6g}", f"{values_b[key][1]:.6g}")
-            for key in rows
-            if not agree(values_a[key][0], values_a[key][1], values_b[key][1], rtol)
+            Difference(name, f"{x.value:.6g}", f"{y.value:.6g}")
+            for name, (x, y) in rows.items()
+            if not agree(x.measure, x.value, y.value, rtol)
         ),
-        slopes=len(series),
-        farthest=_farthest([(slopes_a[key], slopes_b[key]) for key in series]),
+        slopes=len(slopes),
+        farthest=_farthest(slopes),
         claims=len(claims),
-        verdicts=(
-            *(
-                Difference(
-                    _slope_name(slopes_a[key]),
-                    f"{format_fit(slopes_a[key].fit)} {slopes_a[key].verdict}",
-                    f"{format_fit(slopes_b[key].fit)} {slopes_b[key].verdict}",
-                )
-                for key in series
-                if slopes_a[key].verdict != slopes_b[key].verdict
-            ),
-            *(
-                Difference(text, " ".join(claims_a[text]), " ".join(claims_b[text]))
-                for text in claims
-                if claims_a[text][1] != claims_b[text][1]
-            ),
+        verdicts=tuple(
+            Difference(name, " ".join(x), " ".join(y))
+            for name, (x, y) in verdicts.items()
+            if x[1] != y[1]
         ),
-        environment=_environments(a.environment(), b.environment()),
+        environment=_environments(a.environment, b.environment),
     )
 
 
@@ -289,55 +315,13 @@ def _table(
     return "\n".join([*lines, f"  {more} more (--all)"] if more else lines)
 
 
-def _lacking(cells: Mapping[Key, str], others: Mapping[Key, str]) -> tuple[str, ...]:
-    """Studies that the others lack altogether."""
-    theirs = {key[0] for key in others}
-    whole = Counter(key[0] for key in cells if key[0] not in theirs)
-    return tuple(f"study {study}, {count} cells" for study, count in whole.items())
-
-
-def _only(cells: Mapping[Key, str], others: Mapping[Key, str]) -> tuple[str, ...]:
-    """Cells that the others lack of studies which they have."""
-    theirs = {key[0] for key in others}
-    return tuple(_cell_name(key) for key in cells if key[0] in theirs and key not in others)
-
-
-def _only_rows(
-    values: Mapping[Key, object], others: Mapping[Key, object], cells: Mapping[Key, str]
-) -> tuple[str, ...]:
-    """Rows that the others lack of cells which they have; a whole series is one entry."""
-    missing: dict[Key, list[Key]] = {}
-    for key in values:
-        if key not in others and _cell_of(key) in cells:
-            missing.setdefault(key[:-2], []).append(key)
-    theirs = {key[:-2] for key in others}
-    names = []
-    for series, keys in missing.items():
-        if series in theirs:
-            names += [_row_name(key) for key in keys]
-        else:
-            named = dict(zip(SERIES, series, strict=True))
-            rows = "1 row" if len(keys) == 1 else f"{len(keys)} rows"
-            names.append(f"{_where(named)}, {_what(named)}, {rows}")
-    return tuple(names)
-
-
-def _cell_of(row: Key) -> Key:
-    """Key of the cell that a row belongs to."""
-    named = dict(zip((*SERIES, "h", "steps"), row, strict=True))
-    return tuple(named[name] for name in _CELL)
-
-
-def _farthest(pairs: Iterable[tuple[Slope, Slope]]) -> Difference | None:
-    apart = [
-        (abs(a.fit.slope - b.fit.slope), a, b)
-        for a, b in pairs
-        if not math.isnan(a.fit.slope - b.fit.slope)
-    ]
-    distance, a, b = max(apart, key=lambda entry: entry[0], default=(0.0, None, None))
-    if a is None or b is None or distance == 0:
+def _farthest(slopes: Mapping[str, tuple[Slope, Slope]]) -> Difference | None:
+    """The slopes that differ most, if any do."""
+    apart = {name: abs(a.fit.slope - b.fit.slope) for name, (a, b) in slopes.items()}
+    name = max(apart, key=lambda name: np.nan_to_num(apart[name]), default="")
+    if not apart.get(name, 0.0) > 0:
         return None
-    return Difference(_slope_name(a), format_fit(a.fit), format_fit(b.fit))
+    return Difference(name, *(format_fit(slope.fit) for slope in slopes[name]))
 
 
 def _environments(
@@ -367,38 +351,11 @@ def _environments(
     return tuple(found)
 
 
-def _spell(value: object) -> str:
-    return repr(float(value)) if isinstance(value, float) else str(value)
+def _where(row: Mapping[Any, Any]) -> str:
+    """Names of a cell but for its step size, without what goes without saying."""
+    unusual = (row[name] for name, usual in _UNUSUAL.items() if row[name] != usual)
+    return " ".join([str(row["study"]), *(str(row[name]) for name in _SAID), *unusual])
 
 
-def _cell_name(key: Key) -> str:
-    named = dict(zip(_CELL, key, strict=True))
-    return f"{_where(named)}, {_at(named)}"
-
-
-def _row_name(key: Key) -> str:
-    named = dict(zip((*SERIES, "h", "steps"), key, strict=True))
-    return f"{_where(named)}, {_what(named)}, {_at(named)}"
-
-
-def _slope_name(slope: Slope) -> str:
-    named = slope.key.named()
-    return f"{_where(named)}, {_what(named)}"
-
-
-def _where(named: Mapping[str, str]) -> str:
-    """Names of a cell, without what goes without saying."""
-    said = ("study", "problem", "integrator", "form", "preconditioning")
-    rest = [named[name] for name in _CELL if name not in (*said, "h", "steps")]
-    usual = [_USUAL[name] for name in _CELL if name not in (*said, "h", "steps")]
-    unusual = [given for given, goes in zip(rest, usual, strict=True) if given != goes]
-    return " ".join([*(named[name] for name in said), *unusual])
-
-
-def _what(named: Mapping[str, str]) -> str:
-    given = (named["measure"], named["quantity"], named["row_block"])
-    return " ".join(part for part in given if part)
-
-
-def _at(named: Mapping[str, str]) -> str:
-    return f"h = {float(named['h']):g}, {float(named['steps']):g} steps"
+def _what(row: Mapping[Any, Any]) -> str:
+    return " ".join(filter(None, (row["measure"], row["quantity"], row["row_block"])))
