@@ -129,6 +129,11 @@ def test_verdicts_on_errors(said, given, verdict, reason):
     require(given, verdict, reason)
 
 
+def test_what_is_exactly_zero():
+    """No other step size would decide it."""
+    require(evidence([0.0, 0.0, 0.0]), UNDECIDED, "3 of 3 values are exactly 0")
+
+
 def test_what_speaks_against_a_series_is_far_above_its_rounding():
     """Twins tell rounding to a factor of 10: a tail within it condemns nobody."""
     h, values = [1e-4, 3e-5, 1e-5, 3e-6, 1e-6], [3.4e-2, 3.59e-3, 3.83e-4, 1e-3, 4.2e-3]

@@ -38,6 +38,11 @@ class Dot:
     first: str
     second: str
 
+    @property
+    def of_points(self) -> bool:
+        """Whether it is about the places of the joint's two points."""
+        return self.second == "D"
+
 
 @dataclass(frozen=True)
 class Joint:

@@ -538,7 +538,7 @@ class Builder(builder.Builder):
             self._elements.append(_Element(elements.POINT, offset.tolist(), rows, _once(terms)))
             row += 3
         for dot in kind.dots:
-            other = between if dot.second == "D" else _direction(b, dot.second)
+            other = between if dot.of_points else _direction(b, dot.second)
             self._dot(row, _direction(a, dot.first), other)
             row += 1
         if kind.length:
@@ -555,13 +555,9 @@ class Builder(builder.Builder):
 
     def _require_met(self, joint: Joint, a: Side, b: Side, apart: Array, path: KeyPath) -> None:
         """Both places of a joint are one at the start, as far as the joint asks."""
-        if JOINTS[joint.type].meets:
-            missed = float(np.linalg.norm(apart))
-        elif joint.type in ("planar", "point-on-plane"):
-            missed = abs(float(self._turned(a.body, a.vectors["n"]) @ apart))
-        else:
-            axis = self._turned(a.body, a.vectors["n"])
-            missed = float(np.linalg.norm(apart - (axis @ apart) * axis))
+        kind = JOINTS[joint.type]
+        along = [self._turned(a.body, a.vectors[dot.first]) for dot in kind.dots if dot.of_points]
+        missed = float(np.linalg.norm(apart if kind.meets else [x @ apart for x in along]))
         if missed > _MISFIT * self._size:
             raise self.document.error(
                 (*path, "at"),

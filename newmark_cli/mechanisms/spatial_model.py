@@ -6,7 +6,7 @@ Geometry is given as it stands at the start, in global axes.  Only ``centre``, `
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -240,16 +240,17 @@ class BodyPoint(StrictModel):
 
 
 _KINDS = "; ".join(f"{name}: {joint.about}" for name, joint in JOINTS.items())
+if TYPE_CHECKING:
+    JointType = str
+else:
+    JointType = Literal[tuple(JOINTS)]
 _GIVEN_BY_BODY = "; by body, in body axes: {crank: [...], rod: [...]}"
 
 
 class Joint(StrictModel):
     """A joint between two bodies, or of a body and the ground."""
 
-    type: Literal[
-        "spherical", "revolute", "universal", "cylindrical", "prismatic", "planar", "rigid",
-        "distance", "point-on-line", "point-on-plane",
-    ] = Field(description=_KINDS)  # fmt: skip
+    type: JointType = Field(description=_KINDS)
     from_: str = Field(alias="from", description="first body, or 'ground'")
     to: str = Field(description="second body, or 'ground'")
     at: Place = Field(description="its point at the start, in global axes (m)" + _GIVEN_BY_BODY)

@@ -314,6 +314,8 @@ def _wanted(given: Evidence, points: Mask) -> str:
     """What would decide a slope whose interval is neither within the tolerance nor outside."""
     fit, h = _fit(given, points), given.h[points]
     more = "larger" if len(h) < len(given.h) else "smaller"
+    if not given.values.any():
+        return ""
     if not len(h) and given.kind == "determined":
         return "nothing but rounding: the problem may lack it"
     if len(h) < LEAST:
