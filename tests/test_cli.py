@@ -197,7 +197,8 @@ def test_reproduce_keeps_the_slopes_of_other_studies(
     (tmp_path / "multipliers.csv").write_text(text.replace(",ok,", ",not_converged,"))
     monkeypatch.setattr(running, "_run", lambda *_: [])
     monkeypatch.setattr("newmark_cli.report.drawing.plot.plot", lambda *_: [])
-    monkeypatch.setattr("newmark_cli.report.tables.paper_tables.build", lambda *_: [])
+    for name in ("build", "reports"):
+        monkeypatch.setattr(f"newmark_cli.report.tables.paper_tables.{name}", lambda *_: [])
 
     def called(command):
         code = command_line.main([command, "--results", str(tmp_path)], standalone_mode=False)

@@ -23,6 +23,7 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import check
+from newmark_cli.report.tables.table import markdown_table
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.expecting import ExpectConfig
@@ -186,7 +187,7 @@ class Reader:
         keys = {} if "…" in text else yaml.safe_load(text) or {}
         if "…" in text:
             self.excerpt(text)
-        elif set(keys) <= {"figures", "expect", *config.Case.model_fields}:
+        elif set(keys) <= {"figures", "tables", "expect", *config.Case.model_fields}:
             self.cli.write("fragment.yaml", yaml.safe_dump(STUDY | keys))
             self.cli("validate", "fragment.yaml")
         else:
@@ -363,12 +364,10 @@ def committed(committed_folder, committed_results):
 def test_claims_are_those_of_the_results(committed):
     """What `check --markdown` prints is what stands in docs/claims.md."""
     page = PAGES["claims.md"].read_text(encoding="utf-8")
-    table = check.markdown_table(check.slope_rows(check.in_paper(committed)))
+    table = markdown_table(check.slope_rows(check.in_paper(committed)))
     begin, end = "<!-- claims: begin -->\n", "<!-- claims: end -->"
     assert page.split(begin)[1].split(end)[0].strip() == table
-    table = check.markdown_table(
-        expectations.claim_rows(expectations.judge(ROOT / "results", committed))
-    )
+    table = markdown_table(expectations.claim_rows(expectations.judge(ROOT / "results", committed)))
     begin, end = "<!-- past the paper: begin -->\n", "<!-- past the paper: end -->"
     assert page.split(begin)[1].split(end)[0].strip() == table
 

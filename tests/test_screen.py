@@ -20,7 +20,7 @@ from newmark_cli.report.drawing import draw
 from newmark_cli.report.drawing.panels import Layout, Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
-from newmark_cli.report.tables import check
+from newmark_cli.report.tables.table import markdown_table
 from newmark_cli.support.errors import one_line, visible, visible_lines
 
 #: Moves the cursor, sets a title, rings; begins and ends lines; turns writing around.
@@ -221,7 +221,7 @@ def test_latex_takes_names_as_text():
 def test_markdown_takes_names_as_text():
     """A cell ends where the table says; no code, no tags, no links, no emphasis."""
     row = ("a|b", "`x`", "<img src=x>", "[a](b)", "*x* _y_ a_b", "\\|", BAD)
-    line = check.markdown_table([row]).split("\n")[0]
+    line = markdown_table([row]).split("\n")[0]
     assert line == (
         r"| a\|b | \`x\` | \<img src=x\> | \[a\](b) | \*x\* \_y\_ a_b | \\\| | "
         + SHOWN.replace("\\", r"\\").replace("[", r"\[").replace("]", r"\]")

@@ -1,6 +1,8 @@
 """Figures of any study: what results arrange by themselves, and what a config defines."""
 
+import csv
 import dataclasses
+import io
 import itertools
 import json
 
@@ -767,17 +769,66 @@ figures:
 
 
 def test_tables_of_ones_own(mine):
-    """Rows and columns by axis, in three formats; an axis that is none in one line."""
+    """Rows and columns by axis, values and series as chosen, in every format."""
     printed = mine("tables", "mine", "--rows", "preconditioning", "--columns", "quantity",
                    "--format", "latex").stdout  # fmt: skip
-    assert r"\begin{tabular}{@{}ll@{}}" in printed
-    assert r"    none & " in printed
-    markdown = mine("tables", "mine", "--columns", "measure").stdout
-    assert "| preconditioning | error |" in markdown
-    assert "| optimal | " in markdown
+    assert printed.count(r"\begin{tabular}{@{}ll@{}}") == 2
+    assert r"    none & 2: 2.00 $\pm$ 0.01 \tabularnewline" in printed
+    markdown = mine("tables", "mine", "--columns", "measure,quantity", "--values", "slope").stdout
+    assert "| preconditioning | error, u | condition, C |" in markdown
+    assert "| optimal | 2.00 | −4.000 |" in markdown
     assert mine("tables", "mine", "--format", "csv").stdout.startswith("table,preconditioning,")
-    line = mine.refused("tables", "mine", "--rows", "quantiti")
-    assert line.startswith("newmark-study: --rows: unknown axis 'quantiti'; did you mean")
+    listed = mine("tables", "mine", "--list", "--measure", "error", "--format", "csv",
+                  "--rows", "preconditioning,quantity").stdout  # fmt: skip
+    rows = list(csv.DictReader(io.StringIO(listed)))
+    assert [row["preconditioning"] for row in rows] == ["none", "optimal"]
+    for row in rows:
+        assert float(row["slope"]) == pytest.approx(2, abs=1e-12)
+        assert (row["quantity"], row["predicted"], row["verdict"]) == ("u", "2.0", "pass")
+
+
+@each(
+    "options, told",
+    [
+        (("--rows", "quantiti"), "--rows: unknown axis 'quantiti'; did you mean 'quantity'?"),
+        (("--values", "slop"), "--values: unknown value 'slop'; did you mean 'slope'?"),
+        (("--columns", "preconditioning"), "--columns: preconditioning tells the rows apart"),
+        (("--list", "--columns", "form"), "--columns: --list has none"),
+        (("--quantity", "z"), "--quantity: no series of 'z' in the results"),
+    ],
+)
+def test_wrong_tables(mine, options, told):
+    """What there is not is one line."""
+    assert told in mine.refused("tables", "mine", *options)
+
+
+def test_tables_of_a_config(cli):
+    """A config defines its tables, column by column too; an axis that is none has its line."""
+    tables = """\
+tables:
+  - {title: Orders, rows: preconditioning, columns: quantity, measure: condition}
+  - title: Mine
+    rows: problem
+    headings:
+      - {label: plain, measure: error, preconditioning: none, quantity: u}
+      - {label: worst, measure: error, preconditioning: none, quantity: [u, lambda]}
+"""
+    study = STUDY.replace("t_end: 1.0", "t_end: 0.3")
+    cli.write("mine.yaml", study + tables)
+    cli("run", "mine.yaml")
+    printed = cli("tables", "mine").stdout
+    assert "### Orders\n\n| preconditioning | C |\n| --- | --- |\n| none | −4: −4.0" in printed
+    assert "### Mine\n\n| problem | plain | worst |\n| --- | --- | --- |\n| pendulum |" in printed
+    values = {
+        name: cli("tables", "mine", "--list", "--measure", "error", "--quantity", name,
+                  "--preconditioning", "none", "--values", "fitted").stdout.split("| ")[-1]
+        for name in ("u", "lambda")
+    }  # fmt: skip
+    assert values["u"].split(" |")[0].rstrip("* ") in printed
+    cli.write("wrong.yaml", study + tables.replace("columns: quantity", "columns: quantiti"))
+    line = cli.refused("validate", "wrong.yaml")
+    assert "quantiti" in line
+    assert "did you mean 'quantity'" in line
 
 
 def test_drift_of_ones_own_over_time(cli):

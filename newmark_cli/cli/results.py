@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from newmark_cli.report.judging.expectations import Expected
     from newmark_cli.report.judging.slopes import Slope
     from newmark_cli.report.tables.outcomes import Outcome
-    from newmark_cli.report.tables.paper_tables import Entry
     from newmark_cli.report.tables.table import Report
 
 #: Series of which `check` says why they are not as predicted, unless all are asked for.
@@ -32,6 +31,10 @@ def _formats(context: click.Context, option: click.Parameter, given: str) -> tup
         if name not in allowed:
             raise click.BadParameter(f"unknown format {name!r}; allowed: {', '.join(allowed)}")
     return found
+
+
+def _names(context: click.Context, option: click.Parameter, given: str | None) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(part.strip() for part in (given or "").split(",") if part.strip()))
 
 
 def _size(
@@ -206,23 +209,32 @@ def check(
 @click.command()
 @studies_argument
 @results_folder
+@choosing_options
 @click.option(
     "--rows",
-    default="preconditioning",
-    show_default=True,
-    metavar="AXIS",
-    help="Axis that is the rows, for studies that are named.",
+    callback=_names,
+    metavar="AXES",
+    help="Axes that are rows, with commas between them; preconditioning by default, and for "
+    "--list all that vary.",
 )
 @click.option(
-    "--columns",
-    default="quantity",
-    show_default=True,
-    metavar="AXIS",
-    help="Axis that is the columns, likewise.",
+    "--columns", callback=_names, metavar="AXES", help="Axes that are columns; default: quantity."
+)
+@click.option(
+    "--list", "as_list", is_flag=True, help="Give each series a row, and its values as columns."
+)
+@click.option(
+    "--values",
+    "shown",
+    callback=_names,
+    metavar="LIST",
+    help="What is said of a series: some of predicted, tolerance, fitted, slope, stderr, points, "
+    "h_from, h_to, local_orders, verdict and reason; by default predicted and fitted, and for "
+    "--list slope, stderr, predicted and verdict.",
 )
 @click.option(
     "--format",
-    "form",
+    "written",
     type=click.Choice(["text", "markdown", "latex", "csv"]),
     help="How tables are printed; by default those of studies that are named as markdown, others "
     "as text, which are then also written into DIR/tables.",
@@ -236,16 +248,22 @@ def check(
 def tables(
     studies: tuple[str, ...],
     folder: Path,
-    rows: str,
-    columns: str,
-    form: str | None,
+    measure: tuple[str, ...],
+    rows: tuple[str, ...],
+    columns: tuple[str, ...],
+    as_list: bool,
+    shown: tuple[str, ...],
+    written: str | None,
     formulations: bool,
     cures: bool,
+    **chosen: tuple[str, ...],
 ) -> int:
     """Make tables of studies, or Tables 1 and 2 of the paper, predicted and measured.
 
-    Of studies that are named, prints the orders of their series, predicted and
-    fitted: a table for each combination of what is neither rows nor columns.
+    Of studies that are named, prints the tables that their configs define under
+    'tables:', else the orders of their series, predicted and fitted: a table for each
+    combination of what is neither rows nor columns.  With --list, each series has a
+    row.  Options choose other rows, columns, values and series.
 
     Without a study, reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
     and .tex.  Exits with 1 if an entry is not as predicted.  With --formulations,
@@ -256,28 +274,39 @@ def tables(
 
     \b
     Example:
-      newmark-study tables my-study --rows preconditioning --columns quantity
+      newmark-study tables my-study --list --values slope,stderr,verdict --format csv
     """
+    asked = bool(rows or columns or as_list or shown or measure or any(chosen.values()))
     if studies:
+        from newmark_cli.report.drawing.plot import Choice
         from newmark_cli.report.judging import slopes
         from newmark_cli.report.tables import study_tables
 
         found = slopes.collect(folder, studies)
-        screen.lines(
-            study_tables.text(study_tables.grids(found, rows, columns), form or "markdown").rstrip()
-        )
+        choice = Choice(measure, chosen)
+        choice.require(found)
+        layout = study_tables.asked(rows, columns, as_list, shown) if asked else None
+        for study in studies:
+            ours = [s for s in found if s.study == study and choice.keeps(s)]
+            ours = [s for s in ours if not measure or s.measure in choice.kinds]
+            wanted = [layout] if layout else study_tables.defined(folder, study)
+            for each in wanted or [study_tables.USUAL]:
+                made = study_tables.report(ours, each).written(written or "markdown")
+                screen.lines(made.rstrip() + "\n")
         return 0
+    if asked:
+        raise InputError("tables: options that choose rows, columns or series need a STUDY")
     if cures:
-        return show_cures(folder, form)
+        return show_cures(folder, written)
     if formulations:
-        show_formulations(folder)
+        from newmark_cli.report.tables import predicted_tables
+
+        show_report(folder, predicted_tables.formulations(), written)
         return 0
     from newmark_cli.report.judging import slopes
     from newmark_cli.report.tables import paper_tables as tabling
 
-    entries = tabling.build(slopes.collect(folder, [tabling.STUDY]))
-    show_tables(folder, entries)
-    return 1 if tabling.missed(entries) else 0
+    return show_tables(folder, slopes.collect(folder, [tabling.STUDY]), written)
 
 
 @click.command()
@@ -411,6 +440,7 @@ def show_claims(
     from newmark_cli.report.judging import expectations
     from newmark_cli.report.judging.text import text_table, wrapped
     from newmark_cli.report.tables import check as checking
+    from newmark_cli.report.tables.table import markdown_table
 
     chosen = checking.chosen(slopes, show_all)
     if markdown:
@@ -423,7 +453,7 @@ def show_claims(
         )
         for table in tables:
             if len(table) > 1:
-                screen.lines(checking.markdown_table(table) + "\n")
+                screen.lines(markdown_table(table) + "\n")
         return ""
     for table in (
         checking.slope_lines(chosen),
@@ -460,17 +490,6 @@ def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
     return 0 if outcomes.hold(asserted, strict) else 1
 
 
-def show_formulations(folder: Path) -> None:
-    """Print the tables of all formulations and write them."""
-    from newmark_cli.report.judging.text import text_table, wrapped
-    from newmark_cli.report.tables import formulation_tables
-
-    for title, note, rows in formulation_tables.grids():
-        screen.lines(f"{wrapped(title)}\n\n{text_table(rows)}\n\n{wrapped(note)}\n")
-    for file in formulation_tables.write(folder):
-        screen.line(file)
-
-
 def show_report(folder: Path, made: "Report", form: str | None) -> None:
     """Print tables in a format; without one as text, and write them in the others."""
     screen.lines(made.written(form or "text").rstrip())
@@ -489,14 +508,14 @@ def show_cures(folder: Path, form: str | None = None) -> int:
     return 0 if all(cell.agrees for cell in cells.values()) else 1
 
 
-def show_tables(folder: Path, entries: "Sequence[Entry]") -> None:
-    """Print Tables 1 and 2, and write them."""
-    from newmark_cli.report.judging.text import text_table, wrapped
+def show_tables(folder: Path, found: "Sequence[Slope]", form: str | None = None) -> int:
+    """Print Tables 1 and 2; 1 when an entry is not as predicted."""
     from newmark_cli.report.tables import paper_tables as tabling
 
-    for title, grid in tabling.grids(entries):
-        screen.lines(f"{wrapped(title)}\n\n{text_table(grid, blocks=True)}\n")
-    screen.lines(f"{tabling.worst(entries)}\n")
-    for file in tabling.write(folder, entries):
-        screen.line(file)
-    screen.line()
+    for made in tabling.reports(found):
+        show_report(folder, made, form)
+        screen.line()
+    entries = tabling.build(found)
+    if form is None:
+        screen.lines(f"{tabling.worst(entries)}\n")
+    return 1 if tabling.not_as_predicted(entries) else 0

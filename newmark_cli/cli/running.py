@@ -158,13 +158,12 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.report.judging import expectations, slopes
     from newmark_cli.report.reading import records
     from newmark_cli.report.tables import outcomes
-    from newmark_cli.report.tables import paper_tables as tabling
     from newmark_cli.study import reading
 
     found = slopes.collect(folder, studies)
     files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
     screen.line()
-    show_tables(folder, tabling.build(found))
+    show_tables(folder, found)
     if everything:
         code = max(code, show_cures(folder))
     expected = expectations.judge(folder, found)

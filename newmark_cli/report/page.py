@@ -16,8 +16,8 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Figure
-from newmark_cli.report.tables import check, cures, outcomes, paper_tables
-from newmark_cli.report.tables.table import Table
+from newmark_cli.report.tables import check, cures, outcomes, paper_tables, study_tables
+from newmark_cli.report.tables.table import Report
 from newmark_cli.support import files
 from newmark_cli.support.errors import InputError, ResultsError
 
@@ -126,10 +126,8 @@ def html(folder: Path) -> str:
         claims=expectations.claim_rows(expected),
         expectations=expectations.table(expected),
         pictures=pictures(Results(folder, found)),
-        tables=_tables(found),
-        note=paper_tables.NOTE,
+        tables=_tables(folder, found),
         cures=_cures(Results(folder, found)),
-        legend=cures.LEGEND,
         timings=records.timing_rows(provenance),
         runs=runs,
     )
@@ -195,21 +193,25 @@ def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _tables(found: Sequence[Slope]) -> list[tuple[str, list[tuple[str, ...]]]]:
-    """Tables 1 and 2; none where the results are not enough for them."""
-    try:
-        entries = paper_tables.build(found)
-    except ResultsError:
-        return []
-    return [paper_tables.factors(), *paper_tables.grids(entries)]
+def _tables(folder: Path, found: Sequence[Slope]) -> list[Report]:
+    """Tables that configs define, Tables 1 and 2 of the paper among them."""
+    made = []
+    for study in dict.fromkeys(slope.study for slope in found):
+        ours = [slope for slope in found if slope.study == study]
+        if study == paper_tables.STUDY:
+            made += paper_tables.reports(ours)
+        else:
+            layouts = study_tables.defined(folder, study)
+            made += [study_tables.report(ours, layout) for layout in layouts]
+    return [each for each in made if each.tables]
 
 
-def _cures(found: Results) -> Sequence[Table]:
+def _cures(found: Results) -> list[Report]:
     """Which cure cures what; none without results of the study."""
     try:
-        return cures.report(cures.build(found)).tables
+        return [cures.report(cures.build(found))]
     except ResultsError:
-        return ()
+        return []
 
 
 def _run(study: str, record: Mapping[str, Any]) -> Run:

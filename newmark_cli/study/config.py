@@ -57,6 +57,7 @@ from newmark_cli.study.keys import (
     problem_of,
 )
 from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
+from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents
 from newmark_cli.support.apart import ApartError
 from newmark_cli.support.documents import (
@@ -356,6 +357,9 @@ class Study(StrictModel):
     figures: Figures | None = Field(
         None, description="what `plot` draws of it; default: what its results compare"
     )
+    tables: Tables | None = Field(
+        None, description="what `tables` prints of it; default: scalings by quantities"
+    )
     expect: Expectations | None = Field(
         None, description="slopes and levels that `check` asserts besides the predicted orders"
     )
@@ -378,7 +382,7 @@ class Study(StrictModel):
         return [cell for case in self.cases for cell in case.cells()]
 
 
-_STUDY_KEYS = ("study", "description", "figures", "expect", "cases")
+_STUDY_KEYS = ("study", "description", "figures", "tables", "expect", "cases")
 
 
 def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study:

@@ -67,7 +67,7 @@ class _Rules(RuledModel):
                 yield misfit(axis, "missing: its values tell panels or series apart")
 
 
-def _values() -> dict[str, Any]:
+def series_keys() -> dict[str, Any]:
     """Keys that choose rows by an axis."""
     return {
         "quantity": (Quantities | None, Field(None, description="quantities; default: all")),
@@ -96,7 +96,7 @@ else:
             Field(None, description="name in the legend; made from the axes in series if omitted"),
         ),
         panel=(OneLine | None, Field(None, description="title of the panel that it stands in")),
-        **_values(),
+        **series_keys(),
     )
     FigureConfig = create_model(
         "FigureConfig",
@@ -124,7 +124,7 @@ else:
             Compared | None,
             Field(None, description="axes that tell panels apart; default: what else varies"),
         ),
-        **_values(),
+        **series_keys(),
         initial=(
             Literal["start"] | None,
             Field(None, description="start: what was measured at the initial state"),

@@ -71,7 +71,7 @@ from newmark_cli.newmark.scheme import (
     PRECISIONS,
     Tolerance,
 )
-from newmark_cli.study import drawing
+from newmark_cli.study import drawing, tabulating
 from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, in_words
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES, RECORDS
@@ -740,13 +740,15 @@ Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED), "mu
 Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS), "start")]]
 
 
-Compared = OneOrMore[
-    Annotated[
-        str,
-        BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis),
-        _Known("axis", drawing.COMPARABLE),
-    ]
-]
+def _axis_among(known: tuple[str, ...]) -> Any:
+    """The name of an axis, or an alias of it."""
+    usual = BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis)
+    return Annotated[str, usual, _Known("axis", known)]
+
+
+Compared = OneOrMore[_axis_among(drawing.COMPARABLE)]  # type: ignore[valid-type]
+Tabulated = OneOrMore[_axis_among(tabulating.AXES)]  # type: ignore[valid-type]
+TableValues = OneOrMore[Annotated[str, _Known("value", tuple(tabulating.VALUES))]]
 Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
 Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
 Recorded = Annotated[str, _Known("measure", tuple(RECORDS))]

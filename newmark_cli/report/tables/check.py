@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope, in_figure_order
-from newmark_cli.report.judging.text import format_orders, gathered, markdown
+from newmark_cli.report.judging.text import format_orders, gathered
 from newmark_cli.report.judging.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.report.reading.curves import TRAPEZOIDAL
 from newmark_cli.report.reading.figures import FIGURES
@@ -97,12 +97,6 @@ _SAID = (
 
 def _variant(slope: Slope) -> str:
     return ", ".join([slope.preconditioning, *slope.key.besides(*_SAID)])
-
-
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """The same as Markdown."""
-    lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
 def counting(slopes: Sequence[Slope]) -> list[Slope]:

@@ -12,7 +12,6 @@ from newmark_cli.report.judging.verdicts import FAILING, INCOMPLETE, PASS, SHOWN
 from newmark_cli.report.reading.records import Verified
 from newmark_cli.report.tables import paper_tables
 from newmark_cli.report.tables.check import counting, format_prediction
-from newmark_cli.report.tables.paper_tables import Entry
 from newmark_cli.support.errors import visible
 
 #: Annotations of each kind that GitHub shows of one step.
@@ -78,7 +77,7 @@ def of(
         *(Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed),
     ]
     if tables and hold(found) and any(slope.study == paper_tables.STUDY for slope in slopes):
-        found += map(_of_entry, paper_tables.missed(paper_tables.build(slopes)))
+        found += map(_of_entry, paper_tables.not_as_predicted(paper_tables.build(slopes)))
     return found
 
 
@@ -103,9 +102,9 @@ def _of_slopes(slopes: Sequence[Slope]) -> Iterator[Outcome]:
             yield Outcome(slope.study, series_name(slope), slope.verdict, text)
 
 
-def _of_entry(entry: Entry) -> Outcome:
-    name = f"Table {entry.table}, {entry.entry}, {entry.form}, {entry.problem}"
-    return Outcome(paper_tables.STUDY, name, entry.verdict, "not as predicted", shown=False)
+def _of_entry(entry: paper_tables.Entry) -> Outcome:
+    verdict, told = entry.slope.verdict, "not as predicted"
+    return Outcome(paper_tables.STUDY, entry.name, verdict, told, shown=False)
 
 
 def hold(found: Sequence[Outcome], strict: bool = False) -> bool:

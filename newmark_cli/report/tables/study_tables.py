@@ -1,100 +1,238 @@
-"""Tables of any study: its fitted orders, rows and columns by axis."""
+"""Tables of a study: fitted orders, rows and columns by axis, as its config or a command says."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
-from newmark_cli.report.judging.fits import format_fit
+import numpy as np
+
+from newmark_cli.report.judging.fits import Fit, fit_parts, format_fit, format_order, power_law
 from newmark_cli.report.judging.slopes import Slope
-from newmark_cli.report.judging.text import latex_text
-from newmark_cli.report.reading.words import joined_values
-from newmark_cli.report.tables.check import format_prediction
-from newmark_cli.report.tables.paper_tables import latex_row, latex_table, markdown_table
-from newmark_cli.study import results
+from newmark_cli.report.judging.text import format_orders
+from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
+from newmark_cli.report.reading import records
+from newmark_cli.report.reading.words import joined_values, spelled
+from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
+from newmark_cli.study import shipped
 from newmark_cli.study.axes import ALIASES
-from newmark_cli.study.drawing import COMPARABLE
-from newmark_cli.support.errors import InputError
+from newmark_cli.study.tabulating import AXES, VALUES, Heading, Layout, layouts
+from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
 
-#: Axes that rows and columns can stand for, and formats.
-AXES = (*COMPARABLE, "measure")
-FORMATS = ("markdown", "latex", "csv")
+#: What a command prints of a study that does not say.
+USUAL = Layout(("preconditioning",), ("quantity",))
+#: What a list says of each series unless it is told.
+LISTED = ("slope", "stderr", "predicted", "verdict")
 
-#: How to read an entry.
-NOTE = "Predicted ± tolerance: fitted ± standard error; only fitted where theory predicts no order."
+#: Value → its text; for programs it is that of `Slope.row`.
+_TEXTS: Mapping[str, Callable[[Slope], str]] = {
+    "predicted": lambda slope: format_order(slope.expected),
+    "tolerance": lambda slope: "" if np.isnan(slope.tolerance) else f"{slope.tolerance:g}",
+    "fitted": lambda slope: format_fit(slope.fit) + _marks(slope),
+    "slope": lambda slope: fit_parts(slope.fit)[0].replace("-", "−"),
+    "stderr": lambda slope: fit_parts(slope.fit)[1],
+    "points": lambda slope: str(slope.fit.points),
+    "h_from": lambda slope: _step(slope.h[slope.fitted].max(initial=-np.inf)),
+    "h_to": lambda slope: _step(slope.h[slope.fitted].min(initial=np.inf)),
+    "local_orders": format_orders,
+    "verdict": lambda slope: slope.verdict,
+    "reason": lambda slope: slope.reason,
+}
 
-#: A title, and rows with headings first.
-Grid = tuple[str, list[tuple[str, ...]]]
+
+def _marks(slope: Slope) -> str:
+    return ("*" if slope.role == "recovered" else "") + (MARK if missed(slope) else "")
 
 
-def grids(slopes: Iterable[Slope], rows: str, columns: str) -> list[Grid]:
-    """A table for each combination of the axes that are neither rows nor columns.
+def _step(h: float) -> str:
+    return f"{h:g}" if np.isfinite(h) else ""
+
+
+def missed(slope: Slope) -> bool:
+    """Whether a series is not as predicted, and the study is not about that."""
+    return slope.verdict not in (PASS, SHOWN) and not slope.accepted
+
+
+def asked(
+    rows: tuple[str, ...], columns: tuple[str, ...], as_list: bool, values: tuple[str, ...]
+) -> Layout:
+    """The table that options of a command ask for; what they leave open is as usual.
+
+    Raises:
+        InputError: When there is no such axis or value, or two options contradict each other.
+    """
+    rows, columns = (tuple(ALIASES.get(axis, axis) for axis in axes) for axes in (rows, columns))
+    for option, given, known in (
+        ("--rows", rows, AXES), ("--columns", columns, AXES), ("--values", values, VALUES),
+    ):  # fmt: skip
+        for name in given:
+            if name not in known:
+                kind = "value" if option == "--values" else "axis"
+                raise InputError(f"{option}: unknown {kind} {name!r}{nearest(name, known)}")
+    if as_list and columns:
+        raise InputError("--columns: --list has none; name axes of its rows with --rows")
+    if as_list:
+        return Layout(rows, values=values or LISTED)
+    rows, columns = rows or USUAL.rows, columns or USUAL.columns
+    if set(rows) & set(columns):
+        both = ", ".join(axis for axis in columns if axis in rows)
+        raise InputError(f"--columns: {both} tells the rows apart already")
+    return Layout(rows, columns, values=values or USUAL.values)
+
+
+def defined(folder: Path, study: str) -> list[Layout]:
+    """Tables that the config of a study defines, by its record, or else the shipped one.
+
+    Raises:
+        ResultsError: When the record is not as a run has written it.
+    """
+    path = folder / f"{study}.csv"
+    try:
+        return layouts(shipped.config_of(study, records.known(path), "tables"))
+    except ValueError as error:
+        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+
+
+def report(slopes: Iterable[Slope], layout: Layout) -> Report:
+    """Tables of series; as a CSV, a list has numbers, and others have their entries.
 
     Args:
         slopes: The series.
-        rows, columns: Two of `AXES`.
-
-    Raises:
-        InputError: When an axis is none, or both are the same.
+        layout: Which tables.
     """
-    rows, columns = ALIASES.get(rows, rows), ALIASES.get(columns, columns)
-    for option, axis in (("--rows", rows), ("--columns", columns)):
-        if axis not in AXES:
-            raise InputError(f"{option}: unknown axis {axis!r}{nearest(axis, AXES)}")
-    if rows == columns:
-        raise InputError(f"--columns: {columns!r} are the rows already")
-    others = [axis for axis in (*AXES, "initial") if axis not in (rows, columns)]
+    ours = [slope for slope in slopes if slope.measure]
+    found = groups(ours, layout)
+    name = f"table-{layout.name}" if layout.name else "table"
+    legend = _legend(layout, [slope for _, placed in found for _, slope in placed])
+    if layout.columns or layout.headings:
+        tables = [_cross(title, placed, layout) for title, placed in found]
+        return Report(name, tuple(tables), legend)
+    tables = [_list(title, placed, layout) for title, placed in found]
+    rows = [_record(slope, layout) for _, placed in found for _, slope in placed]
+    columns = (*(layout.rows or ("study", *AXES)), *layout.values)
+    return Report(name, tuple(tables), legend, rows, columns)
+
+
+#: A column and a series in it.
+Placed = tuple[str, Slope]
+
+
+def groups(slopes: Sequence[Slope], layout: Layout) -> list[tuple[str, list[Placed]]]:
+    """Title and entries of each table of a layout."""
+    ours = [slope for slope in slopes if _is(slope, layout.choice)]
+    if not (layout.columns or layout.headings):
+        return [(layout.title or (ours[0].study if ours else ""), [("", s) for s in ours])]
+    across = {axis for heading in layout.headings for axis in heading.choice} | {*layout.columns}
+    apart = [axis for axis in (*AXES, "initial") if axis not in (*layout.rows, *across)]
     tables: dict[tuple[str, ...], list[Slope]] = {}
-    for slope in slopes:
-        if slope.measure:
-            tables.setdefault(tuple(getattr(slope, axis) for axis in others), []).append(slope)
-    varying = [axis for i, axis in enumerate(others) if len({where[i] for where in tables}) > 1]
+    for slope in ours:
+        tables.setdefault(tuple(getattr(slope, axis) for axis in apart), []).append(slope)
+    varying = [axis for i, axis in enumerate(apart) if len({where[i] for where in tables}) > 1]
     found = []
-    for where, ours in tables.items():
-        named = dict(zip(others, where, strict=True))
-        found.append((joined_values(varying, named) or ours[0].study, _rows(ours, rows, columns)))
+    for where, several in tables.items():
+        placed = [
+            *_headed(several, layout.headings, layout.rows),
+            *((_across(slope, layout), slope) for slope in several if not layout.headings),
+        ]
+        told = joined_values(varying, dict(zip(apart, where, strict=True)))
+        title = layout.title + (f" ({told})" if told else "") if layout.title else told
+        if placed:
+            found.append((title or several[0].study, placed))
     return found
 
 
-def _rows(slopes: Sequence[Slope], rows: str, columns: str) -> list[tuple[str, ...]]:
-    cells = {(getattr(slope, rows), getattr(slope, columns)): slope for slope in slopes}
-    down, across = (list(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
-    headings = (rows, *(joined_values([columns], {columns: value}) for value in across))
-    return [
-        headings,
-        *(
-            (
-                joined_values([rows], {rows: value}),
-                *(_cell(cells.get((value, other))) for other in across),
-            )
-            for value in down
-        ),
-    ]
-
-
-def _cell(slope: Slope | None) -> str:
-    if slope is None:
-        return "–"
-    return ": ".join(filter(None, (format_prediction(slope), format_fit(slope.fit))))
-
-
-def text(tables: Sequence[Grid], form: str) -> str:
-    """The tables in one of `FORMATS`."""
-    if form == "markdown":
-        return "\n".join(markdown_table(title, rows, NOTE) for title, rows in tables)
-    if form == "csv":
-        columns = ("table", *dict.fromkeys(name for _, rows in tables for name in rows[0]))
-        entries = (
-            {"table": title, **dict(zip(rows[0], row, strict=True))}
-            for title, rows in tables
-            for row in rows[1:]
-        )
-        return results.csv_text(columns, entries)
-    return "\n".join(
-        latex_table(
-            f"{latex_text(title)}. {latex_text(NOTE)}",
-            f"orders-{i}",
-            "l" * len(rows[0]),
-            [latex_row([latex_text(name) for name in rows[0]])],
-            [[latex_text(entry) for entry in row] for row in rows[1:]],
-        )
-        for i, (title, rows) in enumerate(tables, 1)
+def _is(slope: Slope, choice: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a series is chosen; a scaling of one's own may go by its name."""
+    return all(
+        {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & {*values}
+        for axis, values in choice.items()
     )
+
+
+def _across(slope: Slope, layout: Layout) -> str:
+    return joined_values(layout.columns, slope.key.named()) or MISSING
+
+
+def _headed(
+    slopes: Sequence[Slope], headings: Iterable[Heading], rows: Sequence[str]
+) -> list[Placed]:
+    """Columns one by one; of several series in an entry the strongest."""
+    found = []
+    for heading in headings:
+        entries: dict[tuple[str, ...], list[Slope]] = {}
+        for slope in slopes:
+            if _is(slope, heading.choice):
+                entries.setdefault(tuple(getattr(slope, axis) for axis in rows), []).append(slope)
+        found += [(heading.label, _strongest(several)) for several in entries.values()]
+    return found
+
+
+def _strongest(slopes: Sequence[Slope]) -> Slope:
+    """The largest of several series at each step size, with the least of their orders."""
+    first = slopes[0]
+    if len(slopes) == 1:
+        return first
+    values = np.max([slope.values for slope in slopes], axis=0)
+    fit: Fit = power_law(first.h, values)
+    expected = min(slope.expected for slope in slopes)
+    tolerance = min(slope.tolerance for slope in slopes)
+    verdict = PASS if abs(fit.slope - expected) <= tolerance else MISS
+    return replace(
+        first, values=values, fit=fit, expected=expected, tolerance=tolerance, verdict=verdict
+    )
+
+
+def _cross(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
+    rows = {axis: partial(_row_name, axis) for axis in layout.rows}
+    entries = [{**slope.key.named(), "column": column, "slope": slope} for column, slope in placed]
+    return pivoted(title, entries, rows, "column", lambda one: _entry(one["slope"], layout.values))
+
+
+def _entry(slope: Slope, values: Iterable[str]) -> str:
+    return ": ".join(filter(None, (_TEXTS[name](slope) for name in values))) or MISSING
+
+
+def _row_name(axis: str, value: str) -> str:
+    return spelled(axis, value).removesuffix(" form") if value else MISSING
+
+
+def _list_axes(slopes: Sequence[Slope], layout: Layout) -> tuple[str, ...]:
+    """Axes of a list: those that are asked for, or those that vary, in any case the quantity."""
+    varying = [a for a in AXES if len({getattr(slope, a) for slope in slopes}) > 1]
+    return layout.rows or tuple(varying) or ("quantity",)
+
+
+def _list(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
+    slopes = [slope for _, slope in placed]
+    names = _list_axes(slopes, layout)
+    body = (
+        (
+            *(_row_name(axis, getattr(slope, axis)) for axis in names),
+            *(_TEXTS[name](slope) for name in layout.values),
+        )
+        for slope in slopes
+    )
+    return Table(title, (*names, *layout.values), tuple(body))
+
+
+def _record(slope: Slope, layout: Layout) -> Record:
+    """A series for programs: the axes of a list, and values as numbers."""
+    row: dict[str, Any] = {**slope.row(), "predicted": slope.expected, "fitted": slope.fit.slope}
+    names = layout.rows or ("study", *AXES)
+    return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.values}
+
+
+def _legend(layout: Layout, slopes: Sequence[Slope]) -> tuple[tuple[str, str], ...]:
+    """What an entry says, and what its marks mean where there are any."""
+    if not (layout.columns or layout.headings):
+        said = [(name, f"{VALUES[name]}.") for name in layout.values]
+    else:
+        said = [("", f"Entries: {': '.join(VALUES[name] for name in layout.values)}.")]
+    marks = {_marks(slope) for slope in slopes if "fitted" in layout.values}
+    if any("*" in mark for mark in marks):
+        said.append(("", "* marks what is eliminated and recovered from the other unknowns."))
+    if any(MARK in mark for mark in marks):
+        said.append(("", MARKED))
+    return tuple(said)

@@ -12,6 +12,8 @@ from newmark_cli.support import files
 
 #: Letters in a line of a page in LaTeX; columns of longer tables wrap.
 _LINE = 100
+#: What LaTeX writes itself.
+_NUMBER = re.compile(r"^Table \d+: ")
 #: What there is no entry of.
 MISSING = "–"
 #: What ends an entry that is not as predicted, and what says so.
@@ -26,11 +28,13 @@ class Table:
         title: What it shows.
         headings: Of the columns.
         rows: An entry for each column.
+        explained: Whether the legend is about it.
     """
 
     title: str
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    explained: bool = True
 
     @property
     def lines(self) -> list[tuple[str, ...]]:
@@ -101,7 +105,8 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 def as_latex(tables: Sequence[Table], legend: Legend = ()) -> str:
     """Tables as a journal takes them, without any package; the legend is the last caption's."""
-    labels = [re.sub(r"\W+", "-", table.title, flags=re.ASCII).strip("-") for table in tables]
+    titles = [_NUMBER.sub("", table.title) for table in tables]
+    labels = [re.sub(r"\W+", "-", title, flags=re.ASCII).strip("-") for title in titles]
     return "\n".join(
         _latex(table, f"{label}-{i}" if labels.count(label) > 1 else label, legend)
         for i, (table, label) in enumerate(zip(tables, labels, strict=True), 1)
@@ -109,7 +114,9 @@ def as_latex(tables: Sequence[Table], legend: Legend = ()) -> str:
 
 
 def _latex(table: Table, label: str, legend: Legend) -> str:
-    said = sentences([line for line in legend if not line[0] or line[0] in table.headings])
+    ours = [line for line in legend if not line[0] or line[0] in table.headings]
+    title = _NUMBER.sub("", table.title)
+    said = [f"{title[:1].upper()}{title[1:]}.", *sentences(ours if table.explained else ())]
     narrow, wide = fitted(table.lines, _LINE), fitted(table.lines, 10 * _LINE)
     wraps = [width < most for width, most in zip(narrow, wide, strict=True)]
     columns = "".join(
@@ -127,7 +134,7 @@ def _latex(table: Table, label: str, legend: Legend) -> str:
         [
             r"\begin{table}",
             r"  \centering",
-            rf"  \caption{{{latex(' '.join([f'{table.title}.', *said]))}}}",
+            rf"  \caption{{{latex(' '.join(said))}}}",
             rf"  \label{{tab:{label}}}",
             r"  \footnotesize",
             r"  \setlength{\tabcolsep}{4pt}\smallskip",
@@ -155,15 +162,21 @@ _POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _MATH = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)|([" + "".join(_SYMBOLS) + "])")
 
 
+#: What is a formula as a whole: symbols and single letters.
+_FORMULA = re.compile(r"(?!n/a)(?!.*[A-Za-z]{2})(?=.*[^\W\d])[A-Za-z()/, _0-9′⁻⁰¹²³⁴⁵⁶⁷⁸⁹Ͱ-Ͽ]+")
+
+
 def latex(text: str) -> str:
     """Text with the field's symbols that any LaTeX prints as it is."""
 
     def math(match: re.Match[str]) -> str:
         powers, symbol = match.groups()
-        said = f"^{{{powers.translate(_POWERS)}}}" if powers else _SYMBOLS[symbol].strip()
-        return f"${said}$"
+        return f"^{{{powers.translate(_POWERS)}}}" if powers else _SYMBOLS[symbol]
 
-    return _MATH.sub(math, latex_text(text)).replace("–", "--").replace("…", r"\dots{}")
+    if _FORMULA.fullmatch(text):
+        return f"${_MATH.sub(math, text)}$"
+    said = _MATH.sub(lambda match: f"${math(match).strip()}$", latex_text(text))
+    return said.replace("$$", "").replace("–", "--").replace("…", r"\dots{}")
 
 
 def as_csv(tables: Sequence[Table], legend: Legend = ()) -> str:

@@ -1,0 +1,78 @@
+"""The key `tables` of a study config: its models."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, create_model
+from pydantic_core import PydanticCustomError
+
+from newmark_cli.study.figure_keys import series_keys
+from newmark_cli.study.keys import OneLine, OneOrMore, Recorded, TableValues, Tabulated, Word
+from newmark_cli.support.documents import RuledModel, StrictModel, misfit
+
+
+class _Rules(RuledModel):
+    """Rules that tie the keys of a table together."""
+
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        for axis in self.columns or ():
+            if axis in (self.rows or ()):
+                yield misfit("columns", f"{axis} already tells the rows apart")
+        if self.columns is not None and self.headings is not None:
+            yield misfit("headings", "are columns one by one; leave out columns")
+        if (self.columns or self.headings) and not self.rows:
+            yield misfit("rows", "missing: the axes that tell rows apart")
+
+
+def _series() -> dict[str, Any]:
+    """Keys that choose series."""
+    return {
+        "measure": (
+            OneOrMore[Recorded] | None,
+            Field(None, description="kinds of rows of the CSV; default: all"),
+        ),
+        "initial": (
+            Literal["start"] | None,
+            Field(None, description="start: what was measured at the initial state"),
+        ),
+        **series_keys(),
+    }
+
+
+if TYPE_CHECKING:
+    TableConfig = _Rules
+else:
+    HeadingConfig = create_model(
+        "HeadingConfig",
+        __base__=StrictModel,
+        __doc__="A column of a table: the strongest of the series that it chooses.",
+        label=(OneLine, Field(description="what stands above it")),
+        **_series(),
+    )
+    TableConfig = create_model(
+        "TableConfig",
+        __base__=_Rules,
+        __doc__="A table of fitted orders, one for each combination of what else varies.",
+        rows=(
+            Tabulated | None,
+            Field(None, description="axes that tell rows apart; default, of a list: what varies"),
+        ),
+        columns=(
+            Tabulated | None,
+            Field(None, description="axes that tell columns apart; without them and headings "
+                  "each series has a row, and its values are the columns"),
+        ),
+        headings=(
+            Annotated[tuple[HeadingConfig, ...], Field(min_length=1, max_length=40)] | None,
+            Field(None, description="the columns one by one"),
+        ),
+        values=(
+            TableValues | None,
+            Field(None, description="what it says of each series; default: predicted and fitted"),
+        ),
+        title=(OneLine | None, Field(None, description="what it shows")),
+        table=(Word | None, Field(None, description="number or word of its files")),
+        **_series(),
+    )  # fmt: skip
+
+Tables = Annotated[tuple[TableConfig, ...], Field(min_length=1, max_length=40)]

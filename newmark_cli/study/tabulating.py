@@ -1,0 +1,106 @@
+"""Tables of a study, in its config and on the command line.
+
+Plain values, without pydantic: those who read a study's record need them too.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from newmark_cli.study import drawing
+
+#: Axes that rows and columns can stand for.
+AXES = (*drawing.COMPARABLE, "measure")
+
+#: What a table can say of a series → in words.
+VALUES = {
+    "predicted": "predicted order",
+    "tolerance": "largest difference from it that passes",
+    "fitted": "fitted slope ± standard error",
+    "slope": "fitted slope",
+    "stderr": "its standard error",
+    "points": "how many step sizes the fit is for",
+    "h_from": "largest step size of the fit",
+    "h_to": "smallest step size of the fit",
+    "local_orders": "orders between successive step sizes",
+    "verdict": "whether it is as predicted",
+    "reason": "why the verdict is not a plain pass",
+}
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A column: its label, and the series that its entries are of, axis → values."""
+
+    label: str
+    choice: Mapping[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A table of fitted orders, or several of one kind.
+
+    Attributes:
+        rows: Axes that tell rows apart; those that vary when empty.
+        columns: Axes that tell columns apart.  Without any, and without headings, each series
+            has a row, and its values are the columns.
+        headings: Columns one by one; an entry is of the strongest of its series.
+        values: What it says of a series, of `VALUES`.
+        choice: Axis → values, which series it is about; all where it says nothing.
+        title: What it shows.
+        name: Number or word of its files; empty for none.
+    """
+
+    rows: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+    headings: tuple[Heading, ...] = ()
+    values: tuple[str, ...] = ("predicted", "fitted")
+    choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    title: str = ""
+    name: str = ""
+
+
+def layouts(config: Any) -> list[Layout]:
+    """Tables that a config defines.
+
+    Args:
+        config: As in a study's record, or as a file has it with values spelled as in CSVs.
+
+    Raises:
+        ValueError: When they are not as a run has written them.
+    """
+    given = config.get("tables") if isinstance(config, Mapping) else None
+    try:
+        return [_layout(entry) for entry in given or ()]
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"tables: not as written by a run: {error}") from None
+
+
+def _layout(entry: Mapping[str, Any]) -> Layout:
+    def names(key: str, known: Any) -> tuple[str, ...]:
+        several = _several(entry, key)
+        if not set(several) <= set(known):
+            raise KeyError(f"{key}: {', '.join(several)}")
+        return several
+
+    headings = (Heading(str(each["label"]), _chosen(each)) for each in entry.get("headings") or ())
+    return Layout(
+        names("rows", AXES),
+        names("columns", AXES),
+        tuple(headings),
+        names("values", VALUES) or Layout.values,
+        _chosen(entry),
+        str(entry.get("title") or ""),
+        str(entry.get("table") or ""),
+    )
+
+
+def _several(entry: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    given = entry.get(key) or ()
+    return (given,) if isinstance(given, str) else tuple(map(str, given))
+
+
+def _chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Axis → values of an entry, the measure among them."""
+    kinds = [kind for name in _several(entry, "measure") for kind in drawing.kinds(name)]
+    return drawing.chosen(entry) | ({"measure": tuple(kinds)} if kinds else {})
