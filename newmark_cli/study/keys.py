@@ -740,14 +740,10 @@ Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED), "mu
 Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS), "start")]]
 
 
-def _axis_among(known: tuple[str, ...]) -> Any:
-    """The name of an axis, or an alias of it."""
-    usual = BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis)
-    return Annotated[str, usual, _Known("axis", known)]
-
-
-Compared = OneOrMore[_axis_among(drawing.COMPARABLE)]  # type: ignore[valid-type]
-Tabulated = OneOrMore[_axis_among(tabulating.AXES)]  # type: ignore[valid-type]
+#: Reads an alias of an axis as the axis.
+_ALIAS = BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis)
+Compared = OneOrMore[Annotated[str, _ALIAS, _Known("axis", drawing.COMPARABLE)]]
+Tabulated = OneOrMore[Annotated[str, _ALIAS, _Known("axis", tabulating.AXES)]]
 TableValues = OneOrMore[Annotated[str, _Known("value", tuple(tabulating.VALUES))]]
 Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
 Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
