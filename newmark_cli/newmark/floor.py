@@ -39,7 +39,7 @@ from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import ConstraintRows, Problem, Values
+from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Units in the last place by which the first of the iterates is off, so that the second
@@ -404,21 +404,6 @@ class _Model:
         """The problem's values in the march's precision."""
         return self.problem.values(self.t, u, v, multipliers, self.scheme.dtype)
 
-    def _rows_found(self, u: Array, v: Array, acceleration: Array) -> ConstraintRows:
-        """Derivatives of the constraints in the march's precision."""
-        problem, dtype = self.problem, self.scheme.dtype
-        if dtype is np.float64:
-            return problem.constraint_rows(self.t, u, v, acceleration)
-        entries = len(problem.pattern.g_rows)
-        sizes = (problem.m, problem.m, entries, entries)
-        rows = ConstraintRows(*(np.zeros(size, dtype) for size in sizes))
-        problem.derivatives(dtype(self.t), u, v, acceleration, problem.ints, self._reals, *rows)
-        return rows
-
-    @cached_property
-    def _reals(self) -> Array:
-        return np.asarray(self.problem.reals.astype(self.scheme.dtype))
-
     def _differentiate(self) -> None:
         """Set the entries of R and Q, and what compensated sums have of the step's beginning."""
         problem, t, g = self.problem, self.t, self.entries.g
@@ -532,7 +517,8 @@ class _Model:
             change: (3, n) exact changes of u, v and a since the state.
             of_shift: (n,) change of Δ as it is rounded.
         """
-        scheme, dtype, constraining = self.scheme, self.scheme.dtype, self.constraining
+        problem, constraining = self.problem, self.constraining
+        scheme, dtype = self.scheme, self.scheme.dtype
         u, v, acceleration, _ = arguments
         phi, half = values.phi, dtype(0.5)
         if scheme.compensated:
@@ -543,7 +529,7 @@ class _Model:
             return phi.astype(float)
         first = second = np.zeros_like(phi)
         if constraining.differentiated:
-            found = self._rows_found(u, v, acceleration)
+            found = problem.constraint_rows(self.t, u, v, acceleration, dtype)
             if scheme.compensated:
                 increment = (self.moving[1] + change[1]).astype(dtype)
                 first = self._along(mean, increment)

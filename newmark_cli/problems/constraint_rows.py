@@ -57,47 +57,23 @@ def derivatives(
         computed = by_differences(functions, missing, compile_)
     if not given:
         return computed  # type: ignore[no-any-return]
-    nothing = differences.nothing
+    copy = differences.copying(compile_)
+    kinds = (("ut", copy.vector), ("uvt", copy.vector), ("uvt", copy.flat), ("uvwt", copy.flat))
     give_rate, give_curvature, give_r, give_q = (
-        _giving(name, given[name], compile_) if name in given else nothing for name in NAMES
+        differences.giving(given.get(name), *kind, compile_)
+        for name, kind in zip(NAMES, kinds, strict=True)
     )
 
     def derivatives(  # type: ignore[no-untyped-def]
         t, u, v, w, ints, reals, rate, curvature, r_values, q_values
     ):
         computed(t, u, v, w, ints, reals, rate, curvature, r_values, q_values)
-        give_rate(t, u, v, w, rate)
-        give_curvature(t, u, v, w, curvature)
-        give_r(t, u, v, w, r_values)
-        give_q(t, u, v, w, q_values)
+        give_rate(u, v, w, t, rate)
+        give_curvature(u, v, w, t, curvature)
+        give_r(u, v, w, t, r_values)
+        give_q(u, v, w, t, q_values)
 
     return compile_(derivatives)
-
-
-def _giving(name: str, function: Any, compile_: Compiler) -> Any:
-    """Overwrites an array with what one of the user's functions returns."""
-    copy = differences.copying(compile_)
-
-    def constraint_rate(t, u, v, w, out):  # type: ignore[no-untyped-def]
-        copy.vector(function(u, t), out)
-
-    def curvature(t, u, v, w, out):  # type: ignore[no-untyped-def]
-        copy.vector(function(u, v, t), out)
-
-    def rate_gradient(t, u, v, w, out):  # type: ignore[no-untyped-def]
-        copy.flat(function(u, v, t), out)
-
-    def acceleration_gradient(t, u, v, w, out):  # type: ignore[no-untyped-def]
-        copy.flat(function(u, v, w, t), out)
-
-    return compile_(
-        {
-            "constraint_rate": constraint_rate,
-            "curvature": curvature,
-            "rate_gradient": rate_gradient,
-            "acceleration_gradient": acceleration_gradient,
-        }[name]
-    )
 
 
 def by_differences(

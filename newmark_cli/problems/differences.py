@@ -91,6 +91,32 @@ def nothing(*given):  # type: ignore[no-untyped-def]
     """Where there is nothing to do."""
 
 
+def giving(
+    function: Any, arguments: str, copy: Callable[[Any, Any], None], compile_: Compiler
+) -> Any:
+    """A function (u, v, w, t, out) that copies into an array what one of the user's returns.
+
+    Args:
+        function: The user's; None where there is nothing to do.
+        arguments: Those that it takes: ``"ut"``, ``"uvt"`` or ``"uvwt"``.
+        copy: One of `Copying`.
+        compile_: Compiles what is returned.
+    """
+
+    def of_place(u, v, w, t, out):  # type: ignore[no-untyped-def]
+        copy(function(u, t), out)
+
+    def of_motion(u, v, w, t, out):  # type: ignore[no-untyped-def]
+        copy(function(u, v, t), out)
+
+    def of_all(u, v, w, t, out):  # type: ignore[no-untyped-def]
+        copy(function(u, v, w, t), out)
+
+    if function is None:
+        return nothing
+    return compile_({"ut": of_place, "uvt": of_motion, "uvwt": of_all}[arguments])
+
+
 @cached_njit(nogil=True, error_model="numpy")
 def states_around(u, v, of_u, of_v, step, pace):  # type: ignore[no-untyped-def]
     """Where a force is asked for: here, then with each coordinate and each velocity moved.

@@ -349,23 +349,22 @@ class Problem:
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
-    def constraint_rows(self, t: float, u: Array, v: Array, w: Array) -> ConstraintRows:
+    def constraint_rows(
+        self, t: float, u: Array, v: Array, w: Array, dtype: type[Any] = np.float64
+    ) -> ConstraintRows:
         """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ w, and the tangents of both to u.
 
         Args:
             t: Time (s).
-            u: (n,) coordinates.
-            v: (n,) velocities.
-            w: (n,) accelerations.
+            u, v, w: (n,) coordinates, velocities and accelerations.
+            dtype: Type of all numbers, in which they are computed.
         """
         entries = len(self.pattern.g_rows)
-        rows = ConstraintRows(
-            rate=np.zeros(self.m),
-            curvature=np.zeros(self.m),
-            r=np.zeros(entries),
-            q=np.zeros(entries),
-        )
-        self.derivatives(t, u, v, w, self.ints, self.reals, *rows)
+        sizes = (self.m, self.m, entries, entries)
+        rows = ConstraintRows(*(np.zeros(size, dtype) for size in sizes))
+        reals = self.reals.astype(dtype, copy=False)
+        t = t if dtype is np.float64 else dtype(t)
+        self.derivatives(t, u, v, w, self.ints, reals, *rows)
         return rows
 
     def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:

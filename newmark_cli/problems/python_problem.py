@@ -394,11 +394,9 @@ def _evaluate(
     """The function that engines call, in terms of the user's; X and Y by differences if None."""
     force_of, phi_of, gradient_of = (functions[key] for key in _FUNCTIONS)
     of_u, of_v = (tangents[key] is None for key in _TANGENTS)
-    give_x, give_y = (
-        differences.nothing if tangents[key] is None else _giving(key, tangents[key], compile_)
-        for key in _TANGENTS
-    )
     copy = differences.copying(compile_)
+    give_x = differences.giving(tangents["stiffness"], "uvwt", copy.flat, compile_)
+    give_y = differences.giving(tangents["damping"], "uvt", copy.flat, compile_)
 
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
@@ -419,19 +417,6 @@ def _evaluate(
         give_y(u, v, multipliers, t, y_values)
 
     return compile_(evaluate)
-
-
-def _giving(key: str, function: Any, compile_: differences.Compiler) -> Any:
-    """Overwrites X or Y with what the user's function returns."""
-    flatten = differences.copying(compile_).flat
-
-    def stiffness(u, v, multipliers, t, values):  # type: ignore[no-untyped-def]
-        flatten(function(u, v, multipliers, t), values)
-
-    def damping(u, v, multipliers, t, values):  # type: ignore[no-untyped-def]
-        flatten(function(u, v, t), values)
-
-    return compile_(stiffness if key == "stiffness" else damping)
 
 
 def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[..., float]:
