@@ -915,6 +915,35 @@ def _form_acceleration(tables, state):
         state.fields[3, i] = value
 
 
+@_part
+def _finish(
+    evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
+    positions, s,
+):  # fmt: skip
+    """Project positions, velocities and accelerations, set v'; False where it cannot be done."""
+    multipliers = state.multipliers
+    while extra.level > 1 and positions[s] < MOST_POSITIONS:
+        positions[s] += 1
+        _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+        if not _project(problem, extra, values.phi, values.g, work):
+            return False
+        if not _move_positions(iterate, state, work) > _threshold(schedule, state.fields):
+            break  # The next one would be of the order of the square.
+    if extra.level > 0:
+        _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+        _differentiate(derive, t, problem, iterate, state, values, work)
+        if not _project(problem, extra, work.psi, values.g, work):
+            return False
+        _move_velocities(iterate, state, work)
+    _form_acceleration(tables, state)
+    if extra.accelerations == 0:
+        return True
+    work.shifted[:] = 0
+    _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
+    _differentiate(derive, t, problem, iterate, state, values, work)
+    return _project_accelerations(problem, extra, iterate, state, values, work)
+
+
 @_inline
 def _advance(tables, state, iterate, new_past):
     """Set ``new_past`` (P, n) to what the past vectors become."""
@@ -1125,26 +1154,11 @@ def _march_formulated(
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
-        while extra.level > 1 and positions[s] < MOST_POSITIONS:
-            positions[s] += 1
-            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            if not _project(problem, extra, values.phi, values.g, work):
-                return SINGULAR, s
-            if not _move_positions(iterate, state, work) > _threshold(schedule, fields):
-                break  # The next one would be of the order of the square.
-        if extra.level > 0:
-            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            _differentiate(derive, t, problem, iterate, state, values, work)
-            if not _project(problem, extra, work.psi, values.g, work):
-                return SINGULAR, s
-            _move_velocities(iterate, state, work)
-        _form_acceleration(tables, state)
-        if extra.accelerations != 0:
-            work.shifted[:] = 0
-            _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
-            _differentiate(derive, t, problem, iterate, state, values, work)
-            if not _project_accelerations(problem, extra, iterate, state, values, work):
-                return SINGULAR, s
+        if not _finish(
+            evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
+            positions, s,
+        ):  # fmt: skip
+            return SINGULAR, s
         _advance(tables, state, iterate, new_past)
         if compensated:
             # G, Φ and Φ' at the end of the step, whatever was applied last.
