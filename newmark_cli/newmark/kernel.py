@@ -915,7 +915,7 @@ def _form_acceleration(tables, state):
         state.fields[3, i] = value
 
 
-@_part
+@_inline
 def _finish(
     evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
     positions, s,
