@@ -87,7 +87,7 @@ class Told(Counts):
         if self._display is not None:
             self._display.advance(self._display.task_ids[0], steps)
 
-    def told(self, line: str) -> None:
+    def announced(self, line: str) -> None:
         """A line, above the display if there is one."""
         if self._display is not None:
             self._say(line)

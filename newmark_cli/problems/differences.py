@@ -1,8 +1,9 @@
 """Derivatives of users' functions by differences, as far as one code serves all problems.
 
-Of a problem whose functions are compiled only what calls them is compiled anew; where they
-are called, and what follows from the values, is compiled once.  It stands in one file, as
-numba does not notice when a function changes that kept code has called from another.
+For a problem with compiled functions, only the code that calls them is compiled anew; the
+states where they are called, and what follows from the values, are compiled once.  All of it
+stands in one file, as numba does not notice changes of a function that cached code calls in
+another.
 
 X and Y follow from central differences of fourth order; the terms of Φ' and Φ'', see
 `newmark_cli.problems.constraint_rows`, from differences that find their own step.
@@ -15,9 +16,9 @@ import numpy as np
 
 from newmark_cli.support.cached_code import cached_njit
 
-#: Steps (s) of differences in time.  The longest is short enough for motions of some
-#: hundred radians a second, the shortest for some thousand.  No power of two stands
-#: between them, lest all be periods of one motion.
+#: Steps (s) of differences in time.  The longest suits motions of some hundred radians per
+#: second, the shortest some thousand.  Their ratio is no power of two, or all of them could
+#: be periods of one motion.
 LONGEST_STEP, STEP_RATIO, STEPS = 1e-2, 1.9, 7
 _SHRINKING = STEP_RATIO ** -np.arange(STEPS)
 
@@ -31,7 +32,7 @@ def as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Copying(NamedTuple):
-    """Functions (given, out) that copy what a user's function returned into an array.
+    """Functions (returned, out) that copy what a user's function returned into an array.
 
     Attributes:
         vector, matrix: Into one of its shape.
@@ -44,7 +45,7 @@ class Copying(NamedTuple):
 
 
 def copying(compile_: Compiler) -> Copying:
-    """For plain functions, whose arrays may be of any kind, or for compiled ones."""
+    """For compiled functions, or for plain ones, which may return any kind of array."""
     if compile_ is as_it_is:
         return Copying(_copy_plain, _copy_plain, _flatten_plain)
     return Copying(copy_vector, copy_matrix, flatten)
@@ -58,8 +59,8 @@ def _flatten_plain(given: Any, out: Any) -> None:
     out[...] = np.ravel(given)
 
 
-# Loops: an assignment to a slice would bring with it the error that its shapes can raise,
-# which takes longer to compile, in every problem, than all else.
+# Loops: assigning to a slice would add the error that its shapes can raise, which takes
+# longer to compile, for every problem, than all the rest.
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -88,7 +89,7 @@ def flatten(given, out):  # type: ignore[no-untyped-def]
 
 @cached_njit(nogil=True, error_model="numpy")
 def nothing(*given):  # type: ignore[no-untyped-def]
-    """Where there is nothing to do."""
+    """Does nothing."""
 
 
 def giving(

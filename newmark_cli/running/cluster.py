@@ -21,14 +21,14 @@ from newmark_cli.study.cell import Done
 from newmark_cli.support import interrupts
 from newmark_cli.support.errors import ExecutorError, InputError, one_line
 
-#: What workers of our own are started with, over dask's configuration.
+#: Configuration of the workers that are started here, over dask's own.
 _OWN = {
-    # dask gives up a worker for good that is not back when this has passed since it
-    # died, and one that dies again and again may be away at that moment.
+    # dask gives up a worker that is not back this long after it died; one that dies
+    # again and again may be away at that moment.
     "distributed.deploy.lost-worker-timeout": "1000 weeks",
-    # Without it cells wait for ever when no worker starts.
+    # Without it, cells wait forever if no worker starts.
     "distributed.scheduler.no-workers-timeout": "60s",
-    # dask listens for HTTP even without a dashboard: nobody is answered.
+    # dask listens for HTTP even without a dashboard; this answers no request.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
@@ -41,29 +41,29 @@ def cluster(
     jobs: int,
     timeout: float | None,
     on_steps: Callable[[int], None],
-    on_told: Callable[[str], None],
+    on_wait: Callable[[str], None],
 ) -> Iterator[Execution]:
     """Workers of a dask scheduler.
 
-    The scheduler gives the cells of a worker that has died to another.  Problems
-    travel by their content; those that are the user's code run in processes of the
-    workers, one for each cell as in `newmark_cli.running.executors.local`.
+    If a worker dies, the scheduler gives its cells to another.  Problems are sent by
+    content; user code runs in separate processes of the workers, one for each cell as
+    in `newmark_cli.running.executors.local`.
     How long a scheduler may take to answer, and how often a cell may end its worker, is
     in dask's configuration
     (``distributed.comm.timeouts.connect``, ``distributed.scheduler.allowed-failures``).
 
     Args:
         tasks: In the order in which they start.
-        address: Of the scheduler; without one, processes of this machine that
-            listen on loopback only, and to nobody who has not this run's credentials.
-        jobs: How many such processes.
+        address: Of the scheduler; without one, worker processes are started here, which
+            listen on loopback only and require the credentials of this run.
+        jobs: How many of them are started.
         timeout: Most wall time of a cell (s).
-        on_steps: Told how many steps were done, a cell at a time.
-        on_told: Told what the run waits for, when it does.
+        on_steps: Called with the number of steps done, a cell at a time.
+        on_wait: Called with what the run waits for, when it does.
 
     Raises:
-        InputError: When dask is not installed, or an address is none.
-        ExecutorError: When there is no scheduler, it is lost, it has no workers for
+        InputError: If dask is not installed, or the address is invalid.
+        ExecutorError: If the scheduler cannot be reached, is lost, has no workers for
             longer than it is configured to wait, or one has another numerical core.
     """
     with interrupts.raising(), ExitStack() as stack:
@@ -78,13 +78,13 @@ def cluster(
             raise InputError(
                 "--executor dask needs an extra: pip install 'newmark-study[distributed]'"
             ) from None
-        # What it complains of is told by a cell's status, or ends the run with a line.
+        # What dask logs is in a cell's status, or ends the run with one line.
         stack.callback(logging.disable, logging.root.manager.disable)
         logging.disable(logging.CRITICAL)
         where: Any = address
         if address is None:
             try:
-                # Others could rename, in a folder that is theirs, what is on `sys.path`.
+                # In a folder of theirs, others could replace what is on `sys.path`.
                 scratch = tempfile.TemporaryDirectory(
                     prefix="newmark-study-",
                     dir=dask.config.get("temporary-directory"),
@@ -92,19 +92,19 @@ def cluster(
                 )
                 own = _OWN | {"temporary-directory": stack.enter_context(scratch)}
                 stack.enter_context(dask.config.set(own))
-                # Half a cluster does not know how to end.
+                # A cluster that is half started cannot be closed.
                 with _interrupts_held():
                     where = stack.enter_context(
                         distributed.LocalCluster(
                             n_workers=jobs,
                             threads_per_worker=1,
                             host="127.0.0.1",
-                            # Others on this machine reach loopback too, and a scheduler
-                            # runs whatever it is sent.
+                            # Other users of this machine can reach loopback, and a
+                            # scheduler runs whatever it is sent.
                             protocol="tls://",
                             security=security,
                             dashboard_address=None,
-                            # The usual port may be taken, and is another's then.
+                            # The usual port may be taken.
                             scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                             silence_logs=logging.CRITICAL,
                             env=environment,
@@ -116,11 +116,11 @@ def cluster(
             client = stack.enter_context(distributed.Client(where))
         except ValueError as error:
             raise InputError(f"--scheduler {address}: {error}") from None
-        except Exception as error:  # of whatever listens there, or of the kind of address
+        except Exception as error:  # depends on what listens there
             reason = one_line(f"{error}" or type(error).__name__)
             raise ExecutorError(f"no dask scheduler at {address}: {reason}") from None
         if address is not None and not client.nthreads():
-            on_told(f"waiting for workers: the dask scheduler at {address} has none")
+            on_wait(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
         here = _Core(core(), versions(), registry.digest())
 
@@ -148,12 +148,12 @@ def _interrupts_held() -> Iterator[None]:
 
 @contextmanager
 def _only_own_imports() -> Iterator[dict[str, str]]:
-    """Processes that multiprocessing starts import nothing from the current folder.
+    """Processes that multiprocessing starts do not import from the current folder.
 
-    What dask changes besides, of the environment and `sys.path`, is undone at the end.
+    Other changes that dask makes to the environment and `sys.path` are undone at the end.
 
     Yields:
-        What the environment of workers takes back when they have started.
+        Variables that workers restore once they have started.
     """
     environment, path = dict(os.environ), sys.path[:]
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -182,10 +182,9 @@ class _Core:
 
 
 def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
-    """A cell on a worker, which must compute as the process that keeps the result."""
+    """Run a cell on a worker, which must have the code of the process that keeps the result."""
     there = versions()
-    found = _Core(core(), there, registry.digest())
-    if found != wanted:
+    if _Core(core(), there, registry.digest()) != wanted:
         import distributed
 
         same = "numerical core" if core() != wanted.digest else "set of shipped mechanisms"
@@ -223,7 +222,7 @@ def _as_done(
             continue
         on_steps(tasks[name].cell.weight)
         yield name, done
-    # dask suspects every cell that waited on a worker that died: each is tried alone.
+    # dask blames every cell that waited on a worker that died: try each by itself.
     for name in suspects:
         done = _result(submit(name, "alone", 0), address)
         on_steps(tasks[name].cell.weight)
@@ -231,7 +230,7 @@ def _as_done(
 
 
 def _result(future: Any, address: str | None) -> Done | None:
-    """Outcome of a cell; None if the workers that it was given to have died."""
+    """Outcome of a cell; None if its workers have died."""
     import distributed
     from distributed.scheduler import NoWorkerError
 

@@ -27,7 +27,7 @@ from newmark_cli.support.errors import InputError
 
 @dataclass(frozen=True)
 class Task:
-    """A cell with what it needs beside itself.
+    """A cell with what it needs to run.
 
     Attributes:
         cell: The cell.
@@ -65,10 +65,10 @@ def perform(
     Args:
         task: The cell.
         timeout: Most wall time (s), looked at between two stretches of the march.
-        on_steps: Told how many steps were done, now and then.
+        on_steps: Called now and then with the number of steps done.
 
     Raises:
-        InputError: When the cell asks for what there is not.
+        InputError: If the cell asks for something that does not exist.
     """
     start = time.perf_counter()
 
@@ -95,7 +95,7 @@ def perform(
         outcome = overtime(timeout)
     except np.linalg.LinAlgError as error:
         outcome = Outcome([], 0, np.nan, "singular", user_code.described(error))
-    except BaseException as error:  # an exit of the user's code included
+    except BaseException as error:  # user code may also exit
         if user_code.is_interrupt(error):
             raise
         problem = task.cell.problem
@@ -104,12 +104,12 @@ def perform(
 
 
 def overtime(timeout: float) -> Outcome:
-    """Outcome of a cell that takes longer than it may (s)."""
+    """Outcome of a cell that exceeds its time (s)."""
     return failed(f"took longer than {timeout:g} s")
 
 
 def failed(reason: str) -> Outcome:
-    """Outcome of a cell that does not end by itself."""
+    """Outcome of a cell that fails."""
     return Outcome([], 0, np.nan, "failed", reason)
 
 
@@ -166,7 +166,7 @@ def local(
         tasks: In the order in which they start.
         jobs: Most threads, and most processes.
         timeout: Most wall time of a cell (s); a process is ended, whatever it does.
-        on_steps: Told, from any thread, how many steps were done.
+        on_steps: Called from any thread with the number of steps done.
     """
     stopped = threading.Event()
 

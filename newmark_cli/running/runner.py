@@ -83,7 +83,7 @@ class StudyRun:
         path: Its CSV; None where cells were skipped.
         statuses: Status of each cell; ``skipped`` where it has not run.
         complaints: A line for each distinct way in which cells did not end well, or
-            lack what they were to measure; statuses that the study accepts are none.
+            lack what they were to measure, except with a status that the study accepts.
         kept: Cells that had been computed before.
     """
 
@@ -100,7 +100,7 @@ class StudyRun:
 
 
 class Watcher:
-    """Told what happens while studies run; this one does nothing."""
+    """Follows what happens while studies run; this one does nothing."""
 
     def planned(self, plan: Sequence[Planned]) -> None:
         """Cells to compute, and cells that are cached."""
@@ -108,7 +108,7 @@ class Watcher:
     def steps(self, steps: int) -> None:
         """So many steps were done; from any thread."""
 
-    def told(self, line: str) -> None:
+    def announced(self, line: str) -> None:
         """Where the cells run, or what the run waits for."""
 
     def finished(self, cell: Cell, done: Done) -> None:
@@ -154,7 +154,7 @@ def _require_distinct(studies: Sequence[Study]) -> None:
     names = [study.study for study in studies]
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise InputError(f"two studies are named {name!r}; each needs a CSV of its own")
+            raise InputError(f"two studies are named {name!r}; each needs its own CSV")
 
 
 def run_studies(
@@ -170,7 +170,7 @@ def run_studies(
         studies: With distinct names.
         folder: Results folder.
         options: How.
-        watcher: Told what happens.
+        watcher: Follows what happens.
 
     Raises:
         InputError: Two studies have one name, or the folder cannot be written or is
@@ -313,7 +313,7 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
 
 
 def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
-    """A reference, in time: the user's code, which might not come back, in a process."""
+    """A reference, in time; user code, which might not come back, runs in a process."""
     where = f"{spec.label}: no reference at t = {t:g}"
     if is_code(spec):
         try:
@@ -365,14 +365,14 @@ def _execution(
     if options.executor == "dask":
         from newmark_cli.running.cluster import cluster
 
-        watcher.told(f"{cells} on the workers of {options.scheduler or 'this machine'}")
+        watcher.announced(f"{cells} on the workers of {options.scheduler or 'this machine'}")
         with cluster(
             tasks,
             options.scheduler,
             options.jobs,
             options.timeout,
             watcher.steps,
-            watcher.told,
+            watcher.announced,
         ) as running:
             yield running
     else:
@@ -380,7 +380,7 @@ def _execution(
         threads = _counted(min(options.jobs, len(tasks) - own), "thread", "threads")
         processes = _counted(min(options.jobs, own), "process", "processes")
         places = " and ".join(filter(None, (threads, processes)))
-        watcher.told(f"{cells} on {places}")
+        watcher.announced(f"{cells} on {places}")
         with executors.local(tasks, options.jobs, options.timeout, watcher.steps) as running:
             yield running
 
@@ -481,8 +481,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     }
     record = provenance.record(study, cells, outcomes, len(table), checksums)
     run = provenance.run(study, found, options.jobs, checksums)
-    for cell, told in zip(cells, run["cells"], strict=True):
-        told["kept_as"] = file_name(cell)
+    for cell, recorded in zip(cells, run["cells"], strict=True):
+        recorded["kept_as"] = file_name(cell)
     if moved := _motions(cells):
         record["motions"] = moved
     if read := _files(cells):
@@ -511,7 +511,7 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
 
 
 def _files(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """Problem → the user's file that it is of, and those that it imports → checksum."""
+    """Problem → its file and those that it imports → checksum."""
     return {
         spec.label: {
             name: provenance.checksum(text) for name, text in sorted(spec.load().sources.items())
@@ -537,7 +537,7 @@ def _not_unique(cells: Sequence[Cell]) -> dict[str, dict[str, list[str]]]:
 def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
     try:
         return with_problem(spec, _quiet_facts, t_end, h)
-    except apart.ApartError:  # the cells have told what goes wrong
+    except apart.ApartError:  # the status of the cells says why
         return motion.Facts()
 
 

@@ -1,4 +1,4 @@
-"""Reading and writing files of a results folder, which may be somebody else's.
+"""Reading and writing files of a results folder, which may come from someone else.
 
 Only regular files of bounded size are read, no link within a results folder is followed, and
 a file is replaced whole or stays as it was.  Files that belong together, such as a CSV and its
@@ -34,9 +34,9 @@ def _flags(*names: str) -> int:
 
 #: Flags of every file that is opened here: bytes, and for this process only.
 _ALWAYS = _flags("O_CLOEXEC", "O_NOINHERIT", "O_BINARY", "O_NOCTTY")
-#: A pipe that nobody writes to must not keep a reader waiting.
+#: A reader must not wait for a pipe that nobody writes to.
 _NO_WAIT = _flags("O_NONBLOCK")
-#: Windows lacks it, where who may make links is an administrator or a developer.
+#: Windows lacks it; there only administrators and developers may make links.
 _NO_LINK = _flags("O_NOFOLLOW")
 
 #: Largest file of results that is read (bytes).
@@ -93,7 +93,7 @@ def descriptor_of_own(path: Path) -> int:
     """Descriptor of a file that is read and written in place, made if it is not there.
 
     Raises:
-        OSError: It cannot be opened, or is a link, or not a regular file of its own.
+        OSError: It cannot be opened, is a link, is not a regular file, or has another name.
     """
     descriptor = _open(path, os.O_RDWR | os.O_CREAT | _NO_WAIT)
     status = os.fstat(descriptor)
@@ -225,7 +225,7 @@ def write_output(path: Path, content: str | bytes) -> None:
 
 
 def write_new(path: Path, content: str | bytes) -> None:
-    """Write a file that is not there yet, into a folder that nobody else writes to.
+    """Write a new file into a folder to which only this process writes.
 
     Raises:
         ResultsError: The file is there, or cannot be written.
@@ -326,8 +326,8 @@ def make_folder(folder: Path, within: Path, parents: bool = False) -> None:
     Args:
         folder: The folder.
         within: The results folder.
-        parents: Whether the results folder may have to be made too: one that was there
-            when a run began, and is not any more, was taken away by somebody.
+        parents: Whether the results folder is made, too; not during a run, when somebody
+            must have removed it.
 
     Raises:
         ResultsError: It cannot be made, or is a link.
@@ -349,7 +349,7 @@ def require_within(folder: Path, within: Path) -> None:
         within: Results folder, which may be a link.
 
     Raises:
-        OSError: There is a link, or something else than a folder, between the two.
+        OSError: There is a link, or anything but a folder, between the two.
     """
     for part in (folder, *folder.parents):
         if part == within:
