@@ -268,9 +268,6 @@ def assert_same_increments(subject, scheme, first, second):
     np.testing.assert_allclose(first.phi, second.phi, rtol=0, atol=unit * np.linalg.norm(gradient))
 
 
-# Orders in h
-
-
 # Refusals
 
 

