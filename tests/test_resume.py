@@ -350,9 +350,9 @@ def test_what_is_accepted_is_not_part_of_a_cell(cli):
 
 
 def test_workers_end_with_their_run(cli):
-    """Processes of a run that is killed do not compute on for nobody."""
-    cli.write("mine.py", SWING)
+    """Processes of a run that is killed end with it, even one that holds the interpreter's lock."""
     write_swings(cli, "hang")
+    cli.write("mine.py", SWING.replace("time.sleep(3600)", "sum(range(10**15))"))
     run = cli.start("run", "swings.yaml", "--allow-code", start_new_session=True)
 
     def members():
