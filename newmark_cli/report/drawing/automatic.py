@@ -139,7 +139,10 @@ def _defined(
             rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
             title = ": ".join(filter(None, (definition.title, rest)))
         parts = tuple(
-            Part(joined_values(grid.panels, where), tuple(_curve(s, grid.series) for s in several))
+            Part(
+                tuple(spelled(axis, where[axis]) for axis in grid.panels if where[axis]),
+                tuple(_curve(s, grid.series) for s in several),
+            )
             for where, several in grid.parts
         )
         own = definition.kind or ("work" if kind == WORK_PRECISION else "orders")

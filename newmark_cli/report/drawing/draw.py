@@ -1,4 +1,9 @@
-"""One renderer for every figure: a sheet of panels, drawn in the style of the project."""
+"""One renderer for every figure: a sheet of panels, drawn in the style of the project.
+
+matplotlib's constrained layout makes room for labels, titles and the legend.  What it does not
+do is done here, in inches: as many panels side by side as there is room for, lines of text that
+end where their panel does, and a figure that is as tall as all of that takes.
+"""
 
 import math
 import re
@@ -6,6 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 # isort: split
@@ -15,127 +21,131 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, power
-from newmark_cli.report.drawing.style import NONE, STYLE, settled
-from newmark_cli.support.arrays import Mask
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, power
+from newmark_cli.report.drawing.style import NONE, settled
+from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, visible
 
+#: Least width of a panel with its labels, and least sides of its axes (inch).
+_NARROW, _LEAST = 1.5, 0.4
 #: What a legend or a title may take of the sheet's width.
-_MOST = 0.99
+_MOST = 0.98
 
 
 def drawn(
     sheet: Sheet,
-    size: tuple[float, float] | None = None,
+    size: tuple[float, float | None] | None = None,
     settings: Mapping[str, Any] = NONE,
 ) -> Figure:
     """Draw a sheet.
 
     Args:
-        sheet: Panels, legend and layout; see `newmark_cli.report.drawing.panels`.
-        size: Width and height of the figure (inch), whatever the layout says; as the sheet
-            needs it when omitted.
+        sheet: What is drawn; see `newmark_cli.report.drawing.panels`.
+        size: Width and height of the figure (inch); a height of None is what it takes.
         settings: Settings of matplotlib over those of the project and the sheet.
 
     Raises:
         InputError: When the size leaves no room for the panels.
     """
-    if size is not None:
-        sheet = replace(sheet, layout=None)
+    width, height = size or (sheet.width, None)
     with settled(sheet.settings, settings):
-        drawing, grid = _axes(sheet, size)
-        series: dict[str, Any] = {}
-        lines: dict[str, Any] = {}
-        for place, (axes, panel) in enumerate(zip(grid, sheet.panels, strict=True)):
-            _label(axes, panel, sheet, place)
-            for entries, found in zip((series, lines), _draw(axes, panel), strict=True):
-                for text, handle in found:
-                    entries.setdefault(text, handle)
+        columns = _columns(sheet, width)
+        sheet = replace(sheet, columns=columns)
+        rows = -(-len(sheet.panels) // columns)
+        drawing = Figure(figsize=(width, height or 1 + 3 * rows), layout="constrained")
+        # Of a figure with a legend below it labels that panels share would stand in the legend.
+        inner: Any = drawing.subfigures()
+        every = inner.subplots(rows, columns, squeeze=False, sharex=sheet.share_x).ravel()
+        grid = list(every[: len(sheet.panels)])
+        for axes in every[len(grid) :]:
+            axes.remove()
+        # Colours of a style of one's own stand for those of the project.
+        own = "axes.prop_cycle" in {**sheet.settings, **settings}
+        cycle = list(mpl.rcParams["axes.prop_cycle"]) if own else []
+        entries: dict[tuple[str, str], Any] = {}
+        for axes, panel in zip(grid, sheet.panels, strict=True):
+            for name, handle in _draw(axes, panel, cycle):
+                entries.setdefault(name, handle)
             if sheet.grid:
                 axes.grid(color="0.92", linewidth=0.5)
                 axes.set_axisbelow(True)
-        _make_room(grid, sheet)
+        for place, axes in enumerate(grid):
+            _name_ticks(axes, place, sheet)
+        if sheet.title:
+            title = drawing.suptitle("")
+            title.set_text(_wrapped(title, plain(sheet.title), _MOST * drawing.bbox.width))
+        _write_legend(drawing, sheet, entries)
+        if height is None:
+            drawing.set_figheight(
+                1
+                + 3 * rows
+                + sum(l.get_window_extent().height for l in drawing.legends) / drawing.dpi
+            )
+        try:
+            _lay_out(drawing, grid, sheet, height)
+        except UserWarning:
+            if height is None:
+                raise InputError(f"a figure of {width:g} inches is too narrow") from None
+            needed = drawn(sheet, (width, None), settings).get_figheight()
+            raise InputError(
+                f"a figure of {width:g}x{height:g} inches has no room for its panels, labels and "
+                f"legend; they take {width:g}x{needed:.1f}, which '--size {width:g}' gives them"
+            ) from None
         for axes, panel in zip(grid, sheet.panels, strict=True):
-            _name_ticks(axes, panel, sheet)
-        _write_title(drawing, grid, sheet, settings.get("axes.titlesize", STYLE["axes.titlesize"]))
-        _write_legend(drawing, sheet, series | lines, grows=size is None)
-        if sheet.layout is None:
-            _settle(drawing, grid)
+            _write_orders(axes, panel)
     return drawing
 
 
-def _axes(sheet: Sheet, size: tuple[float, float] | None) -> tuple[Figure, list[Any]]:
-    """A figure, and axes for its panels."""
-    if sheet.layout is None:
-        size = size or (sheet.width, sheet.rows * sheet.size[1])
-        drawing, edges = Figure(figsize=size, layout="constrained"), {}
-    else:
-        drawing = Figure(figsize=sheet.layout.size)
-        left, bottom, width, height = sheet.layout.box
-        if len(sheet.panels) == 1:
-            return drawing, [drawing.add_axes(sheet.layout.box)]
-        # Rounded: 0.165 + 0.8 is meant to be 0.965.
-        edges = {
-            "left": left, "right": round(left + width, 9),
-            "bottom": bottom, "top": round(bottom + height, 9),
-            "wspace": sheet.layout.gaps[0], "hspace": sheet.layout.gaps[1],
-        }  # fmt: skip
-    every = drawing.subplots(
-        sheet.rows, sheet.columns, squeeze=False, gridspec_kw=edges,
-        sharex=sheet.share_x, sharey=sheet.share_y,
-    ).ravel()  # fmt: skip
-    for axes in every[len(sheet.panels) :]:
-        axes.remove()
-    return drawing, list(every[: len(sheet.panels)])
+def _columns(sheet: Sheet, width: float) -> int:
+    """Panels side by side: as many as there is room for, without a gap in a small grid."""
+    count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / _NARROW)))
+    return most if most == sheet.columns or count > 4 or count % most == 0 else 1
 
 
-def _label(axes: Any, panel: Panel, sheet: Sheet, place: int) -> None:
-    """Labels, at the outer panels where axes are shared, and the panel's own title."""
-    lowest = place + sheet.columns >= len(sheet.panels)
-    if lowest or not sheet.share_x:
-        axes.set_xlabel(panel.x_label)
-        if place + sheet.columns < sheet.rows * sheet.columns:
-            axes.tick_params(labelbottom=True)  # nothing stands below it
-    if place % sheet.columns == 0 or not sheet.share_y:
-        axes.set_ylabel(panel.y_label)
-    if panel.title:
-        width = 0.8 * axes.figure.bbox.width / sheet.columns  # labels take the rest
-        size = _points(mpl.rcParams["axes.titlesize"])
-        axes.set_title(_wrapped(axes.figure, plain(panel.title), size, width))
+# -- what is inside a panel ---------------------------------------------------------------------
+
+#: Group and name of an entry in the legend, and its handle.
+Entry = tuple[tuple[str, str], Any]
 
 
-#: Names and handles of entries in the legend.
-Entries = list[tuple[str, Any]]
-
-
-def _draw(axes: Any, panel: Panel) -> tuple[Entries, Entries]:
-    """Everything inside a panel; returns the entries of its traces, and of its lines."""
+def _draw(axes: Any, panel: Panel, cycle: Sequence[Mapping[str, Any]]) -> Iterator[Entry]:
+    """Everything but what waits for the layout; returns the entries of the legend."""
     if panel.scene is not None:
         panel.scene.draw(axes)
         axes.set_aspect("equal")
         width, height = axes.dataLim.width or 1.0, axes.dataLim.height or 1.0
         # Names need room beside what is flat, too.
         axes.margins(max(0.1, 0.07 * height / width), max(0.1, 0.07 * width / height))
-        return [(handle.get_label(), handle) for handle in panel.scene.handles()], []
-    if panel.x_scale != "linear":
-        axes.set_xscale(panel.x_scale)
-    if panel.y_scale != "linear":
-        axes.set_yscale(
-            panel.y_scale, **{"linthresh": panel.linthresh} if panel.y_scale == "symlog" else {}
-        )
-    entries = [(_entry(trace, panel), _draw_trace(axes, trace, panel)) for trace in panel.traces]
+        for handle in panel.scene.handles():
+            yield ("", handle.get_label()), handle
+        return
+    axes.set_xscale(panel.x_scale)
+    scale = {"linthresh": panel.linthresh} if panel.y_scale == "symlog" else {}
+    axes.set_yscale(panel.y_scale, **scale)
+    single = not panel.titles
+    for trace in panel.traces:
+        label = plain(trace.label) + (f": {trace.fit}" if trace.fit and single else "")
+        look = _own_look(trace, cycle)
+        yield (trace.group, label), _draw_trace(axes, trace, panel, look)
     if panel.y_limits is not None:
         axes.set_ylim(panel.y_limits)
-    lines = [
-        (line.label, axes.plot(line.x, line.y, color="0.55", linewidth=0.6, zorder=1)[0])
-        for line in panel.references
-    ]
-    _write(axes, panel)
-    return entries, lines
+    thin: Any = {"color": "0.55", "linewidth": 0.6, "zorder": 1}
+    for line in panel.references:
+        yield (_PREDICTED, line.text), axes.plot(line.x, line.y, **thin)[0]
+    for y, text in panel.levels.items():
+        yield (_LEVELS, text), axes.axhline(y, **thin | {"linestyle": "--"})
 
 
-def _entry(trace: Trace, panel: Panel) -> str:
-    return plain(trace.label) + (f": {trace.fit}" if trace.fit and not panel.fits else "")
+#: Groups of entries that stand behind those of the traces.
+_PREDICTED, _LEVELS = "\npredicted", "\nlevels"
+
+
+def _own_look(trace: Trace, cycle: Sequence[Mapping[str, Any]]) -> Look:
+    """The look of a trace, or what a style's cycle has in its place."""
+    if not cycle or trace.place is None:
+        return trace.look
+    entry = cycle[trace.place % len(cycle)]
+    return replace(trace.look, **{k: v for k, v in entry.items() if k in Look.__annotations__})
 
 
 def plain(text: str) -> str:
@@ -143,26 +153,10 @@ def plain(text: str) -> str:
     return visible(text).replace("$", r"\$")
 
 
-def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
-    """Points, joined; those that stand apart as open markers.  Returns the handle."""
-    look = trace.look
+def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
+    """Points, joined but for those that stand apart; returns the handle for the legend."""
     shown = trace.shown(panel.x_scale, panel.y_scale)
-    apart = np.zeros(len(shown), bool) if trace.apart is None else trace.apart
-
-    def points(chosen: Mask, linestyle: str, filled: bool) -> Any:
-        (line,) = axes.plot(
-            trace.x[chosen],
-            trace.y[chosen],
-            color=look.color,
-            marker=look.marker or "None",
-            markersize=look.markersize,
-            markerfacecolor=look.color if filled else "none",
-            linestyle=linestyle if np.count_nonzero(chosen) > 1 else "none",
-            linewidth=look.linewidth,
-            alpha=look.alpha,
-        )
-        return line
-
+    joined, hollow = shown & ~trace.apart, shown & (trace.ruled | trace.apart)
     uncertain = shown & trace.uncertain
     if trace.bars is not None and uncertain.any():
         y, bars = trace.y[uncertain], trace.bars[uncertain]
@@ -170,111 +164,50 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel) -> Any:
         least = 0.1 * y if panel.y_scale == "log" else -np.inf
         below, above = np.maximum(y - bars, least), y + bars
         axes.vlines(trace.x[uncertain], below, above, color=look.color, alpha=0.5, linewidth=1.0)
-    # Also without a point, for the legend.
-    handle = points(shown & ~apart, look.linestyle, look.filled)
-    if (shown & apart).any():
-        points(shown & apart, "none", filled=False)
+
+    def points(chosen: Mask, linestyle: str, face: str) -> Any:
+        (line,) = axes.plot(
+            trace.x[chosen], trace.y[chosen], color=look.color, linestyle=linestyle,
+            linewidth=look.linewidth, marker=look.marker or "None", markersize=look.markersize,
+            markerfacecolor=face, markeredgewidth=0.8, alpha=look.alpha,
+        )  # fmt: skip
+        return line
+
+    handle = points(joined, look.linestyle if joined.sum() > 1 else "none", look.color)
+    if hollow.any():
+        points(hollow, "none", "white")
     return handle
 
 
-def _write(axes: Any, panel: Panel) -> None:
-    """Texts among the traces."""
-    for line in panel.references:
-        if line.text:
-            axes.annotate(
-                line.text, (line.x[-1], line.y[-1]), textcoords="offset points", xytext=(7, 0),
-                ha="left", va="center", style="italic", fontsize=7, color="0.35",
-            )  # fmt: skip
-    for level in panel.levels:
-        axes.axhline(level.y, color="0.55", linewidth=0.6, zorder=1)
-        axes.annotate(
-            level.text, (0.98, level.y), xycoords=axes.get_yaxis_transform(),
-            textcoords="offset points", xytext=(0, 6), ha="right", va="bottom", color="0.35",
-        )  # fmt: skip
-    if panel.fits:
-        _write_fits(axes, panel)
-    zeros = sum(trace.zeros for trace in panel.traces)
-    if zeros and panel.tell_zeros and panel.y_scale == "log":
-        text = "1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0"
-        size, width = _points(mpl.rcParams["legend.fontsize"]), axes.get_window_extent().width
-        axes.annotate(
-            _wrapped(axes.figure, text, size, 0.6 * width), (0.04, 0.04),
-            xycoords="axes fraction", fontsize=size,
-        )  # fmt: skip
-
-
-def _write_fits(axes: Any, panel: Panel) -> None:
-    """Fits in a corner that is free, the upper right one if it is."""
-    size = _points(mpl.rcParams["legend.fontsize"]) - 1
-    room = 0.75 * axes.get_window_extent().width / (0.55 * size * axes.figure.dpi / 72)
-    fits = [(visible(trace.label), trace.fit) for trace in panel.traces if trace.fit]
-    lines = [f"{plain(_shortened(label, room - len(fit) - 2))}: {fit}" for label, fit in fits]
-    tall = 0.05 + 0.08 * len(lines)
-    shown = [(t, t.shown(panel.x_scale, panel.y_scale)) for t in panel.traces]
-    points = np.concatenate(
-        [np.column_stack([t.x[mask], t.y[mask]]) for t, mask in shown]
-        + [np.array([[line.x[-1], line.y[-1]]]) for line in panel.references if line.text]
-    )
-    axes.autoscale_view()  # finds the limits, which are used here
-    x, y = axes.transAxes.inverted().transform(axes.transData.transform(points)).T
-    corners = [(right, top) for top in (True, False) for right in (True, False)]
-    right, top = min(
-        corners,
-        key=lambda corner: np.count_nonzero(
-            ((x > 0.5) == corner[0]) & ((y > 1 - tall) if corner[1] else (y < tall))
-        ),
-    )
-    text = axes.text(
-        0.97 if right else 0.03, 0.95 if top else 0.05, "\n".join(lines),
-        transform=axes.transAxes, ha="right" if right else "left", va="top" if top else "bottom",
-        fontsize=size,
-        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
-    )  # fmt: skip
-    text.set_in_layout(False)
-
-
-def _points(size: Any) -> float:
-    """Size of a font (points), which a style may give in words."""
-    return float(FontProperties(size=size).get_size_in_points())
-
-
-def _shortened(label: str, most: float) -> str:
-    """A label where there is room for so many letters; the legend has all of it."""
-    return label if len(label) <= most else label[: max(int(most), 6) - 1].rstrip(" ,") + "…"
-
-
-def _make_room(grid: Sequence[Any], sheet: Sheet) -> None:
-    """Room right of the points, the same in panels that share their abscissa."""
-    rooms = [panel.x_room for panel in sheet.panels]
-    for axes, room in [(grid[0], max(rooms))] if sheet.share_x else zip(grid, rooms, strict=True):
-        if room:
-            left, right = axes.get_xlim()
-            if axes.get_xscale() == "log":
-                axes.set_xlim(left, right * (right / left) ** room)
-            else:
-                axes.set_xlim(left, right + room * (right - left))
-
-
-def _name_ticks(axes: Any, panel: Panel, sheet: Sheet) -> None:
-    for axis, scale, most in zip(
-        (axes.xaxis, axes.yaxis), (panel.x_scale, panel.y_scale), sheet.ticks, strict=True
-    ):
+def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
+    """Ticks by powers of ten, and no names of ticks that the next panel has, too."""
+    panel, count = sheet.panels[place], len(sheet.panels)
+    if sheet.share_x and place + sheet.columns >= count:
+        axes.tick_params(labelbottom=True)  # nothing stands below it
+    if place % sheet.columns and panel.y_limits and _same_ordinate(panel, sheet.panels[place - 1]):
+        axes.tick_params(labelleft=False)
+    for axis, scale in ((axes.xaxis, panel.x_scale), (axes.yaxis, panel.y_scale)):
         if scale == "symlog":
+            axis.get_major_locator().set_params(numticks=7)
             axis.set_major_formatter(FuncFormatter(_signed_power_of_ten))
         if scale != "log":
             continue
         low, high = np.log10(axis.get_view_interval())
         if math.floor(high) - math.ceil(low) >= 1:
-            axis.set_major_locator(LogLocator(numticks=most))
+            axis.set_major_locator(LogLocator())
             axis.set_major_formatter(FuncFormatter(_power_of_ten))
         else:  # fewer than two powers of ten
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=most))
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_major_formatter(FuncFormatter(_number))
         axis.set_minor_formatter(NullFormatter())
         if not sheet.minor_ticks:
             axis.set_minor_locator(NullLocator())
     if panel.y_scale == "log" and panel.empty:
         axes.set_yticks([])
+
+
+def _same_ordinate(one: Panel, other: Panel) -> bool:
+    return (one.y_limits, one.y_scale) == (other.y_limits, other.y_scale)
 
 
 def _power_of_ten(value: float, position: int | None = None) -> str:
@@ -294,79 +227,84 @@ def _number(value: float, position: int | None = None) -> str:
     return ("" if digits == "1" else f"{digits}·") + power("10", str(int(exponent)))
 
 
-def _write_title(drawing: Figure, grid: Sequence[Any], sheet: Sheet, size: Any) -> None:
-    """In the middle of a column of panels that have none, otherwise in that of the sheet."""
-    title = _wrapped(drawing, plain(sheet.title), size, _MOST * drawing.bbox.width)
-    if sheet.layout is not None and sheet.columns == 1 and not sheet.panels[0].title:
-        grid[0].set_title(title, fontsize=size)
-    else:
-        drawing.suptitle(title, fontsize=size)
+# -- what is around the panels ------------------------------------------------------------------
 
 
-def _write_legend(drawing: Figure, sheet: Sheet, entries: dict[str, Any], grows: bool) -> None:
-    """Below the panels, nothing cut off: fewer columns, then labels of several lines.
-
-    Without a layout the figure grows by it, or else the panels make room.
-    """
-    if not entries:
+def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> None:
+    """Below the panels, in as many columns as fit; of several groups a column for each."""
+    groups: dict[str, dict[str, Any]] = {}
+    for (group, text), handle in entries.items():
+        groups.setdefault(group, {})[text] = handle
+    predicted, levels = groups.pop(_PREDICTED, {}), groups.pop(_LEVELS, {})
+    if predicted:
+        lines = {line.order: line.text for panel in sheet.panels for line in panel.references}
+        orders = ", ".join(lines[order] for order in sorted(lines))
+        levels[f"predicted: {orders}"] = next(iter(predicted.values()))
+    if not (groups or levels):
         return
+    blank = mpl.lines.Line2D([], [], linestyle="none")
+    blocks = list(groups.values()) or [{}]
+    if len(groups) > 1:
+        blocks = [{f"{plain(name)}:": blank, **some} for name, some in groups.items()]
+    blocks[-1] = {**blocks[-1], **levels}
+    tallest = max(map(len, blocks))
     most = _MOST * drawing.bbox.width
-    size = mpl.rcParams["legend.fontsize"]
-    title = _wrapped(drawing, sheet.heading, size, most)
-    columns, room, labels = sheet.legend.columns or len(entries), most, list(entries)
-    fixed = sheet.layout is not None
-    while True:
-        legend = drawing.legend(
-            list(entries.values()),
-            labels,
-            title=title,
-            ncols=columns,
-            loc="lower center" if fixed else "outside lower center",
-            bbox_to_anchor=(sheet.legend.centre, 0.0) if fixed else None,
-        )
-        box = legend.get_window_extent()
-        if box.width <= most or room < 0.5 * most:
+    for columns in [len(blocks), 1] if len(blocks) > 1 else range(len(blocks[0]), 0, -1):
+        listed = [entry for block in blocks for entry in block.items()]
+        if columns > 1 and len(blocks) > 1:
+            padding = [[("", blank)] * (tallest - len(block)) for block in blocks]
+            listed = [e for b, p in zip(blocks, padding, strict=True) for e in (*b.items(), *p)]
+        texts, handles = zip(*listed, strict=True)
+        legend = drawing.legend(handles, texts, ncols=columns, loc="outside lower center")
+        if legend.get_window_extent().width <= most:
             break
-        legend.remove()
         if columns > 1:
-            columns -= 1
-        else:
-            room -= 0.05 * most
-            labels = [_wrapped(drawing, label, size, room) for label in entries]
-    if fixed:
-        half = box.width / drawing.bbox.width / 2
-        centre = max(min(sheet.legend.centre, 0.995 - half), 0.005 + half)
-        legend.set_bbox_to_anchor((centre, 0.0))
-    elif grows:
-        drawing.set_figheight(drawing.get_figheight() + box.height / drawing.dpi)
+            legend.remove()
+    room = most - legend.handlelength * 1.5 * _points(mpl.rcParams["legend.fontsize"])
+    for entry in legend.get_texts():
+        entry.set_text(_wrapped(entry, entry.get_text(), room))
+    if sheet.heading:
+        legend.set_title(" ")
+        legend.set_title(_wrapped(legend.get_title(), sheet.heading, most))
 
 
-def _settle(drawing: Figure, grid: Sequence[Any]) -> None:
-    """Fix a layout that was found by measuring, ordinates' labels broken to fit beside it."""
-    with warnings.catch_warnings():
+def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
+    """Place everything, and fix it; widths first, as lines of text depend on them.
+
+    Raises:
+        UserWarning: When there is no room for the panels.
+    """
+    engine: Any = drawing.get_layout_engine()
+    rows = -(-len(grid) // sheet.columns)
+    with warnings.catch_warnings(), _without_minor_ticks(grid):
         warnings.filterwarnings("error", message="constrained_layout not applied")
-        try:
-            _measure(drawing, grid)
-        except UserWarning:
-            width, height = drawing.get_size_inches()
-            raise InputError(
-                f"a figure of {width:g}x{height:g} inches has no room for its panels, labels and "
-                "legend"
-            ) from None
+        for _ in range(2):
+            engine.execute(drawing)
+            box = grid[0].get_window_extent()
+            tall = box.height if height else drawing.dpi * _height(grid, sheet)
+            _write_labels(drawing, grid, sheet, tall)
+            for place, axes in enumerate(grid):
+                _write_titles(axes, sheet, place, tall)
+            engine.execute(drawing)
+            if height is None:
+                more = rows * (tall - grid[0].get_window_extent().height) / drawing.dpi
+                drawing.set_figheight(drawing.get_figheight() + more)
+        engine.execute(drawing)
+        boxes = [axes.get_window_extent() for axes in grid]
+        if any(min(box.width, box.height) < _LEAST * drawing.dpi for box in boxes):
+            raise UserWarning
     # With the engine "none" matplotlib would draw every file twice.
     with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
         drawing.set_layout_engine(None)
 
 
-def _measure(drawing: Figure, grid: Sequence[Any]) -> None:
-    engine: Any = drawing.get_layout_engine()
-    with _without_minor_ticks(grid):
-        engine.execute(drawing)
-        for axes in grid:
-            label = axes.yaxis.label
-            height = axes.get_window_extent().height
-            label.set_text(_wrapped(drawing, label.get_text(), label.get_fontsize(), height))
-        engine.execute(drawing)
+def _height(grid: Sequence[Any], sheet: Sheet) -> Any:
+    """Height of axes that suits their width (inch)."""
+    width = grid[0].get_window_extent().width / grid[0].figure.dpi
+    if sheet.panels[0].scene is not None:
+        limits = grid[0].dataLim
+        return width * min(max(limits.height / (limits.width or 1.0), 0.4), 1.2)
+    return min(max(0.7 * width, 0.9), max(2.0, width / 2) if len(grid) == 1 else 1.4)
 
 
 @contextmanager
@@ -381,20 +319,156 @@ def _without_minor_ticks(grid: Sequence[Any]) -> Iterator[None]:
         axis.set_minor_locator(locator)
 
 
-#: What a line is not broken in: a word, or mathematics.
-_WORD = re.compile(r"(?:\$[^$]*\$|\S)+")
+def _write_labels(drawing: Figure, grid: Sequence[Any], sheet: Sheet, tall: float) -> None:
+    """What axes show; what is the same in all panels of a row, or of the sheet, once."""
+    panels, columns = sheet.panels, sheet.columns
+    count, rows = len(panels), -(-len(panels) // columns)
+    if columns > 1 and len({panel.x_label for panel in panels}) == 1:
+        drawing.subfigs[0].supxlabel(panels[0].x_label, fontsize=mpl.rcParams["axes.labelsize"])
+    else:
+        for place, axes in enumerate(grid):
+            if place + columns >= count or panels[place + columns].x_label != panels[place].x_label:
+                axes.set_xlabel(panels[place].x_label)
+    if rows > 1 and len({panel.y_label for panel in panels}) == 1:
+        label = drawing.subfigs[0].supylabel(" ", fontsize=mpl.rcParams["axes.labelsize"])
+        label.set_text(_wrapped(label, panels[0].y_label, 0.8 * rows * tall))
+        return
+    for place, axes in enumerate(grid):
+        if place % columns == 0 or panels[place - 1].y_label != panels[place].y_label:
+            label = axes.yaxis.label
+            label.set_text(_wrapped(label, panels[place].y_label, tall))
 
 
-def _wrapped(drawing: Figure, text: str, size: float, width: float) -> str:
-    """A text of lines that are no longer than a width (pixels), where words allow it."""
-    probe = drawing.text(0, 0, "", fontsize=size)
+def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
+    """Titles, above a grid and beside it once, and below each the fitted slopes of the panel."""
+    panel, columns = sheet.panels[place], sheet.columns
+    while axes.texts and axes.texts[-1].get_gid() == "title":
+        axes.texts[-1].remove()
+    width = axes.get_window_extent().width
+    size = 0.9 * _points(mpl.rcParams["legend.fontsize"])
+    title, beside = panel.title, ""
+    if _is_grid(sheet):
+        title = panel.titles[1] if place < columns else ""
+        last = place % columns == columns - 1
+        beside = panel.titles[0] if last else ""
+    fits = [
+        f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}"
+        for t in panel.traces
+        if t.fit and panel.titles
+    ]
+    zeros = sum(trace.zeros for trace in panel.traces)
+    if zeros and panel.tell_zeros and panel.y_scale == "log":
+        fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
+    above = 0.0
+    if fits:
+        text = axes.annotate(
+            "", (0.5, 1), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
+            ha="center", va="bottom", fontsize=size, color="0.3", gid="title",
+        )  # fmt: skip
+        text.set_text(_wrapped(text, ", ".join(fits), width))
+        above = text.get_window_extent().height * 72 / axes.figure.dpi
+    axes.set_title(" ", pad=4 + above + (3 if above else 0))
+    axes.title.set_text(_wrapped(axes.title, plain(title), width))
+    if beside:
+        text = axes.annotate(
+            "", (1, 0.5), xycoords="axes fraction", xytext=(4, 0), textcoords="offset points",
+            ha="left", va="center", rotation=270, gid="title",
+            fontsize=mpl.rcParams["axes.titlesize"],
+        )  # fmt: skip
+        text.set_text(_wrapped(text, plain(beside), tall))
+
+
+def _is_grid(sheet: Sheet) -> bool:
+    """Whether panels have one title by row, and another by column."""
+    titles = [panel.titles for panel in sheet.panels]
+    return (
+        sheet.columns > 1
+        and len(titles) > sheet.columns
+        and all(
+            len(own) == 2
+            and own[0] == titles[place - place % sheet.columns][0]
+            and own[1] == titles[place % sheet.columns][1]
+            for place, own in enumerate(titles)
+        )
+    )
+
+
+#: What a line is not broken in: a word, or mathematics; and a space at which it is not.
+_WORD, _FIXED = re.compile(r"(?:\$[^$]*\$|[^ \n])+"), "\u00a0"
+
+
+def _wrapped(probe: Any, text: str, most: float) -> str:
+    """A text of lines that are no longer than a length (pixels), where words allow it.
+
+    Args:
+        probe: The artist that will have the text; it may stand upright.
+        text: The text.
+        most: Greatest length of a line.
+    """
     lines: list[str] = []
+    upright = probe.get_rotation() != 0
     for word in _WORD.findall(text):
         longer = f"{lines[-1]} {word}" if lines else word
         probe.set_text(longer)
-        if lines and probe.get_window_extent().width > width:
+        box = probe.get_window_extent()
+        if lines and (box.height if upright else box.width) > most:
             lines.append(word)
         else:
             lines[-1:] = [longer]
-    probe.remove()
     return "\n".join(lines)
+
+
+def _points(size: Any) -> float:
+    """Size of a font (points), which a style may give in words."""
+    return float(FontProperties(size=size).get_size_in_points())
+
+
+# -- predicted orders beside their lines --------------------------------------------------------
+
+
+def _write_orders(axes: Any, panel: Panel) -> None:
+    """Each where nothing else is, along its line; nowhere if there is no such place."""
+    lines = [line for line in panel.references if line.text]
+    taken = [_pixels(axes, line) for line in axes.get_lines()] if lines else []
+    inside = axes.get_window_extent()
+    for line in lines:
+        text = axes.text(
+            0, 0, line.text, ha="center", va="center", style="italic", fontsize=7, color="0.35"
+        )
+        text.set_in_layout(False)
+        extent = text.get_window_extent()
+        half = np.array([extent.width, extent.height]) / 2
+        obstacles = np.concatenate(taken)
+        for place in _places(axes.transData.transform(np.column_stack([line.x, line.y])), half):
+            near = np.all(np.abs(obstacles - place) < half + 3, axis=1)
+            if not near.any() and np.all(
+                (place - half > inside.min + 1) & (place + half < inside.max - 1)
+            ):
+                text.set_position(axes.transData.inverted().transform(place))
+                taken.append(place + half * np.array([[-1, 0], [0, 0], [1, 0]]))
+                break
+        else:
+            text.remove()
+
+
+def _places(ends: Array, half: Array) -> Iterator[Array]:
+    """Centres of a text beside a line: behind its end, then on either side from there on."""
+    along = (ends[-1] - ends[0]) / np.linalg.norm(ends[-1] - ends[0])
+    yield ends[-1] + along * (half[0] + 3)
+    normal = np.array([-along[1], along[0]])
+    off = normal * (np.abs(normal) @ half + 4)
+    for share in np.linspace(1, 0, 21):
+        point = ends[0] + share * (ends[-1] - ends[0])
+        yield point + off
+        yield point - off
+
+
+def _pixels(axes: Any, line: Any) -> Array:
+    """(points, 2) places that a line and its markers cover."""
+    corners = line.get_transform().transform(line.get_xydata())
+    if line.get_linestyle() == "None" or len(corners) < 2:
+        return np.asarray(corners)
+    steps = [
+        np.linspace(a, b, max(2, int(np.linalg.norm(b - a) / 3))) for a, b in pairwise(corners)
+    ]
+    return np.concatenate(steps)

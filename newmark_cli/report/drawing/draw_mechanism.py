@@ -30,7 +30,7 @@ from newmark_cli.mechanisms.sketch import (
 )
 from newmark_cli.report.drawing import draw_spatial
 from newmark_cli.report.drawing.draw import drawn, plain
-from newmark_cli.report.drawing.panels import WIDTH, Layout, Legend, Panel, Sheet
+from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet
 from newmark_cli.report.drawing.strokes import damper, line, zigzag
 from newmark_cli.report.drawing.style import settled
 from newmark_cli.support.arrays import Array
@@ -131,8 +131,6 @@ def mechanism_sheet(title: str, problem: Drawable, u: Array) -> Sheet:
                 scene=MechanismScene(problem, u),
             ),
         ),
-        legend=Legend(columns=3),
-        layout=Layout((WIDTH, 3.9), (0.155, 0.205, 0.825, 0.735)),
         grid=False,
         settings=_WITHOUT_TICKS
         | {

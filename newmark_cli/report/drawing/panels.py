@@ -1,14 +1,14 @@
 """Figures as plain data: a sheet of panels of traces, which `draw` draws.
 
-    sheet   one figure: a title, a legend, panels side by side and one below the other
-    panel   axes: labels, scales, limits, and what is written or drawn among the traces
+    sheet   one figure: a title, a note, panels side by side and one below the other
+    panel   axes: labels, scales, limits, and the lines that traces are compared with
     trace   the points of one series, the look they have, and what is said of them
 
 Nothing here imports matplotlib: tests and the HTML page read what a figure shows from these
 values.  A new kind of figure makes a `Sheet`; it draws nothing itself.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal, Protocol
@@ -20,8 +20,14 @@ from newmark_cli.support.arrays import Array, Mask
 #: Width of a journal column (inch).
 WIDTH = 3.5
 
-#: What bars show, in legends, and from which part of a value on they do.
-BARS, _VISIBLE = "bars: rounding", 0.1
+#: Part of a value from which on what rounding changes in it shows as a bar.
+_VISIBLE = 0.1
+#: What legends say of points, and which points it is said of.
+_SIGNS: Mapping[str, Callable[["Trace"], Mask]] = {
+    "bars: rounding": lambda trace: trace.uncertain,
+    "hollow: rounding rules": lambda trace: trace.ruled,
+    "not joined: cells that did not end well": lambda trace: trace.apart,
+}
 
 #: How an axis counts.
 Scale = Literal["log", "linear", "symlog"]
@@ -32,10 +38,9 @@ class Look:
     """How a trace looks.
 
     Attributes:
-        color: As #RRGGBB.
+        color: As matplotlib writes colours.
         marker: Matplotlib's sign for the marker; empty for none.
         markersize: Points (1/72 inch).
-        filled: Whether markers are filled.
         linestyle: Matplotlib's sign for the line.
         linewidth: Points; that of the style when omitted.
         alpha: Opacity; opaque when omitted.
@@ -43,28 +48,29 @@ class Look:
 
     color: str
     marker: str = ""
-    markersize: float = 5.0
-    filled: bool = True
+    markersize: float = 4.0
     linestyle: str = "-"
     linewidth: float | None = None
     alpha: float | None = None
 
 
-#: Colours of Okabe and Ito, dark to light, so that they differ in grey too; open
-#: and filled markers of different sizes, so that coinciding series all show.
+#: Colours of Okabe and Ito, dark to light, so that they differ in grey too, and three more; the
+#: first markers get smaller, so that coinciding series all show.
 LOOKS = (
-    Look("#000000", "o", 7.5, filled=False, linestyle="-"),
-    Look("#0072B2", "x", 4.5, filled=True, linestyle="--"),
-    Look("#D55E00", "s", 7.0, filled=False, linestyle="-."),
-    Look("#E69F00", "D", 3.0, filled=True, linestyle=":"),
-    Look("#009E73", "^", 5.0, filled=False, linestyle="-"),
-    Look("#56B4E9", "v", 7.5, filled=False, linestyle="--"),
-    Look("#CC79A7", "*", 4.5, filled=True, linestyle="-."),
+    Look("#000000", "o", 5.8, "-"),
+    Look("#0072B2", "s", 4.2, "--"),
+    Look("#D55E00", "D", 2.9, "-."),
+    Look("#E69F00", "^", 2.9, ":"),
+    Look("#009E73", "v", 4.6, "-"),
+    Look("#56B4E9", "P", 4.6, "--"),
+    Look("#CC79A7", "*", 5.0, "-."),
+    Look("#882255", "h", 4.2, ":"),
+    Look("#999933", "<", 4.2, "-"),
+    Look("#777777", "X", 4.2, "--"),
 )
 
-#: Markers of the looks that follow when the colours begin again.
-_MORE_MARKERS = ("P", "h", "<", "d", ">", "p", "X")
-
+#: Markers and lines of the looks that follow when the colours begin again.
+_MORE_MARKERS = (">", "p", "d", "o", "s", "^", "v", "8", "P", "D")
 _LINESTYLES = ("-", "--", "-.", ":")
 
 
@@ -77,9 +83,8 @@ def look(place: int) -> Look:
     first = LOOKS[i]
     if again == 0:
         return first
-    shifted = _LINESTYLES[(_LINESTYLES.index(first.linestyle) + again) % len(_LINESTYLES)]
-    marker = _MORE_MARKERS[(i + again - 1) % len(_MORE_MARKERS)]
-    return Look(first.color, marker, 5.0, filled=again % 2 == 1, linestyle=shifted)
+    linestyle = _LINESTYLES[(_LINESTYLES.index(first.linestyle) + again) % len(_LINESTYLES)]
+    return Look(first.color, _MORE_MARKERS[(i + again - 1) % len(_MORE_MARKERS)], 4.0, linestyle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +95,15 @@ class Trace:
         label: Name in the legend; traces of one name, in several panels, share an entry.
         x, y: (points,) in the order in which they are joined; NaN where there is no value.
         look: How it looks.
-        apart: (points,) which points are not joined and have open markers: cells of which
-            the value is a limit, not a result; none when omitted.
+        place: Place in the legend, from 0, by which a style with colours of its own chooses;
+            None for a look that no style changes.
+        group: Heading of its entry in the legend; panels of different groups may have the
+            same looks.
+        apart: (points,) which points are not joined and hollow: cells of which the value is a
+            limit, not a result.
+        ruled: (points,) which points are hollow, as rounding rules them.
         bars: (points,) what rounding alone changes in each y; NaN where it is not known.
-        fit: Fitted slope as text; empty for none.
+        fit: Fitted slope or verdict as text; empty for none.
         said: The trace in words, for those who do not see it; empty where another trace
             has said it.
     """
@@ -102,7 +112,10 @@ class Trace:
     x: Array
     y: Array
     look: Look
-    apart: Mask | None = None
+    place: int | None = None
+    group: str = ""
+    apart: Mask = field(default_factory=lambda: np.array(False))
+    ruled: Mask = field(default_factory=lambda: np.array(False))
     bars: Array | None = None
     fit: str = ""
     said: str = ""
@@ -134,27 +147,17 @@ class Reference:
 
     Attributes:
         x, y: (points,) its corners.
-        text: What is written at its last corner.
-        label: Name in the legend.
+        text: What it is, in the legend, and beside the line where there is room.
     """
 
     x: Array
     y: Array
-    text: str = ""
-    label: str = "predicted"
-
-
-@dataclass(frozen=True)
-class Level:
-    """A thin line across a panel, and what is written on it.
-
-    Attributes:
-        y: Where.
-        text: What is written.
-    """
-
-    y: float
     text: str
+
+    @property
+    def order(self) -> float:
+        """Its slope on logarithmic axes."""
+        return round(float(np.log(self.y[-1] / self.y[0]) / np.log(self.x[-1] / self.x[0])), 6)
 
 
 class Scene(Protocol):
@@ -174,15 +177,13 @@ class Panel:
     Attributes:
         traces: In the order of the legend.
         x_label, y_label: Labels; mathematics between dollar signs.
-        title: What stands above it; a single panel has the sheet's title instead.
+        titles: What tells the panel from others; of two, a grid has the first beside its rows
+            and the second above its columns.
         x_scale, y_scale: How the axes count.
         y_limits: Ends of the ordinate; as the points need it when omitted.
         linthresh: Up to which |y| a symlog axis is linear.
-        x_room: Room right of the points for what is written there, as a share of their span.
         references: Thin lines, such as predicted slopes.
-        levels: Thin lines across.
-        fits: Whether the fits of the traces are written into a corner that is free.  The
-            legend has them otherwise, which suits a single panel.
+        levels: y of thin lines across → what they are.
         tell_zeros: Whether it says how many zeros a logarithmic ordinate cannot show.
         scene: A drawing that is not made of traces; axes then have equal units.
     """
@@ -190,54 +191,25 @@ class Panel:
     traces: tuple[Trace, ...]
     x_label: str = ""
     y_label: str = ""
-    title: str = ""
+    titles: tuple[str, ...] = ()
     x_scale: Scale = "log"
     y_scale: Scale = "log"
     y_limits: tuple[float, float] | None = None
     linthresh: float = 1.0
-    x_room: float = 0.0
     references: tuple[Reference, ...] = ()
-    levels: tuple[Level, ...] = ()
-    fits: bool = False
+    levels: Mapping[float, str] = field(default_factory=dict)
     tell_zeros: bool = True
     scene: Scene | None = None
+
+    @property
+    def title(self) -> str:
+        """What tells the panel from others, in one line."""
+        return ", ".join(filter(None, self.titles))
 
     @property
     def empty(self) -> bool:
         """Whether none of its points has a place on its axes."""
         return not any(trace.shown(self.x_scale, self.y_scale).any() for trace in self.traces)
-
-
-@dataclass(frozen=True)
-class Legend:
-    """The legend, below the panels.
-
-    Attributes:
-        title: What stands above it.
-        columns: Entries side by side; fewer where they would be cut off, and as many as fit
-            when omitted.
-        centre: Its middle as a share of the sheet's width; further left or right where it
-            would be cut off.
-    """
-
-    title: str = ""
-    columns: int | None = None
-    centre: float = 0.5
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where panels stand on a sheet.
-
-    Attributes:
-        size: Width and height of the sheet (inch).
-        box: Left and lower edge, width and height of all panels, as shares of the sheet.
-        gaps: Gaps between panels side by side and one below the other, as shares of a panel.
-    """
-
-    size: tuple[float, float]
-    box: tuple[float, float, float, float]
-    gaps: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,57 +219,33 @@ class Sheet:
     Attributes:
         title: What it shows.
         panels: Row by row.
-        columns: Panels side by side.
-        legend: The legend.
-        layout: Where panels stand.  When omitted, they have the size of ``panel_size`` and
-            room is made for labels, title and legend, however long they are.
-        panel_size: Width and height of a panel with its labels (inch) without a layout; as
-            suits their number when omitted.
-        share_x, share_y: Whether all panels have the same ends of an axis.
-        ticks: Most powers of ten named on x and y.
-        minor_ticks, grid: Whether there are any.
+        columns: Most panels side by side; fewer where the figure is too narrow for them.
+        note: What stands above the legend, before what the signs in it mean.
+        share_x: Whether all panels have the same ends of the abscissa.
+        grid, minor_ticks: Whether there are any.
         settings: Settings of matplotlib that differ from the style.
     """
 
     title: str
     panels: tuple[Panel, ...]
     columns: int = 1
-    legend: Legend = Legend()
-    layout: Layout | None = None
-    panel_size: tuple[float, float] | None = None
+    note: str = ""
     share_x: bool = True
-    share_y: bool = False
-    ticks: tuple[int, int] = (12, 10)
-    minor_ticks: bool = True
     grid: bool = True
+    minor_ticks: bool = True
     settings: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def heading(self) -> str:
-        """What stands above the legend, with the meaning of bars where there are any."""
-        there = any(trace.uncertain.any() for panel in self.panels for trace in panel.traces)
-        told = there and BARS not in self.legend.title
-        return "; ".join(filter(None, (self.legend.title, BARS if told else "")))
-
-    @property
-    def rows(self) -> int:
-        """Panels one below the other."""
-        return -(-len(self.panels) // self.columns)
+        """What stands above the legend, with the meaning of bars and hollow markers."""
+        traces = [trace for panel in self.panels for trace in panel.traces]
+        signs = (text for text, points in _SIGNS.items() if any(points(t).any() for t in traces))
+        return "; ".join(filter(None, (self.note, *signs)))
 
     @property
     def width(self) -> float:
         """Width (inch)."""
-        return self.layout.size[0] if self.layout else self.columns * self.size[0]
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of a panel with its labels (inch), without a layout."""
-        if self.panel_size is not None:
-            return self.panel_size
-        if self.columns == 1:
-            return WIDTH, 2.6 if len(self.panels) == 1 else 1.9
-        # Tall enough for what is written in them.
-        return 2 * WIDTH / self.columns, 2.6 if self.rows == 1 else 2.1
+        return WIDTH if self.columns == 1 else 2 * WIDTH
 
     @property
     def wide(self) -> bool:
@@ -307,18 +255,17 @@ class Sheet:
     @property
     def words(self) -> str:
         """The title and what traces say, for those who do not see the figure."""
-        traces = (trace for panel in self.panels for trace in panel.traces)
-        return " ".join(f"{part}." for part in (self.title, *(t.said for t in traces if t.said)))
+        said = (trace.said for panel in self.panels for trace in panel.traces)
+        return " ".join(f"{part}." for part in (self.title, *said) if part)
 
 
-def spread(values: Iterable[Array], headroom: float = 0.12) -> tuple[float, float] | None:
+def spread(values: Iterable[Array]) -> tuple[float, float] | None:
     """Ends of a logarithmic ordinate that shows at least four decades.
 
     Scatter by a few per cent must not look like a trend.
 
     Args:
         values: What is drawn, an array for each trace.
-        headroom: Least room above, as a share of the decades that the values span.
 
     Returns:
         The ends; None without a positive value.
@@ -328,9 +275,8 @@ def spread(values: Iterable[Array], headroom: float = 0.12) -> tuple[float, floa
     if len(logs) == 0:
         return None
     low, high = logs.min(), logs.max()
-    least = max(0.5, (4 - (high - low)) / 2)
-    below, above = (max(share * (high - low), least) for share in (0.12, headroom))
-    return float(10 ** (low - below)), float(10 ** (high + above))
+    room = max(0.5, (4 - (high - low)) / 2, 0.12 * (high - low))
+    return float(10 ** (low - room)), float(10 ** (high + room))
 
 
 def from_zero(top: float) -> tuple[float, float]:

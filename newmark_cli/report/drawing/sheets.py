@@ -13,32 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.report.drawing import traces
-from newmark_cli.report.drawing.panels import (
-    Legend,
-    Look,
-    Panel,
-    Sheet,
-    Trace,
-    from_zero,
-    look,
-    power,
-    spread,
-)
-from newmark_cli.report.drawing.work import COSTS, costed, trace
-from newmark_cli.report.judging.verdicts import PASS, SHOWN
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, power, spread
+from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.reading.curves import floor_of
 from newmark_cli.report.reading.figures import Figure, Part
 from newmark_cli.report.reading.history import read_drifts, read_histories
-from newmark_cli.report.reading.words import measure_text
+from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.results import drift_path, history_path
 from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
-
-#: What points that stand apart are.
-NOT_JOINED = "not joined: cells that did not end well"
 
 
 @dataclass(frozen=True)
@@ -111,40 +97,84 @@ def sheet(figure: Figure, results: Results) -> Sheet:
 #: Predicted floors lie on what they predict.
 _FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
 
+#: Most series of a panel whose fits stand above it, of several panels.
+_MOST_FITS = 4
+
+
+class _Looks:
+    """Name, look and group of every series of a figure."""
+
+    def __init__(self, figure: Figure, slopes: Mapping[SeriesKey, "Slope"]) -> None:
+        groups = {part.group for part in figure.parts}
+        self._figure = figure
+        self._group = {part: part.group if len(groups) > 1 else "" for part in figure.parts}
+        self._places: dict[str, list[str]] = {}
+        points: dict[str, set[float]] = {}
+        for part in figure.parts:
+            labels = self._places.setdefault(self._group[part], [])
+            for curve in part.curves:
+                labels += [] if curve.label in labels else [curve.label]
+                slope = slopes[curve.key]
+                points.setdefault(curve.label, set()).update(slope.h[np.isfinite(slope.values)])
+        self._alone = {label: h.pop() for label, h in points.items() if len(h) == 1}
+
+    def __call__(self, part: Part, label: str) -> dict[str, Any]:
+        """Attributes of the trace of a series."""
+        group = self._group[part]
+        place = self._places[group].index(label)
+        own = self._figure.looks.get(label, {})
+        name = f"{label} (h = {step(self._alone[label])} only)" if label in self._alone else label
+        return {
+            "label": name,
+            "look": replace(look(place), **own),
+            "place": None if own else place,
+            "group": group,
+            "name": ", ".join(filter(None, (part.title, label))),
+        }
+
+
+def step(h: float) -> str:
+    """A step size as legends have it."""
+    digits, _, exponent = f"{h:.15g}".partition("e") if h < 1e-3 else (f"{h:g}", "", "")
+    if not exponent:
+        digits, _, exponent = f"{h:.3e}".partition("e") if h < 1e-2 else (digits, "", "")
+    digits = digits.rstrip("0").rstrip(".") if "." in digits else digits
+    if not exponent:
+        return digits
+    ten = power("10", str(int(exponent)))
+    return ten if digits == "1" else f"{digits}·{ten}"
+
 
 def _orders(figure: Figure, results: Results) -> Sheet:
-    """Fits in the legend of a single panel, in a corner of each of several."""
+    """Fits in the legend of a single panel, above each of several."""
     series = results.series(figure)
-    places = {label: i for i, label in enumerate(dict.fromkeys(c.label for c in figure.curves))}
-    several = len(figure.parts) > 1
+    looks = _Looks(figure, series)
     panels = []
     for part in figure.parts:
         own = [series[curve.key] for curve in part.curves]
         alike = [slope for slope in series.values() if _same(slope) in set(map(_same, own))]
-        panel = _panel(part, own, places, several)
-        if several:
-            panel = _with_limits(panel, own, alike)
-        panels.append(replace(panel, traces=(*panel.traces, *_floors(part, results.by_key))))
-    if figure.columns > 2:  # narrow ones, where orders take a larger share
-        panels = [replace(panel, x_room=2 * panel.x_room) for panel in panels]
-    fitted = any(not np.isnan(slope.expected) for slope in series.values())
-    notes = [figure.note] if figure.note else ["fitted slope"] if fitted and not several else []
-    return _sheet(figure, panels, notes, several and len(set(map(_same, series.values()))) == 1)
+        fits = len(figure.parts) == 1 or len(own) <= _MOST_FITS
+        drawn = [
+            traces.trace(slope, fit=traces.fit_text(slope) if fits else "", **looks(part, c.label))
+            for c, slope in zip(part.curves, own, strict=True)
+        ]
+        drawn += _floors(part, results.by_key)
+        panels.append(traces.panel(own, drawn, _titles(figure, part), alike))
+    fitted = any(trace.fit for panel in panels for trace in panel.traces)
+    note = figure.note or ("fitted slope" if fitted and len(panels) == 1 else "")
+    return _sheet(figure, panels, note)
 
 
-def _sheet(figure: Figure, panels: Sequence[Panel], notes: list[str], share_y: bool) -> Sheet:
-    apart = any(t.apart is not None and t.apart.any() for p in panels for t in p.traces)
+def _titles(figure: Figure, part: Part) -> tuple[str, ...]:
+    return part.titles if len(figure.parts) > 1 else ()
+
+
+def _sheet(figure: Figure, panels: Sequence[Panel], note: str) -> Sheet:
+    # Of several problems each has its own range of step sizes.
+    share_x = len({curve.problem for curve in figure.curves}) == 1
     return Sheet(
-        figure.title,
-        tuple(panels),
-        figure.columns,
-        Legend("; ".join([*notes, *([NOT_JOINED] if apart else [])])),
-        panel_size=None if len(panels) > 1 else (3.5, 2.5),
-        # Of several problems each has its own range of step sizes.
-        share_x=len({curve.problem for curve in figure.curves}) == 1,
-        share_y=share_y,
-        ticks=(8 if figure.columns < 4 else 4, 8),
-    )
+        figure.title, tuple(panels), figure.columns, note, share_x, settings=figure.style
+    )  # fmt: skip
 
 
 def _same(slope: "Slope") -> tuple[str, ...]:
@@ -152,77 +182,36 @@ def _same(slope: "Slope") -> tuple[str, ...]:
     return slope.problem, slope.quantity, slope.measure, slope.row_block
 
 
-def _panel(
-    part: Part, slopes: Sequence["Slope"], places: Mapping[str, int], several: bool
-) -> Panel:
-    drawn = [
-        _trace(slope, curve.label, places[curve.label], part.title)
-        for curve, slope in zip(part.curves, slopes, strict=True)
-    ]
-    # Fits of many series would cover them.
-    fits = several and len(drawn) <= 4
-    panel = traces.panel(slopes, drawn, slopes[0].record.linear, part.title, fits)
-    if len({slope.quantity for slope in slopes}) > 1:
-        panel = replace(panel, y_label=measure_text(slopes[0].measure))
-    if several and not fits:
-        panel = replace(panel, traces=tuple(replace(t, fit="") for t in panel.traces))
-    return panel
-
-
 def _floors(part: Part, slopes: Mapping[SeriesKey, "Slope"]) -> list[Trace]:
     """The predicted floors of measured series, where there are any."""
     keys = (floor_of(curve.key) for curve in part.curves)
     return [
-        traces.trace(slopes[key], "predicted floor", _FLOOR, fit="", name="predicted floor")
+        traces.trace(slopes[key], "predicted floor", _FLOOR, "predicted floor")
         for key in keys
         if key is not None and key in slopes
     ]
-
-
-def _trace(slope: "Slope", label: str, place: int, panel: str) -> Trace:
-    """A series with its verdict, cells that did not end well apart."""
-    found = traces.trace(slope, label, look(place), name=", ".join(filter(None, (panel, label))))
-    undecided = slope.verdict not in (PASS, SHOWN) and not slope.accepted
-    ok = np.isin(np.array(slope.statuses, str)[np.argsort(slope.h)], slope.record.ok)
-    return replace(
-        found,
-        apart=~ok,
-        fit=", ".join(filter(None, (found.fit, slope.verdict if undecided else ""))),
-        said=found.said + (f", {slope.verdict}" if slope.verdict != SHOWN else ""),
-    )
-
-
-def _with_limits(panel: Panel, slopes: Sequence["Slope"], every: Sequence["Slope"]) -> Panel:
-    """A panel whose ordinate suits several series besides its own, with room for its fits."""
-    if panel.y_scale == "linear":
-        found = [float(np.max(slope.values, initial=0, where=slope.values > 0)) for slope in every]
-        top = 1.0 if slopes[0].record.share else 1.1 * max(found)
-        return replace(panel, y_limits=from_zero(top) if top > 0 else None)
-    lines = sum(bool(trace.fit) for trace in panel.traces) if panel.fits else 0
-    limits = spread([slope.values for slope in every], max(0.12, 0.165 * lines))
-    references = () if limits is None else traces.predicted(slopes, limits)
-    return replace(panel, y_limits=limits, references=references)
 
 
 def _work(figure: Figure, results: Results) -> Sheet:
     """Points of a series joined from the largest step size to the smallest."""
     slopes, spent = costed(figure, results)
     cost = COSTS[results.cost]
-    labels = list(dict.fromkeys(curve.label for curve in figure.curves))
+    looks = _Looks(figure, slopes)
     panels = []
     for part in figure.parts:
         own = [slopes[curve.key] for curve in part.curves]
         alike = [slope for slope in slopes.values() if _same(slope) in set(map(_same, own))]
-        drawn = tuple(
-            trace(slopes[c.key], spent[c.key], cost, c.label, labels.index(c.label), part.title)
-            for c in part.curves
-        )
+        drawn = []
+        for curve, slope in zip(part.curves, own, strict=True):
+            order = np.argsort(slope.h)
+            given = looks(part, curve.label)
+            said = f"{quantity(slope)}, {given['name']}: {ends(slope, spent[curve.key], cost)}"
+            x = spent[curve.key][order]
+            drawn.append(traces.trace(slope, **given | {"x": x, "said": said}))
+        titles, limits = _titles(figure, part), spread([slope.values for slope in alike])
         label = own[0].record.label(own[0].key)
-        limits = spread([slope.values for slope in alike])
-        panels.append(Panel(drawn, cost.label, label, part.title, y_limits=limits))
-    share = len(set(map(_same, slopes.values()))) == 1
-    notes = ["each from the largest step size to the smallest"]
-    return _sheet(figure, panels, notes, share and len(panels) > 1)
+        panels.append(Panel(tuple(drawn), cost.label, label, titles, y_limits=limits))
+    return _sheet(figure, panels, figure.note or "each from the largest step size to the smallest")
 
 
 # -- values over time ---------------------------------------------------------------------------
@@ -308,9 +297,8 @@ def _history(figure: Figure, results: Results) -> Sheet:
         linthresh=10.0 ** math.floor(math.log10(span)) if span > 0 else 1.0,
     )
     h = figure.h or results.by_key[figure.curves[0].key].h.min()
-    step = power("10", f"{math.log10(h):.0f}")
-    note = f"$h$ = {step} s; pairs of successive steps"
-    return Sheet(figure.title, (zoomed, whole), legend=Legend(note, 1), ticks=(8, 8))
+    note = f"$h$ = {step(float(h))} s; pairs of successive steps"
+    return Sheet(figure.title, (zoomed, whole), note=note, settings=figure.style)
 
 
 def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
@@ -340,15 +328,15 @@ def _drift(figure: Figure, results: Results) -> Sheet:
                 tuple(drawn),
                 "time $t$ (s)",
                 _DRIFTS[part.curves[0].quantity],
-                part.title,
+                _titles(figure, part),
                 x_scale="linear",
                 y_limits=(0.1 * _LEAST_DRIFT, 10 * float(most)),
                 tell_zeros=False,
             )
         )
     return Sheet(
-        figure.title, tuple(panels), figure.columns, Legend(figure.note), share_x=False,
-        ticks=(6, 8), minor_ticks=False,
+        figure.title, tuple(panels), figure.columns, figure.note, share_x=False,
+        minor_ticks=False, settings=figure.style,
     )  # fmt: skip
 
 
@@ -370,7 +358,8 @@ def _mechanism(figure: Figure, results: Results) -> Sheet:
     from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 
     subject = picture(figure.problem)
-    return mechanism_sheet(figure.title, subject, subject.u0)
+    sheet = mechanism_sheet(figure.title, subject, subject.u0)
+    return replace(sheet, settings={**sheet.settings, **figure.style})
 
 
 _SHEETS: Mapping[str, Callable[[Figure, Results], Sheet]] = {

@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from newmark_cli.report.drawing.panels import (
-    Level,
     Look,
     Panel,
     Reference,
@@ -17,7 +16,8 @@ from newmark_cli.report.drawing.panels import (
     spread,
 )
 from newmark_cli.report.judging.fits import format_fit, format_order
-from newmark_cli.report.reading.words import quantity
+from newmark_cli.report.judging.verdicts import MISS, PASS, RULED, SHOWN
+from newmark_cli.report.reading.words import measure_text, quantity
 from newmark_cli.support.arrays import Array, Mask
 
 if TYPE_CHECKING:
@@ -32,78 +32,90 @@ def step_label(problem: str) -> str:
     return "step size $h$" + ("" if problem.partition("(")[0] in _WITHOUT_UNITS else " (s)")
 
 
-def trace(
-    slope: "Slope",
-    label: str,
-    look: Look,
-    fit: str | None = None,
-    name: str | None = None,
-) -> Trace:
-    """A series against the step size; cells whose Krylov solver stagnated stand apart.
+def fit_text(slope: "Slope") -> str:
+    """The fitted slope of a series that has one, and its verdict if it is not as predicted."""
+    told = "" if slope.verdict in (PASS, SHOWN) or slope.accepted else slope.verdict
+    return ", ".join(filter(None, (format_fit(slope.fit) if _judged(slope) else "", told)))
+
+
+def _judged(slope: "Slope") -> bool:
+    """Whether it has a middle, whose slope is that of the series."""
+    return slope.verdict in (PASS, MISS) and not math.isnan(slope.expected + slope.fit.slope)
+
+
+def ruled(slope: "Slope") -> Mask:
+    """(points,) which points rounding rules: where it is half of a value, and at smaller h."""
+    if slope.record.kind == "rounding":
+        return np.full(len(slope.h), False)
+    with np.errstate(invalid="ignore"):
+        ruling = (slope.values > 0) & (slope.rounding >= RULED * slope.values)
+    return np.asarray(ruling.any() & (slope.h <= np.max(slope.h[ruling], initial=0.0)))
+
+
+def trace(slope: "Slope", label: str, look: Look, name: str, **given: Any) -> Trace:
+    """A series against the step size; cells that did not end well stand apart.
 
     Args:
         slope: The series.
         label: Its name in the legend.
         look: How it looks.
-        fit: Fitted slope as text; when omitted, as `format_fit` has it where theory predicts one.
-        name: Its name in words, where the label is not enough.
+        name: Its name in words.
+        given: Further attributes of the trace.
     """
-    if fit is None:
-        fitted = not (math.isnan(slope.expected) or math.isnan(slope.fit.slope))
-        fit = format_fit(slope.fit) if fitted else ""
     order = np.argsort(slope.h)
-    stagnated = np.array([status == "stagnated" for status in slope.statuses], bool)
-    return Trace(
-        label if slope.unique else f"{label} (not unique)",
-        slope.h[order],
-        slope.values[order],
-        look,
-        apart=stagnated[order],
+    parts: dict[str, Any] = {
+        "x": slope.h[order],
+        "y": slope.values[order],
+        "apart": ~np.isin(np.array(slope.statuses, str), slope.record.ok)[order],
+        "ruled": ruled(slope)[order],
         # Of corrections it is the scatter of steps, which is no rounding of the rms.
-        bars=None if slope.record.kind == "rounding" else slope.rounding[order],
-        fit=fit,
-        said=in_words(name or label, slope),
-    )
+        "bars": None if slope.record.kind == "rounding" else slope.rounding[order],
+        "said": in_words(name, slope),
+    }
+    label = label if slope.unique else f"{label} (not unique)"
+    return Trace(label, **{"look": look, **parts, **given})
 
 
 def panel(
     slopes: Sequence["Slope"],
     traces: Sequence[Trace],
-    linear: bool = False,
-    title: str = "",
-    fits: bool = False,
+    titles: tuple[str, ...],
+    every: Sequence["Slope"],
 ) -> Panel:
-    """Series of one quantity and measure against the step size, beside their predicted slopes.
+    """Series of one measure against the step size, beside their predicted slopes.
 
     Args:
         slopes: The series.
         traces: A trace of each, in the order of the legend.
-        linear: Whether the ordinate is linear, from zero.
-        title: What stands above the panel; nothing for a single one.
-        fits: Whether fits are written into the panel; otherwise the legend has them.
+        titles: What tells the panel from others.
+        every: Series whose panels have the same ordinate.
     """
-    first = slopes[0]
-    values = [slope.values for slope in slopes]
-    # Fits are written above the traces, a line each.
-    headroom = max(0.4, 0.15 + 0.16 * len(traces)) if fits else 0.12
-    limits = _linear_limits(slopes) if linear else spread(values, headroom)
-    references = () if linear or limits is None else predicted(slopes, limits)
+    record = slopes[0].record
+    values = [slope.values for slope in every]
+    if record.linear:
+        most = max(float(np.max(v[np.isfinite(v)], initial=0.0)) for v in values)
+        top = 1.0 if record.share else 1.1 * most
+        limits = from_zero(top) if top > 0 else None
+    else:
+        limits = spread(values)
+    several = len({slope.quantity for slope in slopes}) > 1
     return Panel(
         tuple(traces),
-        step_label(first.problem),
-        first.record.label(first.key),
-        title,
-        y_scale="linear" if linear else "log",
+        step_label(slopes[0].problem),
+        measure_text(slopes[0].measure) if several else record.label(slopes[0].key),
+        titles,
+        y_scale="linear" if record.linear else "log",
         y_limits=limits,
-        x_room=0.08 if references else 0.0,
-        references=references,
+        references=() if record.linear or limits is None else predicted(slopes, limits),
         levels=_solver_limits(slopes),
-        fits=fits,
     )
 
 
 def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[Reference, ...]:
-    """A line for each distinct predicted slope, parallel to the first of its series.
+    """A line for each distinct predicted slope, parallel to the first series that has it.
+
+    It stands at the points that were fitted, or of a series that was not judged at those that
+    rounding does not rule.
 
     Args:
         slopes: The series.
@@ -112,9 +124,13 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
     drawn: dict[float, Reference] = {}
     low, high = np.log10(limits)
     shift = 0.045 * (high - low)
-    for slope in slopes:
-        shown = np.logical_and(slope.fitted, _positive(slope.values))
-        if math.isnan(slope.expected) or slope.expected in drawn or not shown.any():
+    for slope in sorted(slopes, key=lambda slope: not _judged(slope)):
+        usable = slope.fitted if _judged(slope) else ~ruled(slope)
+        shown = np.logical_and(usable, _positive(slope.values))
+        shown &= np.isin(np.array(slope.statuses, str), slope.record.ok)
+        if math.isnan(slope.expected) or slope.expected in drawn:
+            continue
+        if len(set(slope.h[shown])) < 2:
             continue
         log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
         ends = np.array([log_h.min(), log_h.max()])
@@ -126,33 +142,25 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
 
 
 def in_words(name: str, slope: "Slope") -> str:
-    """A series in words: its name, and its slope or else its values at either end."""
-    text = f"{quantity(slope)}, {name}"
-    if not math.isnan(slope.expected):
-        return f"{text}: slope {format_fit(slope.fit)}, predicted {format_order(slope.expected)}"
-    ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
-    return f"{text}: " + ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
+    """A series in words: its name, its slope or else its values at either end, its verdict."""
+    text = f"{quantity(slope)}, {name}: "
+    if _judged(slope):
+        text += f"slope {format_fit(slope.fit)}, predicted {format_order(slope.expected)}"
+    else:
+        ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
+        text += ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
+    return text + (f", {slope.verdict}" if slope.verdict != SHOWN else "")
 
 
 def _positive(values: Array) -> Mask:
     return np.asarray(np.isfinite(values) & (values > 0))
 
 
-def _linear_limits(slopes: Sequence["Slope"]) -> tuple[float, float] | None:
-    """A share from 0 to 1, a count from 0 to its largest."""
-    values = np.concatenate([slope.values for slope in slopes])
-    if slopes[0].record.share:
-        return from_zero(1.0)
-    most = float(np.max(values[np.isfinite(values)], initial=0.0))
-    return from_zero(1.1 * most) if most > 0 else None
-
-
-def _solver_limits(slopes: Sequence["Slope"]) -> tuple[Level, ...]:
-    """Meaning of the open markers of cells that stagnated: as many iterations as were allowed."""
-    found = [
-        float(value)
+def _solver_limits(slopes: Sequence["Slope"]) -> dict[float, str]:
+    """Meaning of the hollow markers of cells that stagnated: all iterations that were allowed."""
+    return {
+        float(value): f"no convergence in {value:.0f} iterations"
         for slope in slopes
         for value, status in zip(slope.values, slope.statuses, strict=True)
         if status == "stagnated" and slope.record.at_limit and math.isfinite(value)
-    ]
-    return tuple(Level(y, f"no convergence in {y:.0f} iterations") for y in dict.fromkeys(found))
+    }

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.report.drawing.panels import Trace, look
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.words import quantity
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.support.arrays import Array
@@ -117,31 +115,11 @@ def costed(figure: "Figure", results: "Results") -> tuple[Mapping[SeriesKey, "Sl
     return slopes, found
 
 
-def trace(slope: "Slope", spent: Array, cost: Cost, label: str, place: int, panel: str) -> Trace:
-    """Errors of a series against the cost of its cells, from the largest step size on.
-
-    Args:
-        slope: The series.
-        spent: (points,) costs.
-        cost: What they are.
-        label: Its name in the legend.
-        place: Its place in the legend, from 0.
-        panel: Title of its panel; may be empty.
-    """
+def ends(slope: "Slope", spent: Array, cost: Cost) -> str:
+    """A series in words: its value and its cost at the largest and at the smallest step size."""
     order = np.argsort(-slope.h)
-    ends = [i for i in order.tolist() if np.isfinite(spent[i]) and np.isfinite(slope.values[i])]
-    said = "; ".join(
+    known = order[np.isfinite(spent[order]) & np.isfinite(slope.values[order])].tolist()
+    return "; ".join(
         f"{slope.values[i]:.3g} in {spent[i]:.3g} {cost.unit} at h = {slope.h[i]:g}"
-        for i in dict.fromkeys((ends[0], ends[-1]))
-    )
-    name = ", ".join(filter(None, (panel, label)))
-    ok = np.isin(np.array(slope.statuses, str), slope.record.ok)
-    return Trace(
-        label,
-        spent[order],
-        slope.values[order],
-        look(place),
-        apart=~ok[order],
-        bars=slope.rounding[order],
-        said=f"{quantity(slope)}, {name}: {said}",
+        for i in dict.fromkeys((known[0], known[-1]))
     )

@@ -86,37 +86,20 @@ def power_law(h: Array, values: Array, uncertainty: Array | None = None) -> Fit:
     return Fit(slope, stderr, intercept, points, factor * stderr, straight)
 
 
-#: Smallest standard error that is printed; smaller ones would round to zero.
-SMALLEST_ERROR = 5e-7
-_MOST_DECIMALS = 6
-
-
 def fit_parts(fit: Fit) -> tuple[str, str]:
-    """Slope and standard error as text, with as many decimals as the error asks for.
+    """Slope and standard error as text, with two decimals: no interval of a slope is finer.
 
-    At least two decimals, at most six.  The error is empty where it is unknown, and
-    where it is below `SMALLEST_ERROR`; the slope then has the decimals that differ
-    from zero.
+    The error is empty where it is unknown, and where it would be 0.00.
     """
     if np.isnan(fit.slope):
         return "n/a", ""
-    if fit.stderr < SMALLEST_ERROR:
-        digits = _fixed(fit.slope, _MOST_DECIMALS).rstrip("0")
-        return digits + "0" * (2 - len(digits.partition(".")[2])), ""
-    # "± 0.00" would claim too much.
-    small = fit.stderr < 0.005
-    decimals = min(-math.floor(math.log10(fit.stderr)), _MOST_DECIMALS) if small else 2
-    error = "" if np.isnan(fit.stderr) else _fixed(fit.stderr, decimals)
-    return _fixed(fit.slope, decimals), error
-
-
-def _fixed(value: float, decimals: int) -> str:
-    """Fixed point, without a negative zero."""
-    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+    error = "" if np.isnan(fit.stderr) or fit.stderr < 0.005 else f"{fit.stderr:.2f}"
+    # Without a negative zero.
+    return f"{round(fit.slope, 2) + 0.0:.2f}", error
 
 
 def format_fit(fit: Fit) -> str:
-    """Slope ± standard error; the slope only where the error is unknown or below 5e-7."""
+    """Slope ± standard error; the slope only where the error is unknown or below 0.005."""
     slope, error = fit_parts(fit)
     return " ± ".join(filter(None, (slope.replace("-", "−"), error)))
 

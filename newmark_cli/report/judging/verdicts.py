@@ -33,7 +33,7 @@ LEAST = 3
 #: Rounding over value from which on rounding rules a point, and below which it is clear: twins
 #: tell rounding to a factor of 10.  They do not see what is alike in all of them, and rounding
 #: that is alike in N steps adds up to √N times as much.
-_RULED, _CLEAR = 0.5, 0.1
+RULED, _CLEAR = 0.5, 0.1
 #: Relative uncertainty of corrections from which on a few steps rule their rms.
 _FEW = 0.25
 #: Least range of h that can speak against a series, but for rounding of its ends.
@@ -126,7 +126,7 @@ def judge(given: Evidence) -> Judgement:
         shown = _judged(given, SHOWN, seen, left if given.kind == "truncation" else "")
         return found if found and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
-    for share in (_RULED, _CLEAR, alike):
+    for share in (RULED, _CLEAR, alike):
         if passed := _passed(given, *_above(given, share)):
             return passed
     found = found or _missed(given, clear, told)

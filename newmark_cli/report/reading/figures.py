@@ -4,22 +4,36 @@ The shipped configs define those of the paper and past it, with a number; any co
 others.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 from newmark_cli.report.reading.curves import Curve
-from newmark_cli.report.reading.words import joined_values
+from newmark_cli.report.reading.words import joined_values, spelled
 from newmark_cli.study import shipped
 from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
 
 
 @dataclass(frozen=True)
 class Part:
-    """A panel: its title, and its series in the order of the legend."""
+    """A panel: its series in the order of the legend, and what tells it from others.
 
-    title: str
+    Attributes:
+        titles: Values of the axes that tell panels apart, and the group of its series.
+        curves: Its series.
+        group: What its series have in common that those of other panels have not.
+    """
+
+    titles: tuple[str, ...]
     curves: tuple[Curve, ...]
+    group: str = ""
+
+    @property
+    def title(self) -> str:
+        """Its titles in one line."""
+        return ", ".join(filter(None, self.titles))
 
 
 @dataclass(frozen=True)
@@ -40,6 +54,8 @@ class Figure:
             measure.
         in_paper: Whether its series are the claims of the paper.
         numbered: Whether a config gives it a number or word, by which `plot` knows it.
+        looks: Label of a series → what a config says of its look.
+        style: Settings of matplotlib.
     """
 
     name: str
@@ -54,6 +70,8 @@ class Figure:
     tolerance: float | None = None
     in_paper: bool = False
     numbered: bool = False
+    looks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    style: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def curves(self) -> tuple[Curve, ...]:
@@ -87,9 +105,11 @@ def explicit(study: str, given: Definition) -> Figure:
                     label = line.label or joined_values(given.series or (), where)
                     curve = Curve(label, **{"study": study, "measure": measure, **where})
                     parts.setdefault((*at, group), []).append(curve)
+    labels = {group: {line.label for line in lines if line.panel == group} for group in groups}
+    apart = sum(map(len, labels.values())) == len(set().union(*labels.values()))
     titles = {
-        key: ", ".join(
-            filter(None, (joined_values(several, dict(zip(several, key, strict=False))), key[-1]))
+        key: tuple(
+            filter(None, (*(spelled(a, v) for a, v in zip(several, key, strict=False)), key[-1]))
         )
         for key in parts
     }
@@ -98,7 +118,10 @@ def explicit(study: str, given: Definition) -> Figure:
         given.figure,
         given.title,
         study,
-        tuple(Part(titles[key], tuple(curves)) for key, curves in parts.items()),
+        tuple(
+            Part(titles[key], tuple(curves), key[-1] if apart else "")
+            for key, curves in parts.items()
+        ),
         columns,
         kind,
         given.choice.get("problem", ("",))[0],
