@@ -59,7 +59,7 @@ def test_order_figures_draw_the_csv(committed_folder, committed_results, figure)
     )
     assert (panel.x_scale, panel.y_scale) == ("log", "log")
     assert "h" in panel.x_label
-    assert sheet.legend.title == "fitted slope"
+    assert sheet.note == "fitted slope"
 
 
 STUDY_FIGURES = [FIGURES[name] for name in ("10", "11", "12", "13")]
@@ -83,7 +83,7 @@ def test_study_figures_draw_the_csv(tmp_path, figure):
             else row[statistic] / (row["steps"] if statistic == "met" else 1)
             for row in rows
         ]  # fmt: skip
-        assert trace.label == curve.label
+        assert trace.label == curve.label + (" (h = 10⁻⁶ only)" if len(rows) == 1 else "")
         assert trace.look == look
         np.testing.assert_array_equal(trace.x, [row["h"] for row in rows])
         np.testing.assert_allclose(trace.y, expected, rtol=1e-15)
@@ -106,7 +106,7 @@ def test_slopes_stand_where_there_is_a_prediction(tmp_path):
     (line,) = panel.references
     np.testing.assert_allclose(line.x, [1e-6, 1e-4])
     assert order(line) == pytest.approx(2, abs=1e-10)
-    assert (line.text, line.label) == ("h²", "predicted")
+    assert line.text == "h²"
 
 
 def test_shares_and_counts_start_at_zero(tmp_path):
@@ -128,8 +128,7 @@ def test_stagnation_is_marked(tmp_path):
     }  # fmt: skip
     for trace in panel.traces:
         assert set(trace.y[trace.apart]) <= {synthetic.LIMIT}
-    (level,) = panel.levels
-    assert (level.y, level.text) == (600, "no convergence in 600 iterations")
+    assert panel.levels == {600: "no convergence in 600 iterations"}
 
 
 def test_precisions_side_by_side(tmp_path):
@@ -151,7 +150,7 @@ def test_sensitivities_have_a_panel_for_each_block(committed_results):
     figure = FIGURES["sensitivity"]
     given = committed_results("sensitivity")
     sheet = sheets.sheet(figure, given)
-    assert (len(sheet.panels), sheet.columns, sheet.rows) == (16, 4, 4)
+    assert (len(sheet.panels), sheet.columns) == (16, 4)
     by_key = {slope.key: slope for slope in given.slopes}
     series = [by_key[curve.key] for curve in figure.curves]
     drawn = [(panel, trace) for panel in sheet.panels for trace in panel.traces]
@@ -244,7 +243,7 @@ def test_only_the_drawing_modules_import_matplotlib():
             if {name.partition(".")[0] for name in names} & {"matplotlib", "PIL"}:
                 importing.add(file.relative_to(package).as_posix())
     assert importing == {
-        f"report/drawing/{name}.py" for name in ("style", "draw", "draw_mechanism")
+        f"report/drawing/{name}.py" for name in ("style", "draw", "draw_mechanism", "pgf")
     }
 
 
@@ -377,19 +376,15 @@ def test_verdicts(tmp_path, slope, zero_at, status, verdict):
     [
         (-2.046, 0.0512, "−2.05 ± 0.05"),
         (-0.001, 0.012, "0.00 ± 0.01"),
-        (-0.0031, 0.0004, "−0.0031 ± 0.0004"),
-        (2.0, 0.0, "2.00"),
-        (-3.0000004, 4.9e-7, "−3.00"),
-        (-3.0000004, 5.1e-7, "−3.000000 ± 0.000001"),
-        (1.999994, 1e-9, "1.999994"),
-        (-0.0000001, 1e-12, "0.00"),
+        (-0.0031, 0.0004, "0.00"),
+        (-1.999993, 0.00001, "−2.00"),
         (1.25, 1e-12, "1.25"),
         (1.0, np.nan, "1.00"),
         (np.nan, np.nan, "n/a"),
     ],
 )
-def test_fits_are_written_with_the_decimals_of_their_error(slope, stderr, text):
-    """A true minus sign, no minus zero, no error that rounds away."""
+def test_fits_are_written_with_two_decimals(slope, stderr, text):
+    """A true minus sign, no minus zero, no error that would be 0.00."""
     assert format_fit(Fit(slope, stderr, 0.0, 4)) == text
 
 

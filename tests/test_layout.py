@@ -9,7 +9,6 @@ from each import each
 
 from newmark_cli.report.drawing import draw, sheets
 from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, look
-from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.support.errors import InputError
 
@@ -118,7 +117,7 @@ def sheet(kind, panels, series, words):
     ),
 )
 def test_nothing_lies_on_anything_else(kind, panels, series, words, width):
-    """Of any kind, from a column's width to a page's, with one panel or nine, few series or many."""
+    """Of any kind, from a column's width to a page's, one panel or nine, few series or many."""
     require_whole(draw.drawn(sheet(kind, panels, series, words), (width, None)))
 
 
@@ -140,5 +139,5 @@ def test_a_size_that_is_given_is_kept(width, height):
 
 def test_a_size_without_room_names_one():
     """Nine panels in a column: the height that they take."""
-    with pytest.raises(InputError, match=r"3.3x2 inches has no room .* '--size 3.3' gives"):
+    with pytest.raises(InputError, match=r"3.3x2 inches has no room .* '--size 3.3' makes it"):
         draw.drawn(sheet("orders", 9, 4, "short"), (3.3, 2.0))

@@ -1,5 +1,9 @@
 """Sheets as data, the one renderer, and a kind of figure that nothing else knows of."""
 
+from collections import Counter
+from dataclasses import replace
+
+import matplotlib as mpl
 import numpy as np
 import pytest
 import synthetic
@@ -9,9 +13,6 @@ from each import each
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report.drawing import draw, panels, plot, sheets
 from newmark_cli.report.drawing.panels import (
-    Layout,
-    Legend,
-    Level,
     Panel,
     Reference,
     Sheet,
@@ -43,15 +44,12 @@ def texts(legend):
 
 
 def test_every_place_in_a_legend_has_a_look_of_its_own():
-    """Seven colours, then the same with other markers and lines; no two alike among 28."""
-    looks = [look(place) for place in range(28)]
-    assert tuple(looks[:7]) == panels.LOOKS
-    assert len({(one.color, one.marker, one.linestyle) for one in looks}) == 28
-    for place in range(7):
-        again = looks[place::7]
-        assert len({one.color for one in again}) == 1
-        assert len({(one.marker, one.filled) for one in again}) == 4
-    assert len({one.marker for one in looks[:14]}) == 14
+    """Of twenty series no three have one colour, and no two look alike."""
+    looks = [look(place) for place in range(20)]
+    assert tuple(looks[:10]) == panels.LOOKS
+    assert len({(one.color, one.marker, one.linestyle) for one in looks}) == 20
+    assert max(Counter(one.color for one in looks).values()) == 2
+    assert len({one.marker for one in looks[:10]}) == 10
 
 
 def test_points_without_a_place_are_not_shown():
@@ -73,8 +71,8 @@ def test_ends_of_ordinates():
     low, high = spread([np.array([1.0, 1.1]), np.array([0.0, np.nan])])
     assert low * high == pytest.approx(1.1)
     assert np.log10(high / low) == pytest.approx(4)
-    low, high = spread([np.array([1e-5, 1e5])], headroom=0.4)
-    assert (np.log10(low), np.log10(high)) == (pytest.approx(-6.2), pytest.approx(9))
+    low, high = spread([np.array([1e-5, 1e5])])
+    assert (np.log10(low), np.log10(high)) == (pytest.approx(-6.2), pytest.approx(6.2))
     assert spread([np.array([0.0, np.nan])]) is None
     assert spread([]) is None
     assert from_zero(2.0) == pytest.approx((-0.12, 2.14))
@@ -87,98 +85,7 @@ def test_a_sheet_in_words():
     assert sheet.words == "Title. a: slope 1. c: 5 at h = 1."
 
 
-def test_sizes_of_sheets():
-    """A column of panels has a journal's width; what is wider says so."""
-    one, many = Panel((trace(0, "a"),)), tuple(Panel((trace(0, "a"),)) for _ in range(5))
-    assert (Sheet("", (one,)).width, Sheet("", (one,)).wide) == (3.5, False)
-    assert (Sheet("", many, columns=3).rows, Sheet("", many, columns=3).wide) == (2, True)
-    laid_out = Sheet("", (one,), layout=Layout((5.0, 3.0), (0.1, 0.1, 0.8, 0.8)))
-    assert (laid_out.width, laid_out.wide) == (5.0, True)
-
-
 # -- the renderer ---------------------------------------------------------------------------
-
-
-def inside(drawing, box, slack=1.0):
-    """Whether nothing of a box is cut off by the edges of a sheet (pixels)."""
-    return (
-        box.x0 >= -slack
-        and box.x1 <= drawing.bbox.width + slack
-        and box.y0 >= -slack
-        and box.y1 <= drawing.bbox.height + slack
-    )
-
-
-def require_whole(drawing):
-    """Titles, labels and the legend are inside the sheet; the legend covers no panel."""
-    with draw._without_minor_ticks(drawing.axes):  # shorter than the others, and many
-        boxes = [axes.get_tightbbox() for axes in drawing.axes]
-    assert all(inside(drawing, box) for box in boxes)
-    assert all(inside(drawing, text.get_window_extent()) for text in drawing.texts)
-    for legend in drawing.legends:
-        extent = legend.get_window_extent()
-        assert inside(drawing, extent)
-        assert all(box.y0 >= extent.y1 - 2 for box in boxes)
-    for axes in drawing.axes:
-        assert axes.get_window_extent().height > 0.6 * drawing.dpi
-        label = axes.yaxis.label.get_window_extent()
-        assert label.height <= 1.25 * axes.get_window_extent().height
-
-
-LONG = "half-cure with left scaling of the rows and right scaling of λ by 1/h, compensated"
-
-
-@each(
-    "sheet",
-    [
-        Sheet(
-            "A mechanism of one's own, with a title that does not fit into one line of a column",
-            (
-                Panel(
-                    tuple(trace(i, f"{LONG} {i}", fit="1.00 ± 0.01") for i in range(3)),
-                    "step size $h$ (s)",
-                    r"last decreasing correction of the multipliers $\|\Delta\bar \lambda\|$ (rms)",
-                ),
-            ),
-            legend=Legend("fitted slope"),
-        ),
-        Sheet(
-            "Four forms",
-            tuple(
-                Panel(
-                    (trace(0, "none", fit="1.00"), trace(1, LONG, fit="1.00")),
-                    "step size $h$ (s)",
-                    "condition number",
-                    title,
-                    fits=True,
-                )
-                for title in "abcd"
-            ),
-            columns=3,
-            share_y=True,
-        ),
-        Sheet(
-            "Two",
-            tuple(Panel((trace(i, "one"),), "wall time (s)", "error", "own") for i in range(2)),
-            share_x=False,
-        ),
-    ],
-)
-def test_nothing_is_cut_off(sheet):
-    """Without a layout, room is made for titles, labels and legends, however long they are."""
-    drawing = draw.drawn(sheet)
-    assert len(drawing.axes) == len(sheet.panels)
-    require_whole(drawing)
-    fits = sheet.panels[0].fits
-    entries = [
-        one.label if fits or not one.fit else f"{one.label}: {one.fit}"
-        for one in sheet.panels[0].traces
-    ]
-    assert texts(drawing.legends[0]) == entries
-    # Every column has a label at its foot, and numbers at its ticks.
-    for axes in drawing.axes[-sheet.columns :]:
-        assert axes.get_xlabel() == sheet.panels[0].x_label
-        assert any(label.get_text() for label in axes.get_xticklabels())
 
 
 def test_shipped_figures_are_drawn_as_they_say(committed_results):
@@ -200,42 +107,38 @@ def test_shipped_figures_are_drawn_as_they_say(committed_results):
             if panel.y_limits:
                 assert axes.get_ylim() == panel.y_limits
         assert len(drawing.legends) == 1
-        for legend in drawing.legends:
-            assert inside(drawing, legend.get_window_extent()), figure.name
 
 
 def test_a_trace_as_it_is_drawn():
-    """Joined in its look; what stands apart has open markers; a single point has no line."""
-    apart = np.array([True, True, False, False])
-    one = trace(1, "one", apart=apart)
+    """Joined in its look; what stands apart and what rounding rules is hollow."""
+    apart, ruled = np.array([True, False, False, False]), np.array([False, True, False, False])
+    one = trace(1, "one", apart=apart, ruled=ruled)
     point = trace(6, "point", x=np.array([1e-2]))
     drawing = draw.drawn(Sheet("", (Panel((one, point)),)))
-    joined, open_, single = drawing.axes[0].get_lines()
-    assert joined.get_xdata().tolist() == [1e-2, 1e-1]
-    assert (joined.get_marker(), joined.get_linestyle()) == ("x", "--")
-    assert open_.get_xdata().tolist() == [1e-4, 1e-3]
-    assert (open_.get_markerfacecolor(), open_.get_linestyle()) == ("none", "None")
+    joined, hollow, single = drawing.axes[0].get_lines()
+    assert joined.get_xdata().tolist() == [1e-3, 1e-2, 1e-1]
+    assert (joined.get_marker(), joined.get_linestyle()) == ("s", "--")
+    assert joined.get_markerfacecolor() == joined.get_color()
+    assert hollow.get_xdata().tolist() == [1e-4, 1e-3]
+    assert (hollow.get_markerfacecolor(), hollow.get_linestyle()) == ("white", "None")
     assert (single.get_marker(), single.get_linestyle()) == ("*", "None")
     assert texts(drawing.legends[0]) == ["one", "point"]
+    assert drawing.legends[0].get_title().get_text().replace("\n", " ") == (
+        "hollow: rounding rules; not joined: cells that did not end well"
+    )
 
 
 def test_what_is_written_in_a_panel():
-    """Slopes at their lines, words on levels, and how many zeros are missing."""
+    """Orders at their lines, how many zeros are missing; in the legend what all lines are."""
     panel = Panel(
         (trace(0, "a"), Trace("zeros", H, np.array([0.0, 0.0, 1.0, np.nan]), look(1))),
-        x_room=0.2,
         references=(Reference(H[[0, -1]], H[[0, -1]] * 3, "h¹"),),
-        levels=(Level(0.5, "the most"),),
+        levels={0.5: "the most"},
     )
     drawing = draw.drawn(Sheet("", (panel,)))
     (axes,) = drawing.axes
-    assert [text.get_text() for text in axes.texts] == [
-        "h¹", "the most", "2 values are exactly 0"
-    ]  # fmt: skip
-    assert axes.texts[0].xy == (1e-1, pytest.approx(0.3))
-    assert texts(drawing.legends[0]) == ["a", "zeros", "predicted"]
-    left, right = axes.get_xlim()
-    assert right / 1e-1 > 3 * (1e-4 / left)
+    assert {text.get_text() for text in axes.texts} == {"h¹", "2 values are exactly 0"}
+    assert texts(drawing.legends[0]) == ["a", "zeros", "the most", "predicted: h¹"]
     assert [len(line.get_xdata()) for line in axes.get_lines()[:2]] == [4, 1]
 
 
@@ -248,24 +151,28 @@ def test_a_panel_without_a_value():
     assert texts(drawing.legends[0]) == ["z"]
 
 
-def test_fits_are_written_where_no_points_are():
-    """In the upper right corner if it is free, otherwise in one that is."""
-    for slope, aligned in ((-1.0, ("right", "top")), (1.0, ("left", "top"))):
-        panel = Panel((trace(0, "one", slope, fit="1.00"), trace(1, "two", slope)), fits=True)
-        (text,) = draw.drawn(Sheet("", (panel,))).axes[0].texts
-        assert text.get_text() == "one: 1.00"
-        assert (text.get_ha(), text.get_va()) == aligned
+def test_colours_of_a_style_stand_for_those_of_the_project():
+    """Its cycle, in the order of the legend; a look that a config gives is kept."""
+    cycle = mpl.cycler(color=["#ff0000", "#00ff00"], linestyle=["-", ":"])
+    traces = (*(replace(trace(k, "ab"[k]), place=k) for k in (0, 1)), trace(2, "c"))
+    drawing = draw.drawn(Sheet("", (Panel(traces),)), settings={"axes.prop_cycle": cycle})
+    found = [(line.get_color(), line.get_linestyle()) for line in drawing.axes[0].get_lines()]
+    assert found == [("#ff0000", "-"), ("#00ff00", ":"), (look(2).color, look(2).linestyle)]
 
 
-def test_fits_do_not_cover_orders():
-    """The text at the end of a line counts like a point."""
-    level = trace(0, "one", 0.0, fit="0.00")
-    for word, aligned in (("", ("right", "top")), ("h²", ("left", "top"))):
-        line = Reference(H[[0, -1]], np.array([1e-1, 1e2]), word)
-        panel = Panel((level,), y_limits=(1e-9, 1e3), references=(line,), fits=True)
-        *_, text = draw.drawn(Sheet("", (panel,))).axes[0].texts
-        assert text.get_text() == "one: 0.00"
-        assert (text.get_ha(), text.get_va()) == aligned
+def test_a_grid_says_once_what_its_panels_share():
+    """Titles above columns and beside rows, labels beside and below all; in a column each title."""
+    titles = [(row, column) for row in ("u", "λ") for column in ("one", "two")]
+    grid = tuple(Panel((trace(0, "a"),), "h", "error", own) for own in titles)
+    sheet = Sheet("", grid, columns=2)
+    drawing = draw.drawn(sheet)
+    assert [axes.get_title() for axes in drawing.axes] == ["one", "two", "", ""]
+    assert [[t.get_text() for t in axes.texts] for axes in drawing.axes] == [[], ["u"], [], ["λ"]]
+    shared = drawing.subfigs[0]
+    assert (shared.get_supxlabel(), shared.get_supylabel()) == ("h", "error")
+    assert {axes.get_xlabel() + axes.get_ylabel() for axes in drawing.axes} == {""}
+    narrow = draw.drawn(sheet, (2.0, None))
+    assert [axes.get_title() for axes in narrow.axes] == ["u, one", "u, two", "λ, one", "λ, two"]
 
 
 def test_ticks_within_a_decade():

@@ -7,16 +7,16 @@ import pytest
 from each import each
 
 from newmark_cli.report.drawing import rendering
-from newmark_cli.report.drawing.panels import Layout, Panel, Sheet, Trace, look
+from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.support.errors import InputError
 
 
 def sheet(exponent):
-    """A line; linear axes have fewer ticks to draw, and a layout that is given is not sought."""
+    """A line; linear axes have fewer ticks to draw."""
     h = np.array([1e-3, 1e-2, 1e-1])
     trace = Trace("λ", h, h**exponent, look(0))
     panel = Panel((trace,), "h", "Δ", x_scale="linear", y_scale="linear")
-    return Sheet("", (panel,), layout=Layout((3.0, 2.0), (0.2, 0.3, 0.7, 0.5)))
+    return Sheet("", (panel,))
 
 
 #: Few dots make small files.

@@ -17,7 +17,7 @@ import newmark_cli
 from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import as_json_text
 from newmark_cli.report.drawing import draw
-from newmark_cli.report.drawing.panels import Layout, Panel, Sheet, Trace, look
+from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
 from newmark_cli.report.tables.table import markdown_table
@@ -179,15 +179,16 @@ def test_figures_write_names_as_they_are(name, fits):
     """In legends, titles and among the points; SVGs stay XML."""
     h = np.array([1e-3, 1e-2, 1e-1])
     trace = Trace(name, h, h, look(0), fit="1.00 ± 0.01")
-    # Linear axes have fewer ticks to draw, and places that are given need not be found.
-    panel = Panel((trace,), "h", "y", name, x_scale="linear", y_scale="linear", fits=fits)
-    panels = (panel,) * (1 if fits else 2)
-    layout = Layout((5.0, 4.0), (0.1, 0.3, 0.8, 0.5))
-    drawing = draw.drawn(Sheet(name, panels, columns=len(panels), layout=layout))
-    texts = [found.get_text() for axes in drawing.axes for found in (axes.title, *axes.texts)]
+    # Linear axes have fewer ticks to draw.
+    titles = ("",) if fits else (name,)
+    panel = Panel((trace,), "h", "y", titles, x_scale="linear", y_scale="linear")
+    drawing = draw.drawn(Sheet(name, (panel,) * (1 if fits else 2), columns=2))
+    texts = [drawing.get_suptitle()]
+    texts += [each.get_text() for axes in drawing.axes for each in (axes.title, *axes.texts)]
+    texts = [each for each in texts if each]
     texts += [entry.get_text() for entry in drawing.legends[0].get_texts()]
     shown = "".join(visible(name).split())
-    assert len(texts) == 3
+    assert len(texts) == (3 if fits else 6)
     for found in texts:
         begin = "".join(found.replace(r"\$", "$").split())
         assert begin.startswith(shown[:4])

@@ -13,8 +13,7 @@ from each import each
 
 from newmark_cli.newmark.invariants import INVARIANTS
 from newmark_cli.report import page
-from newmark_cli.report.drawing import automatic, draw, plot, sheets
-from newmark_cli.report.drawing.panels import WIDTH
+from newmark_cli.report.drawing import automatic, draw, pgf, plot, sheets
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.reading.figures import FIGURES, TABLED
@@ -156,21 +155,6 @@ def test_the_axis_with_most_values_is_the_series(tmp_path, values, series, panel
     assert figure.columns == columns
 
 
-def test_panels_side_by_side_have_room(tmp_path):
-    """A row of three is as tall as a panel alone, and leaves room for the orders."""
-    integrators = [TRAPEZOIDAL, "bdf2", DAMPED]
-    scalings = ["none", "left", "right", "optimal"]
-    found = written(tmp_path, table(integrator=integrators, preconditioning=scalings))
-    (figure,) = drawn(found).values()
-    assert len(figure.parts) == 3
-    three = sheets.sheet(dataclasses.replace(figure, columns=3), found)
-    assert three.size == (2 * WIDTH / 3, 2.6)
-    assert {panel.x_room for panel in three.panels} == {0.16}
-    two = sheets.sheet(dataclasses.replace(figure, columns=2), found)
-    assert two.size == (WIDTH, 2.1)
-    assert {panel.x_room for panel in two.panels} == {0.08}
-
-
 def test_what_would_be_too_many_panels_becomes_figures(tmp_path):
     """Three scalings, and eight integrators by precision: a figure for each integrator."""
     integrators = [f"generalized-alpha rho=0.{i}" for i in range(1, 4)]
@@ -283,7 +267,7 @@ def test_sheet_of_a_single_panel(tmp_path):
     (line,) = panel.references
     assert line.text == "h²"
     assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(2)
-    assert sheet.legend.title == "fitted slope"
+    assert sheet.note == "fitted slope"
     assert sheet.words == (
         "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u. "
         "error of u, optimal: slope 2.00 ± 0.01, predicted 2, pass. "
@@ -322,12 +306,11 @@ def test_panels_of_one_quantity_share_their_ordinate(tmp_path):
     (figure,) = drawn(given).values()
     sheet = sheets.sheet(figure, given)
     direct, compensated = sheet.panels
-    assert sheet.share_y
     assert direct.y_limits == compensated.y_limits
     assert direct.y_limits[0] < 1e-8
     assert direct.y_limits[1] > 1e6 * 2e-2
-    assert direct.fits
-    assert sheet.legend.title == ""
+    assert {trace.fit for trace in direct.traces} == {"2.00 ± 0.01"}
+    assert sheet.note == ""
     drawing = draw.drawn(sheet)
     assert [axes.get_ylim() for axes in drawing.axes] == [pytest.approx(direct.y_limits)] * 2
 
@@ -341,7 +324,7 @@ def test_cells_that_did_not_end_well_stand_apart(tmp_path):
     sheet = sheets.sheet(figure, given)
     (trace,) = sheet.panels[0].traces
     assert trace.apart.tolist() == [False, False, True, False]
-    assert sheet.legend.title == "fitted slope; not joined: cells that did not end well"
+    assert sheet.heading == "fitted slope; not joined: cells that did not end well"
 
 
 def test_shares_are_drawn_from_zero_to_one(tmp_path):
@@ -375,7 +358,7 @@ def test_names_with_dollar_signs_are_no_mathematics(tmp_path):
 
 
 def test_work_precision_matches_cells_to_rows(tmp_path):
-    """Operations by the axes, the step size and the steps; joined from large h to small.
+    """Operations by the axes, the step size and the steps; joined by h.
 
     Wall times of marches are drawn where they are asked for.
     """
@@ -398,8 +381,8 @@ def test_work_precision_matches_cells_to_rows(tmp_path):
         "BDF2, direct", "BDF2, compensated",
     ]  # fmt: skip
     for trace, factor in zip(panel.traces, (1, 3, 2, 6), strict=True):
-        assert trace.x == pytest.approx(factor / np.array(H))
-    assert panel.traces[1].y == pytest.approx(2 * np.array(H) ** 2)
+        assert trace.x == pytest.approx(factor / np.array(H[::-1]))
+    assert panel.traces[1].y == pytest.approx(2 * np.array(H[::-1]) ** 2)
     assert (panel.x_scale, panel.y_scale) == ("log", "log")
     assert panel.x_label == "multiplications and additions"
     assert panel.traces[0].said.endswith(
@@ -408,7 +391,7 @@ def test_work_precision_matches_cells_to_rows(tmp_path):
     draw.drawn(sheets.sheet(figure, given))
     (timed,) = sheets.sheet(figure, dataclasses.replace(given, cost="wall-time")).panels
     assert timed.x_label == "wall time of the march (s)"
-    assert timed.traces[3].x == pytest.approx(0.6 / np.array(H))
+    assert timed.traces[3].x == pytest.approx(0.6 / np.array(H[::-1]))
     assert timed.traces[0].said.endswith("0.01 in 1 s at h = 0.1; 1e-08 in 1e+03 s at h = 0.0001")
 
 
@@ -691,10 +674,25 @@ def test_formats_and_sizes(mine):
     assert b"/MediaBox [ 0 0 288 216 ]" in pdf
     assert [int.from_bytes(png[at : at + 4], "big") for at in (16, 20)] == [1200, 900]
     line = mine.refused("plot", "--format", "png,eps")
-    assert "unknown format 'eps'; allowed: png, svg, pdf" in line
-    for size in ("4", "4x", "0.1x3", "4x99", "axb", "4x3x2"):
+    assert "unknown format 'eps'; allowed: png, svg, pdf, pgf" in line
+    for size in ("x4", "4x", "0.1x3", "4x99", "axb", "4x3x2"):
         assert f"given '{size}'" in mine.refused("plot", "mine", "--size", size)
-    assert "1x1 inches has no room" in mine.refused("plot", "mine", "--size", "1x1")
+    assert "inches has no room" in mine.refused("plot", "mine", "--size", "1x1")
+
+
+def test_pgf_is_written_without_latex(mine):
+    """Of the width that is asked for; greek letters, powers and signs as LaTeX prints them."""
+    mine("plot", "mine", "--measure", "condition", "--size", "3.3", "--format", "pgf")
+    (name,) = files(mine)
+    text = (mine.folder / "results/figures" / name).read_text()
+    assert r"\begin{pgfpicture}" in text
+    assert r"\pgfqpoint{3.300000in}" in text
+    assert r"10\ensuremath{^{-2}}" in text
+    assert r"\ensuremath{\lambda}" in text
+    assert pgf.latex(r"\input{x} 5% Δq̄ h⁻² \$x\$ $\lambda_1$ é a_b") == (
+        r"\textbackslash{}input\{x\} 5\% \ensuremath{\Delta}\ensuremath{\bar q} "
+        r"h\ensuremath{^{-2}} \$x\$ $\lambda_1$ é a\_b"
+    )
 
 
 def test_styles(mine):

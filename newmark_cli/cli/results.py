@@ -25,7 +25,7 @@ REMARKS = 20
 
 
 def _formats(context: click.Context, option: click.Parameter, given: str) -> tuple[str, ...]:
-    allowed = ("png", "svg", "pdf")
+    allowed = ("png", "svg", "pdf", "pgf")
     found = tuple(dict.fromkeys(part.strip().lower() for part in given.split(",")))
     for name in found:
         if name not in allowed:
@@ -39,15 +39,17 @@ def _names(context: click.Context, option: click.Parameter, given: str | None) -
 
 def _size(
     context: click.Context, option: click.Parameter, given: str | None
-) -> tuple[float, float] | None:
+) -> tuple[float, float | None] | None:
     if given is None:
         return None
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)x(\d+\.?\d*|\.\d+)", given.strip().lower())
-    if match is None or not all(1 <= float(side) <= 40 for side in match.groups()):
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(?:x(\d+\.?\d*|\.\d+))?", given.strip().lower())
+    sides = [float(side) for side in match.groups() if side] if match else []
+    if not sides or not all(1 <= side <= 40 for side in sides):
         raise click.BadParameter(
-            f"must be a width and a height from 1 to 40 inches, such as 3.5x2.6, given {given!r}"
+            "must be a width, or a width and a height, from 1 to 40 inches, such as 3.3 or "
+            f"3.3x2.4, given {given!r}"
         )
-    return float(match[1]), float(match[2])
+    return sides[0], sides[1] if len(sides) > 1 else None
 
 
 @click.command()
@@ -62,9 +64,11 @@ def _size(
     show_default=True,
     callback=_formats,
     metavar="LIST",
-    help="Formats of the files: some of png, svg and pdf, with commas between them.",
+    help="Formats of the files: some of png, svg, pdf and pgf, with commas between them.",
 )
-@click.option("--size", callback=_size, metavar="WxH", help="Size of each figure in inches.")
+@click.option(
+    "--size", callback=_size, metavar="W[xH]", help="Width, and height, of each figure in inches."
+)
 @click.option(
     "--style",
     "style_file",
@@ -87,7 +91,7 @@ def plot(
     names: tuple[str, ...],
     folder: Path,
     formats: tuple[str, ...],
-    size: tuple[float, float] | None,
+    size: tuple[float, float | None] | None,
     style_file: Path | None,
     measure: tuple[str, ...],
     cost: str,

@@ -189,7 +189,7 @@ def plot(
     frame: "pd.DataFrame",
     figure: int | str | None = None,
     *,
-    size: tuple[float, float] | None = None,
+    size: tuple[float, float | None] | None = None,
     **choice: str,
 ) -> "Drawing":
     """Draw a figure of a study, as ``newmark-study plot`` does.
@@ -198,7 +198,7 @@ def plot(
         frame: Rows as `run` returns them.
         figure: Which: its place among those that the frame is enough for, from 0, or its
             name; the first if omitted.
-        size: Width and height (inch).
+        size: Width and height (inch); with a height of None, what it takes.
         **choice: Draw only these: ``measure``, ``quantity``, ``form``, ``problem``,
             ``preconditioning`` or ``scaling``, ``integrator``.
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from newmark_cli.newmark.orders import UNKNOWNS
-from newmark_cli.report.drawing.panels import LOOKS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
 from newmark_cli.report.reading.curves import Curve
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
 
 #: Most panels of one figure, and most series of one panel that gathers what is no grid.
-MOST_PANELS, MOST_GATHERED = 6, len(LOOKS)
+MOST_PANELS, MOST_GATHERED = 6, 7
 
 #: Axes whose comparison comes first where several have as many values.
 _PREFERRED = ("preconditioning", "integrator", "evaluation")

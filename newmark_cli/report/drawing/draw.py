@@ -76,21 +76,17 @@ def drawn(
             title.set_text(_wrapped(title, plain(sheet.title), _MOST * drawing.bbox.width))
         _write_legend(drawing, sheet, entries)
         if height is None:
-            drawing.set_figheight(
-                1
-                + 3 * rows
-                + sum(l.get_window_extent().height for l in drawing.legends) / drawing.dpi
-            )
+            legends = [legend.get_window_extent().height for legend in drawing.legends]
+            drawing.set_figheight(1 + 3 * rows + sum(legends) / drawing.dpi)
         try:
             _lay_out(drawing, grid, sheet, height)
         except UserWarning:
-            if height is None:
-                raise InputError(f"a figure of {width:g} inches is too narrow") from None
-            needed = drawn(sheet, (width, None), settings).get_figheight()
-            raise InputError(
-                f"a figure of {width:g}x{height:g} inches has no room for its panels, labels and "
-                f"legend; they take {width:g}x{needed:.1f}, which '--size {width:g}' gives them"
-            ) from None
+            given = f"{width:g}" + (f"x{height:g}" if height else "")
+            told = f"a figure of {given} inches has no room for its panels, labels and legend"
+            if height is not None:
+                needed = drawn(sheet, (width, None), settings).get_figheight()
+                told += f"; '--size {width:g}' makes it {needed:.1f} inches tall"
+            raise InputError(told) from None
         for axes, panel in zip(grid, sheet.panels, strict=True):
             _write_orders(axes, panel)
     return drawing
@@ -249,7 +245,8 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
     blocks[-1] = {**blocks[-1], **levels}
     tallest = max(map(len, blocks))
     most = _MOST * drawing.bbox.width
-    for columns in [len(blocks), 1] if len(blocks) > 1 else range(len(blocks[0]), 0, -1):
+    balanced = [-(-len(blocks[0]) // rows) for rows in range(1, len(blocks[0]) + 1)]
+    for columns in [len(blocks), 1] if len(blocks) > 1 else balanced:
         listed = [entry for block in blocks for entry in block.items()]
         if columns > 1 and len(blocks) > 1:
             padding = [[("", blank)] * (tallest - len(block)) for block in blocks]
@@ -406,15 +403,22 @@ def _wrapped(probe: Any, text: str, most: float) -> str:
         most: Greatest length of a line.
     """
     lines: list[str] = []
-    upright = probe.get_rotation() != 0
+    side = "height" if probe.get_rotation() else "width"
+
+    def excess(line: str) -> float:
+        probe.set_text(line)
+        return float(getattr(probe.get_window_extent(), side)) / most
+
     for word in _WORD.findall(text):
         longer = f"{lines[-1]} {word}" if lines else word
-        probe.set_text(longer)
-        box = probe.get_window_extent()
-        if lines and (box.height if upright else box.width) > most:
+        if lines and excess(longer) > 1:
             lines.append(word)
         else:
             lines[-1:] = [longer]
+        # A word that is longer than a line is broken, but for mathematics.
+        while "$" not in lines[-1] and (times := excess(lines[-1])) > 1 and len(lines[-1]) > 9:
+            cut = int(len(lines[-1]) / times) or 1
+            lines[-1:] = [lines[-1][:cut], lines[-1][cut:]]
     return "\n".join(lines)
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
 
 #: Formats of the files, and those that are written unless others are asked for.
-FORMATS, USUAL_FORMATS = ("png", "svg", "pdf"), ("png", "svg")
+FORMATS, USUAL_FORMATS = ("png", "svg", "pdf", "pgf"), ("png", "svg")
 
 #: Most figures that a study's results arrange by themselves, unless all are asked for.
 MOST = 24
@@ -247,7 +247,7 @@ def plot(
     figures: Iterable[Figure],
     results: Results,
     formats: Sequence[str] = USUAL_FORMATS,
-    size: tuple[float, float] | None = None,
+    size: tuple[float, float | None] | None = None,
     style_file: Path | None = None,
 ) -> list[Path]:
     """Draw figures into ``figures`` below the results folder.
@@ -258,7 +258,7 @@ def plot(
         figures: Which.
         results: What they are made from.
         formats: Which of `FORMATS`.
-        size: Width and height of each (inch); as suits it when omitted.
+        size: Width and height of each (inch); as suits it when omitted, or None.
         style_file: Style file of matplotlib, over the project's style.
 
     Returns:

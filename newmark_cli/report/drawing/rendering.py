@@ -33,7 +33,7 @@ Files = dict[str, bytes]
 def rendered(
     sheets: Sequence[Sheet],
     kinds: Sequence[str],
-    size: tuple[float, float] | None,
+    size: tuple[float, float | None] | None,
     settings: Mapping[str, Any],
     processes: int | None = None,
 ) -> list[Files]:
@@ -77,7 +77,7 @@ def _portable(sheet: Sheet) -> Sheet:
 def _files(
     sheet: Sheet,
     kinds: Sequence[str],
-    size: tuple[float, float] | None,
+    size: tuple[float, float | None] | None,
     settings: Mapping[str, Any],
 ) -> Files:
     from newmark_cli.report.drawing import draw, style

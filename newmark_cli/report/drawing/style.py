@@ -113,7 +113,7 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:
-    """A figure as a file: png, svg or pdf, the same bytes each time.
+    """A figure as a file: png, svg, pdf or pgf, the same bytes each time.
 
     Args:
         figure: The figure.
@@ -122,6 +122,10 @@ def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> b
     """
     content = io.BytesIO()
     with settled(settings):
+        if kind == "pgf":
+            from newmark_cli.report.drawing import pgf
+
+            return pgf.written(figure)
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
         figure.savefig(content, format=kind, metadata=metadata)
     return content.getvalue()

@@ -1,0 +1,75 @@
+"""Figures for LaTeX: PGF, written without LaTeX.
+
+matplotlib has LaTeX measure every text.  Here a figure is laid out already when it is written,
+by the font of the other formats, so that LaTeX is needed by the document alone.
+"""
+
+import io
+import re
+import unicodedata
+from typing import Any
+from unittest.mock import patch
+
+# isort: split
+from matplotlib.backends import backend_pgf
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.figure import Figure
+
+from newmark_cli.report.judging.text import latex_text
+
+#: Signs of labels that no font of LaTeX has in text.
+_SIGNS = {
+    "−": "-", "±": r"\pm", "·": r"\cdot", "×": r"\times", "‖": r"\|", "∞": r"\infty", "≤": r"\le",
+    "≥": r"\ge", "→": r"\to", "∂": r"\partial", "…": r"\ldots", "ᵀ": r"^T", "ϕ": r"\phi",
+}  # fmt: skip
+_SMALL = str.maketrans("⁻⁺·⁰¹²³⁴⁵⁶⁷⁸⁹", "-+.0123456789")
+_SUPERSCRIPT = re.compile("[⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹][⁻⁺·⁰¹²³⁴⁵⁶⁷⁸⁹]*")
+
+
+def latex(text: str) -> str:
+    """A label as LaTeX prints it: what stands between dollar signs is mathematics."""
+    parts = re.split(r"(?<!\\)\$([^$]*)(?<!\\)\$", text)
+    return "".join(f"${part}$" if i % 2 else _text(part) for i, part in enumerate(parts))
+
+
+def _text(text: str) -> str:
+    found = latex_text(text.replace(r"\$", "$"))
+    found = _SUPERSCRIPT.sub(lambda m: rf"\ensuremath{{^{{{m[0].translate(_SMALL)}}}}}", found)
+    found = re.sub("(.)\u0304", lambda m: rf"\ensuremath{{\bar {_sign(m[1])}}}", found)
+    return "".join(
+        letter if letter.isascii() or not _sign(letter) else rf"\ensuremath{{{_sign(letter)}}}"
+        for letter in found
+    )
+
+
+def _sign(letter: str) -> str:
+    """A letter in mathematics; empty for one that is a letter of text."""
+    if letter.isascii() or letter in _SIGNS:
+        return _SIGNS.get(letter, letter)
+    words = unicodedata.name(letter, "").split()
+    if words[:1] != ["GREEK"] or words[2:3] != ["LETTER"]:
+        return ""
+    name = words[3].replace("LAMDA", "LAMBDA")
+    return "\\" + (name.lower() if words[1] == "SMALL" else name.capitalize())
+
+
+class _Renderer(backend_pgf.RendererPgf):
+    """matplotlib's, but for the size of texts and the signs in them."""
+
+    def get_text_width_height_descent(self, s: str, prop: Any, ismath: Any) -> Any:
+        """Of the font of the other formats."""
+        other: Any = RendererAgg
+        return other(1, 1, self.dpi).get_text_width_height_descent(s, prop, ismath)
+
+    def draw_text(self, gc: Any, x: Any, y: Any, s: str, *given: Any, **named: Any) -> None:
+        """Write a text, as LaTeX prints it."""
+        write: Any = super().draw_text
+        write(gc, x, y, latex(s), *given, **named)
+
+
+def written(figure: Figure) -> bytes:
+    """The file, which a document with the package pgf inputs."""
+    content = io.StringIO()
+    with patch.object(backend_pgf, "RendererPgf", _Renderer):
+        figure.savefig(content, format="pgf")
+    return content.getvalue().encode()
