@@ -3,7 +3,8 @@
 The (u, λ) form with optimal scaling, the trapezoidal rule and h = 1e-4, on the shipped
 mechanisms with many bodies.  Absolute times depend on the machine and on its other users; the
 ratios, from interleaved rounds, do not.  Exits with 1 when the default takes more than a third
-of the time of partial pivoting, or much more than static elimination.
+of the time of partial pivoting, or much more than static elimination.  Where Exudyn is installed
+it marches Bricard's mechanism, too: rigid bodies with Euler parameters, index 3, full Newton.
 
     python benchmarks/spatial.py
     python benchmarks/spatial.py --against ../main   # another version, in alternate processes
@@ -19,6 +20,7 @@ import time
 import numpy as np
 
 MECHANISMS = "governor", "bricard", "spatial-slider-crank"
+H = 1e-4
 SOLVERS = "auto", "static-lu", "dense-lu"
 AT_MOST = {"dense-lu": 1 / 3, "static-lu": 1.2}
 
@@ -33,12 +35,79 @@ def seconds(name, solver, steps):
     from newmark_cli.newmark.scheme import Scheme
 
     form = FORMS["u-lambda"]
-    scheme = Scheme(Newmark(0.25, 0.5), form, named_scaling("optimal", form), 1e-4)
+    scheme = Scheme(Newmark(0.25, 0.5), form, named_scaling("optimal", form), H)
     march = March(problem(name), scheme, solver)
     march.advance(100)
     begun = time.perf_counter()
     march.advance(steps)
     return (time.perf_counter() - begun) / steps
+
+
+def by_exudyn(exudyn, steps):
+    """A march of Bricard's mechanism in Exudyn: from nothing to seconds per step."""
+    from exudyn.utilities import GenericJoint, MarkerBodyRigid, RigidBodyInertia
+
+    from newmark_cli.mechanisms.registry import problem
+
+    mechanism = problem("bricard").drawing.mechanism
+    system = exudyn.SystemContainer().AddSystem()
+    number = {"ground": system.CreateGround()}
+    for name, body in mechanism.bodies.items():
+        inertia = RigidBodyInertia(mass=body.mass, inertiaTensor=body.tensor)
+        number[name] = system.CreateRigidBody(
+            inertia=inertia, referencePosition=list(body.position),
+            gravity=list(mechanism.gravity),
+        )  # fmt: skip
+    *joints, last = mechanism.joints.values()
+    for joint in joints:
+        system.CreateRevoluteJoint(
+            bodyNumbers=[number[joint.from_], number[joint.to]], position=list(joint.at),
+            axis=list(joint.axis), useGlobalFrame=True,
+        )  # fmt: skip
+    # About x, and without the row that is redundant.
+    places = [0.0, 0.0, 0.0], mechanism.bodies[last.to].position
+    markers = [
+        system.AddMarker(
+            MarkerBodyRigid(bodyNumber=number[end], localPosition=list(np.subtract(last.at, place)))
+        )
+        for end, place in zip((last.from_, last.to), places, strict=True)
+    ]
+    system.AddObject(GenericJoint(markerNumbers=markers, constrainedAxes=[1, 1, 1, 0, 0, 1]))
+    system.Assemble()
+    settings = exudyn.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = steps
+    settings.timeIntegration.endTime = steps * H
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.newton.useModifiedNewton = False
+    settings.timeIntegration.generalizedAlpha.useNewmark = True
+    settings.timeIntegration.generalizedAlpha.useIndex2Constraints = False
+    settings.solutionSettings.writeSolutionToFile = False
+    settings.linearSolverType = exudyn.LinearSolverType.EigenSparse
+
+    def run():
+        begun = time.perf_counter()
+        if not exudyn.MainSolverImplicitSecondOrder().SolveSystem(system, settings):
+            sys.exit("Exudyn did not converge")
+        return (time.perf_counter() - begun) / steps
+
+    return run
+
+
+def against_exudyn(steps, rounds):
+    """Print the ratio of times per step, where there is an Exudyn."""
+    try:
+        import exudyn
+    except ImportError:
+        print("Exudyn is not installed: it is left out")
+        return
+    run = by_exudyn(exudyn, steps)
+    pairs = [(run(), seconds("bricard", "auto", steps)) for _ in range(rounds)]
+    ratio = float(np.median([theirs / ours for theirs, ours in pairs]))
+    theirs, ours = (1e6 * min(times) for times in zip(*pairs, strict=True))
+    print(
+        f"bricard in Exudyn {exudyn.__version__}: {theirs:.0f} µs per step, auto {ours:.1f}, "
+        f"{ratio:.0f} times as long: median"
+    )
 
 
 def measured(steps, rounds):
@@ -96,6 +165,7 @@ def main():
             ratio = float(np.median(cost))
             print(f"  auto takes {ratio:.2f} times as long as {other}, at most {most:.2f}: median")
             slow |= ratio > most
+    against_exudyn(options.steps, options.rounds)
     return int(slow)
 
 
