@@ -26,7 +26,7 @@ from newmark_cli.mechanisms.spatial_model import (
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.algebra import norm, product
-from newmark_cli.problems.problem import Elements, Pattern, Problem
+from newmark_cli.problems.problem import Pattern, Problem
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import Document, KeyPath
@@ -207,7 +207,6 @@ class Builder(builder.Builder):
             derivatives=(
                 elements.timed_constraint_derivatives if timed else elements.constraint_derivatives
             ),
-            elements=elements_of(ints),
             ints=ints,
             reals=reals,
             pattern=Pattern(*mass_places, *x, *y, *g),
@@ -856,14 +855,6 @@ _CROSS = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 _FULL = tuple((c, d) for c in range(3) for d in range(3))
 
 _Entries = list[tuple[int, int]]
-
-
-def elements_of(ints: IndexArray) -> Elements | None:
-    """What code is written from; angles and laws of time take seconds to write out."""
-    kinds = ints[:, elements.KIND]
-    if np.isin(kinds, (elements.ANGLE, elements.HINGE, laws.LAW)).any():
-        return None
-    return Elements(elements.accumulate, np.flatnonzero(kinds != elements.TERM))
 
 
 def _tables(

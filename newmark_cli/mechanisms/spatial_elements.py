@@ -60,8 +60,6 @@ OFFSET, OTHER, THIRD, PARAMETER, REAL_COLUMNS = 0, 3, 6, 9, 15
 PAIRS = ((0, 1), (0, 2), (1, 2))
 
 sine_cosine, at_time, _law_of = timed.sine_cosine, timed.at_time, timed.law
-#: A function that becomes a part of its caller: handing on arrays costs time in each call.
-_inline = cached_njit(nogil=True, error_model="numpy", inline="always")
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
@@ -179,15 +177,26 @@ def _about_axis(t, u, v, ints, reals, e, force, x_values, y_values):
                     y += 1
 
 
-@_inline
-def _accumulate(
-    begin, end, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-):  # fmt: skip
-    """Do what `evaluate` does for the rows begin ≤ e < end; force is added to."""
+@cached_njit(nogil=True, error_model="numpy")
+def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
+
+    Args:
+        t: Time (s).
+        u, v: (n,) coordinates (m, directors without unit) and their rates.
+        multipliers: (m,) λ.
+        ints, reals: Element tables, see the module.
+        force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
+        phi: (m,) overwritten with Φ(u, t).
+        x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
+        y_values: Overwritten with the entries of Y = −∂f/∂v.
+        g_values: Overwritten with the entries of G = Φ_uᵀ.
+    """
     # Constants in the precision of the state: others would raise that of their terms.
     half, one, two = u.dtype.type(0.5), u.dtype.type(1), u.dtype.type(2)
-    e = begin
-    while e < end:
+    force[:] = 0
+    e = 0
+    while e < ints.shape[0]:
         kind, first, second = ints[e, KIND], ints[e, FIRST], ints[e, SECOND]
         row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
         if kind == BODY:
@@ -384,34 +393,6 @@ def _accumulate(
                         y_values[y + 8] = both * dz * dz
                         y += 9
         e += 1 + first + second
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G of a mechanism.
-
-    Args:
-        t: Time (s).
-        u, v: (n,) coordinates (m, directors without unit) and their rates.
-        multipliers: (m,) λ.
-        ints, reals: Element tables, see the module.
-        force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
-        phi: (m,) overwritten with Φ(u, t).
-        x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
-        y_values: Overwritten with the entries of Y = −∂f/∂v.
-        g_values: Overwritten with the entries of G = Φ_uᵀ.
-    """
-    force[:] = 0
-    _accumulate(
-        0, ints.shape[0], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
-        g_values,
-    )  # fmt: skip
-
-
-#: By itself, for `newmark_cli.newmark.linear.written.specialised`.
-accumulate = cached_njit(nogil=True, error_model="numpy")(
-    getattr(_accumulate, "py_func", _accumulate)
-)
 
 
 @cached_njit(nogil=True, error_model="numpy")

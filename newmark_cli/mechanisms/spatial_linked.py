@@ -151,7 +151,6 @@ class Bars:
             constraints=m,
             function=elements.evaluate,
             derivatives=elements.constraint_derivatives,
-            elements=spatial.elements_of(ints),
             ints=ints,
             reals=reals,
             pattern=Pattern(
