@@ -16,10 +16,12 @@ from newmark_cli.report import page
 from newmark_cli.report.drawing import automatic, draw, pgf, plot, sheets
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
+from newmark_cli.report.judging.verdicts import MISS
 from newmark_cli.report.reading.figures import FIGURES, TABLED
-from newmark_cli.report.tables import cures
+from newmark_cli.report.tables import cures, study_tables
 from newmark_cli.study import config, drawing, results
 from newmark_cli.study.measures import RECORDS
+from newmark_cli.study.tabulating import Heading, Layout
 from newmark_cli.support.errors import InputError
 
 TRAPEZOIDAL, DAMPED = "newmark beta=0.25 gamma=0.5", "generalized-alpha rho=0.9"
@@ -798,6 +800,19 @@ def test_tables_of_ones_own(mine):
 def test_wrong_tables(mine, options, told):
     """What there is not is one line."""
     assert told in mine.refused("tables", "mine", *options)
+
+
+def test_strongest_of_several_series(tmp_path):
+    """At step sizes that all of them have; its order is the least of theirs."""
+    weak = table(2.0, quantity="u", integrator=DAMPED)
+    strong = table(1.0, quantity="lambda", integrator=DAMPED)
+    given = written(tmp_path, [*weak, *strong[:-1]])
+    column = Heading("worst", {"quantity": ("u", "lambda")})
+    ((_, ((_, found),)),) = study_tables.groups(given.slopes, Layout(("problem",), (), (column,)))
+    assert found.h.tolist() == sorted({row["h"] for row in strong[:-1]}, reverse=True)
+    assert found.fit.slope == pytest.approx(1)
+    assert found.expected == 2
+    assert found.verdict == MISS
 
 
 def test_tables_of_a_config(cli):

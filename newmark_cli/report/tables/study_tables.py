@@ -123,7 +123,7 @@ def groups(slopes: Sequence[Slope], layout: Layout) -> list[tuple[str, list[Plac
     """Title and entries of each table of a layout."""
     ours = [slope for slope in slopes if _is(slope, layout.choice)]
     if not (layout.columns or layout.headings):
-        return [(layout.title or (ours[0].study if ours else ""), [("", s) for s in ours])]
+        return [(layout.title or ours[0].study, [("", slope) for slope in ours])] if ours else []
     across = {axis for heading in layout.headings for axis in heading.choice} | {*layout.columns}
     apart = [axis for axis in (*AXES, "initial") if axis not in (*layout.rows, *across)]
     tables: dict[tuple[str, ...], list[Slope]] = {}
@@ -170,18 +170,21 @@ def _headed(
 
 
 def _strongest(slopes: Sequence[Slope]) -> Slope:
-    """The largest of several series at each step size, with the least of their orders."""
+    """The largest of several series at each step size of all, with the least of their orders."""
     first = slopes[0]
     if len(slopes) == 1:
         return first
-    values = np.max([slope.values for slope in slopes], axis=0)
-    fit: Fit = power_law(first.h, values)
-    expected = min(slope.expected for slope in slopes)
-    tolerance = min(slope.tolerance for slope in slopes)
+    points = [dict(zip(slope.h.tolist(), slope.values.tolist(), strict=True)) for slope in slopes]
+    h = np.array(sorted(set.intersection(*map(set, points)), reverse=True))
+    values = np.array([max(each[size] for each in points) for size in h.tolist()])
+    fit: Fit = power_law(h, values)
+    expected = np.min([slope.expected for slope in slopes])
+    tolerance = np.min([slope.tolerance for slope in slopes])
     verdict = PASS if abs(fit.slope - expected) <= tolerance else MISS
     return replace(
-        first, values=values, fit=fit, expected=expected, tolerance=tolerance, verdict=verdict
-    )
+        first, h=h, values=values, fitted=np.isfinite(values), fit=fit, expected=float(expected),
+        tolerance=float(tolerance), verdict=SHOWN if np.isnan(expected) else verdict,
+    )  # fmt: skip
 
 
 def _cross(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
