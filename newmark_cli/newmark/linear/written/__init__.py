@@ -9,7 +9,8 @@ before the march:
    pivoting exchanged the rows before (`exchanges`).
 2. `static_elimination` eliminates by these lists, in loops.  It serves matrices of any size, and
    says so where a pivot fails: another solver then takes the step.
-3. `generated` writes the same elimination out as straight-line code, up to 800 operations.
+3. `generated` writes the same elimination out as straight-line code, up to 800 operations, or
+   3,000 with pivots by size.
 4. `specialised` writes out the evaluation of a mechanism: the loop over its elements, called
    with ranges that are constants, so that LLVM unrolls it, and the assembly of the residual;
    elimination, where it is written out too, becomes a part of the same function.
