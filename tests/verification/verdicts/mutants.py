@@ -280,7 +280,7 @@ def compared(name: str, mutation: Mutation, clean: Any, wrong: Any) -> Iterator[
         changed = shift(h, values, before)
         tolerance = fit["tolerance"] if np.isfinite(fit["tolerance"]) else 0.2
         # Who takes a series that noise bends to what theory says has made nothing wrong.
-        off = shift(h, before, np.ones(len(before))) - fit["expected"]
+        off = fit_before["slope"] - fit["expected"]
         mended = abs(off + changed) < abs(off)
         yield {
             "mutation": name,
