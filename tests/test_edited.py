@@ -13,7 +13,6 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.mechanisms.spec import PythonFactory, owner
 from newmark_cli.running import runner
-from newmark_cli.support import apart
 from newmark_cli.support.errors import InputError
 
 #: A point of 1 kg that hangs on a bar and is pushed sideways: the push is its acceleration.
@@ -222,11 +221,10 @@ def test_code_that_has_changed_is_refused(tmp_path, monkeypatch, kind):
 
 
 def test_processes_of_compiled_code_are_of_one_reading(tmp_path):
-    """What the code reads besides may have changed before the next; plain code keeps none."""
+    """What the code reads besides may have changed before the next."""
     written(tmp_path, CODE)
     spec = PythonFactory(tmp_path / "mine.py", "hangs", (), "mine.py:hangs")
     one, two = (replace(spec.read(), described=newmark.problem("pendulum")) for _ in range(2))
     assert one.code == two.code
-    assert not [whose for whose, *_ in apart._waiting if whose in (one.reading, two.reading)]
     assert owner(one) == owner(one) != owner(two)
     assert owner(replace(spec, described=newmark.problem("pendulum"))) is None

@@ -2,13 +2,11 @@
 
 import csv
 import os
-import signal
 
 import pytest
 from conftest import SWING, CommandLine
 
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
-from newmark_cli.support import apart
 
 #: What a problem may do to the process that it runs in, in a line of Python.
 HARM = {
@@ -159,49 +157,6 @@ def test_whatever_an_import_raises_is_one_line(cli):
     # As when it runs.
     assert cli.refused("run", files[-1], "--allow-code") == expected[-1]
     assert not (cli.folder / "results").exists()
-
-
-# -- processes ------------------------------------------------------------------------------
-
-
-def patch():
-    """Change this process, and say whether it had been changed before."""
-    before = hasattr(os, "changed")
-    os.changed = True
-    return before, os.getpid()
-
-
-def test_processes_share_nothing():
-    """Each is a process of its own, and none sees what another has done."""
-    found = [apart.call(patch, ()) for _ in range(3)]
-    assert [before for before, _ in found] == [False] * 3
-    assert len({os.getpid(), *(pid for _, pid in found)}) == 4
-    assert not hasattr(os, "changed")
-
-
-def test_owners_keep_their_processes():
-    """As long as they live; another owner gets another."""
-    first, again = (apart.call(patch, (), owner="mine") for _ in range(2))
-    assert (first[0], again) == (False, (True, first[1]))
-    other = apart.call(patch, (), owner="yours")
-    assert other[0] is False
-    assert other[1] != first[1]
-    with pytest.raises(apart.ApartError, match="its process ended with code 7"):
-        apart.call(os._exit, (7,), owner="mine")
-    anew = apart.call(patch, (), owner="mine")
-    assert anew[0] is False
-
-
-def wait_for_ever():
-    """Until somebody ends the process."""
-    signal.pause()
-
-
-def test_calls_end_in_time():
-    """The process is ended, and the next call has another."""
-    with pytest.raises(apart.TookLonger, match=r"^took longer than 0\.2 s$"):
-        apart.call(wait_for_ever, (), timeout=0.2, owner="late")
-    assert apart.call(patch, (), owner="late")[0] is False
 
 
 def test_no_code_runs_here(tmp_path):

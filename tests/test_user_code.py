@@ -81,7 +81,7 @@ def test_imports(tmp_path, kind):
     assert not list(made.rglob("__pycache__"))
 
 
-@each("kind", KINDS)
+@each("kind", ["lazy-module", "package", "folder"])
 def test_travelling(tmp_path, kind):
     """To where the files are not: the same problem, by its content."""
     made = folder(tmp_path, "here", KINDS[kind])
@@ -92,7 +92,7 @@ def test_travelling(tmp_path, kind):
     assert carried.load().content == content
 
 
-@each("kind", KINDS)
+@each("kind", ["lazy-module", "package", "folder"])
 def test_each_its_own(tmp_path, kind):
     """Two problems whose modules have the same names."""
     for name, size in (("a", "2.0"), ("b", "3.0")):
@@ -100,7 +100,7 @@ def test_each_its_own(tmp_path, kind):
         assert length(factory(folder(tmp_path, name, files))) == float(size)
 
 
-@each("kind", KINDS)
+@each("kind", ["lazy-module", "package", "folder"])
 def test_file_times_do_not_matter(tmp_path, monkeypatch, kind):
     """A text of the same length and time as one before it; Python's bytecode would be stale."""
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
