@@ -5,9 +5,13 @@ directory, the environment; it may end the process, or not come back.  So a proc
 runs it does nothing else, and runs one problem only.
 
 A process is a fork of a server, which has imported the package and never runs user code:
-it starts in milliseconds, and knows nothing of what ran before.  The standard library's
-server listens on a socket with a name, imports the main module of the program, and is
-refused to the workers of dask.  Windows cannot fork: there problems in Python are refused.
+it starts in milliseconds, and knows nothing of what ran before.  Between the two stands a
+watcher, another fork, which reports how the process ended, and ends it when the connection
+closes: when a call takes too long, or whoever asked is gone, however it went.
+
+The fork server of the standard library does not serve: its socket has a name, which may be
+too long and outlives a kill; it imports the program's main module; workers of dask may not
+use it.  Windows cannot fork: there problems in Python are refused.
 """
 
 import atexit
@@ -196,6 +200,10 @@ class _Process:
 
     def end(self) -> None:
         """End the process at once, whatever it does."""
+        # A fork of this process may hold the connection, too.
+        ours = socket.socket(fileno=os.dup(self._connection.fileno()))
+        with ours, contextlib.suppress(OSError):
+            ours.shutdown(socket.SHUT_RDWR)
         self._connection.close()
         self._ended.close()
 
