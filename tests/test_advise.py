@@ -265,22 +265,14 @@ EYE, COLUMN = np.eye(3), np.ones((3, 1))
 BAD = {
     "not square": (lambda p: npz(p, M=np.ones((3, 2)), G=COLUMN), "M must be square, given 3 by 2"),
     "sizes": (lambda p: npz(p, M=EYE, G=np.ones((4, 1))), "G must be 3 by 1, given 4 by 1"),
-    "X": (lambda p: npz(p, M=EYE, G=COLUMN, X=np.eye(2)), "X must be 3 by 3, given 2 by 2"),
-    "u": (lambda p: npz(p, M=EYE, G=COLUMN, u=np.ones(2)), "u must be 3, given 2"),
     "part of a state": (lambda p: npz(p, M=EYE, G=COLUMN, u=np.ones(3)), "v, a, lambda is missing"),
     "NaN": (lambda p: npz(p, M=EYE * np.nan, G=COLUMN), "M has nan at (1, 1); must be finite"),
-    "infinity": (lambda p: npz(p, M=EYE, G=COLUMN / 0.0), "G has inf at (1, 1); must be finite"),
     "complex": (lambda p: npz(p, M=EYE * 1j, G=COLUMN), "M is complex; must be real"),
-    "text": (lambda p: npz(p, M=np.array(["a"]), G=COLUMN), "M must be a matrix or a vector"),
-    "cube": (lambda p: npz(p, M=np.ones((2, 2, 2)), G=COLUMN), "an array of 3 dimensions"),
     "rank": (lambda p: npz(p, M=EYE, G=np.ones((3, 2))), "G has rank below 2"),
-    "more rows": (lambda p: npz(p, M=EYE, G=np.ones((3, 4))), "G has rank below 4"),
-    "zero": (lambda p: npz(p, M=EYE, G=0 * COLUMN), "G has rank below 1"),
     "saddle": (lambda p: npz(p, M=np.diag([1.0, 0, 0]), G=COLUMN), "[M −G; Gᵀ 0] is singular"),
     "missing": (lambda p: npz(p, M=EYE), "G is missing; needed: M, G"),
     "none": (lambda p: npz(p, A=EYE), "the file has none of M, G"),
     "large": (lambda p: npz(p, M=np.ones((1, 5000)), G=COLUMN), "1 by 5000; at most 4000"),
-    "no zip": (lambda p: p.write_bytes(b"PK\x03\x04 no") and p, "not an .npz file"),
     "empty": (lambda p: p.write_bytes(b"") or p, "not an .npz file"),
 }  # fmt: skip
 
@@ -322,14 +314,10 @@ def test_truncated_files_are_refused(example, cli):
 
 MARKET = "%%MatrixMarket matrix"
 BAD_MARKETS = {
-    "nothing": "",
     "not one": "hello\n1 2 3\n",
     "cut off": f"{MARKET} array real general\n2 2\n1.0\n",
-    "too many": f"{MARKET} coordinate real general\n2 2 1000000000\n1 1 1.0\n",
-    "outside": f"{MARKET} coordinate real general\n2 2 1\n3 1 1.0\n",
     "complex": f"{MARKET} array complex general\n1 1\n1.0 1.0\n",
     "enormous": f"{MARKET} array real general\n100000 100000\n1.0\n",
-    "overflow": f"{MARKET} array real general\n99999999999999999999999 1\n1.0\n",
     "nan": f"{MARKET} array real general\n2 2\n1\nnan\n1\n1\n",
 }
 
@@ -856,26 +844,6 @@ def test_an_inverse_is_not_taken_for_a_jacobian(form, scaling):
                 continue
             with pytest.raises(newmark.NewmarkError, match="is the inverse of a Jacobian"):
                 newmark.advise_jacobian(np.linalg.inv(jacobian), blocks=blocks, h=h)
-
-
-@each("size, said", [
-    (1e308, "J has 1e+308 at (1, 2); the largest of a row or column must be 0 or"),
-    (1e-200, None), (5e-324, None),
-])  # fmt: skip
-def test_sizes_that_would_overflow(cli, size, said):
-    """What is too large is refused in one line; what is nothing next to the others is nothing."""
-    matrix = UNSCALED.copy()
-    matrix[0, 1] = size
-    np.savez(cli.folder / "far.npz", J=matrix, h=1e-3)
-    command = ("advise", "--jacobian", "far.npz", "--blocks", "u=2,lambda=1")
-    if said:
-        assert said in cli.refused(*command)
-        return
-    done = cli(*command)
-    assert done.stderr == ""
-    assert (
-        done.stdout == str(newmark.advise_jacobian(UNSCALED, blocks="u=2,lambda=1", h=1e-3)) + "\n"
-    )
 
 
 @pytest.mark.usefixtures("few_draws")

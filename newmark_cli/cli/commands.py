@@ -57,11 +57,12 @@ def _past_click() -> Iterator[None]:
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="newmark-study")
 def cli() -> None:
-    """Newmark integration of index-3 multibody DAEs at small step sizes.
+    """Study what small time steps do to Newmark integration of constrained mechanisms.
 
-    Runs studies of last decreasing Newton corrections and condition numbers,
-    draws Figures 1-9 of Bottasso, Dopico and Trainelli, and checks fitted
-    slopes against predicted orders.
+    A study varies the step size and records Newton's corrections, condition numbers
+    and errors.  The commands run studies, draw them and check the fitted slopes
+    against predicted orders.  They reproduce Figures 1-9 of Bottasso, Dopico and
+    Trainelli (2008) and do the same for your own mechanism.
 
     \b
     Example:

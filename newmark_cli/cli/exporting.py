@@ -45,15 +45,17 @@ def _sizes(
     default=Path("systems"),
     show_default=True,
     metavar="DIR",
-    help="Folder to write; replaced if an export has written all that is in it.",
+    help="Folder to write; replaced if all its files come from an export.",
 )
 @click.option(
     "--steps",
     callback=_steps,
     metavar="LIST",
-    help="Numbers of steps, such as 1,10,100; by default five, evenly spread.",
+    help="Steps to export, such as 1,10,100; by default five, evenly spread.",
 )
-@click.option("--every", type=click.IntRange(1), metavar="K", help="Every K-th step instead.")
+@click.option(
+    "--every", type=click.IntRange(1), metavar="K", help="Export every K-th step instead."
+)
 @click.option(
     "--t-end",
     type=float,
@@ -63,7 +65,7 @@ def _sizes(
 @click.option(
     "--all-iterations",
     is_flag=True,
-    help="Systems of all of Newton's iterations; by default of the first and last of each step.",
+    help="Export every Newton iteration; by default the first and last of each step.",
 )
 @click.option(
     "--h",
@@ -71,33 +73,33 @@ def _sizes(
     multiple=True,
     callback=_sizes,
     metavar="H",
-    help="Step size (s); may be repeated.  1e-3, 1e-5 and 1e-7 for a problem, or the study's.",
+    help="Step size (s); may be repeated.  By default the study's, or 1e-3, 1e-5 and 1e-7.",
 )
 @axis_option(
     "form",
     "FORM",
-    "Form; may be repeated.  u-lambda for a problem, or the study's.",
+    "Form; may be repeated.  By default the study's, or u-lambda.",
     "forms",
     multiple=True,
 )
 @axis_option(
     "preconditioning",
     "VARIANT",
-    "Scaling; may be repeated.  none and optimal for a problem, or the study's.",
+    "Scaling; may be repeated.  By default the study's, or none and optimal.",
     "preconditioning",
     multiple=True,
 )
 @axis_option(
     "integrator",
     "METHOD",
-    "Such as 'generalized-alpha rho=0.9'; may be repeated.",
+    "Integrator, such as 'generalized-alpha rho=0.9'; may be repeated.",
     "integrators",
     multiple=True,
 )
 @axis_option(
     "formulation",
     "FORMULATION",
-    "Such as ggl or 'baumgarte rate_h=1'; may be repeated.",
+    "Formulation, such as ggl or 'baumgarte rate_h=1'; may be repeated.",
     "formulations",
     multiple=True,
 )
@@ -107,7 +109,7 @@ def _sizes(
     multiple=True,
     help="How residuals are evaluated; may be repeated.",
 )
-@click.option("--force", is_flag=True, help="Write into DIR even if it holds other files.")
+@click.option("--force", is_flag=True, help="Write to DIR even if it holds other files.")
 @allow_code_option
 def export(
     subjects: tuple[str, ...],
@@ -127,10 +129,11 @@ def export(
 ) -> int:
     """Export the linear systems of marches as Matrix Market files.
 
-    For every chosen step writes the Jacobian as the solver sees it, the right-hand
-    side, and the solution to 60 digits, with DIR/index.json to say what they are; see
-    docs/export.md.  Of a study, the options choose among its cells.  The same export
-    writes the same bytes.  Exits with 1 if a march ends before the last chosen step.
+    For every chosen step, writes the Jacobian as the solver sees it, the right-hand
+    side and the solution to 60 digits; DIR/index.json describes them, and
+    docs/export.md has the format.  If the subject is a study, the options select some
+    of its cells.  Repeating an export writes the same bytes.  Exits with 1 if a march
+    ends before the last chosen step.
 
     \b
     Example:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     "file",
     metavar="CONFIG",
     shell_complete=complete_config,
-    help="Take the forms, scalings and formulations of a config.",
+    help="Use the forms, scalings and formulations of a config.",
 )
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
@@ -55,8 +55,8 @@ def orders(
 ) -> int:
     """Predict orders in h: of J, its inverse, corrections and C.
 
-    Laid out as in Sections 3 and 4 of the paper; C is the condition number.  With
-    --derive, finds the least powers of h that make every block O(1), and compares
+    Prints tables as in Sections 3 and 4 of the paper; C is the condition number.  With
+    --derive, finds the smallest powers of h that make every block O(1) and compares
     them with Table 2.
 
     \b
@@ -85,11 +85,11 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    FILE is also the name of a shipped study or problem, or a file's name without .yaml.
-    Prints a line for each valid file, with the degrees of freedom of a mechanism, and a line
-    for each mistake in the others.  For a spatial mechanism, also says what is redundant and
-    gives the inertia of each body.  Warns of sizes that are probably mistakes.  Exits with 2
-    if a file is not valid.
+    FILE may also be the name of a shipped study or problem, or lack its .yaml.  Prints one
+    line for each valid file and one for each mistake in the others.  The line of a mechanism
+    has its degrees of freedom; for a spatial one, further lines have redundant constraints
+    and the inertia of each body.  Warns of sizes that are probably mistakes.  Exits with 2 if
+    a file is not valid.
 
     \b
     Example:
@@ -128,7 +128,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     "step",
     type=float,
     metavar="H",
-    help="Step size (s); by default it is halved until nothing visible changes.",
+    help="Step size (s); by default halved until nothing visible changes.",
 )
 @click.option(
     "--integrator",
@@ -166,10 +166,10 @@ def draw(
 ) -> int:
     """Draw a mechanism, at its start or after a motion.
 
-    PROBLEM is a shipped problem, a mechanism file, or a member of a family, such
-    as 'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg.  The motion
-    up to T is computed with numerical damping and compared with a coarser one; if
-    they differ visibly, a warning says so.
+    PROBLEM is a shipped problem, a mechanism file, or a member of a family such as
+    'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg.  The motion up to T
+    is computed with numerical damping and compared with a coarser one; a warning is
+    printed if they differ visibly.
 
     \b
     Example:
@@ -231,8 +231,8 @@ def draw(
 def schema(kind: str) -> int:
     """Print the JSON Schema of configs or of mechanism files.
 
-    Editors complete and check such files with it.  "mechanism" is the one of planar
-    mechanisms, "spatial" that of spatial ones.
+    With it, editors complete and check such files.  "mechanism" is for planar
+    mechanisms, "spatial" for spatial ones.
 
     \b
     Example:
@@ -254,10 +254,10 @@ _EXPLAINED = {
 @click.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def list_(as_json: bool) -> int:
-    """List all that a config can name, and the figures.
+    """List everything that a config can name, and the figures.
 
-    Lists problems, forms, integrators, scalings, measures, shipped configs and
-    figures, each with one line that says what it is.
+    Lists problems, forms, integrators, scalings, measures, shipped studies and
+    figures, with one line of description each.
 
     \b
     Example:

@@ -4,7 +4,6 @@ import functools
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,7 @@ studies_argument = click.argument(
 
 
 allow_code_option = click.option(
-    "--allow-code", is_flag=True, help="Allow problems in Python; loading them runs their code."
+    "--allow-code", is_flag=True, help="Allow problems in Python; loading one runs its code."
 )
 
 
@@ -74,18 +73,18 @@ evaluation_option = click.option(
 formulation_option = axis_option(
     "formulation",
     "FORMULATION",
-    "Such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
+    "Formulation, such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
     "formulations",
 )
 
 
 #: Axis → metavar and words for the options by which `show` and `plot` choose series.
 _CHOSEN = {
-    "measure": ("M", "Measure, such as correction or, to `plot`, work-precision", ()),
+    "measure": ("M", "Measure, such as correction; for `plot` also work-precision", ()),
     "quantity": ("Q", "Quantity, such as u or lambda", ()),
     "form": ("F", "Form", ("forms",)),
     "problem": ("P", "Problem", ("problems",)),
-    "preconditioning": ("V", "Variant of preconditioning", ("preconditioning",)),
+    "preconditioning": ("V", "Scaling", ("preconditioning",)),
     "integrator": ("I", "Integrator, with or without its parameters", ("integrators",)),
 }
 
@@ -104,7 +103,7 @@ format_option = click.option(
     type=click.Choice(["csv", "parquet"]),
     default="csv",
     show_default=True,
-    help="How trajectories are written.",
+    help="File format of trajectories.",
 )
 
 
@@ -113,26 +112,25 @@ jobs_option = click.option(
     type=click.IntRange(1, 1024),
     default=None,
     metavar="N",
-    help="Threads, or processes for problems in Python; by default one per usable processor.",
+    help="Number of threads, or of processes for problems in Python; one per processor by default.",
 )
 
 
 def running_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Options of the commands that run studies, gathered into one argument ``how``."""
+    """Options of the commands that run studies, gathered into `runner.Options`, ``how``."""
 
     @functools.wraps(command)
     def gathered(
-        jobs: int | None, force: bool, fail_fast: bool, timeout: float | None, executor: str,
-        scheduler: str | None, quiet: bool, verbose: bool, **rest: Any,
+        jobs: int | None, timeout: float | None, executor: str, scheduler: str | None,
+        force: bool, fail_fast: bool, **rest: Any,
     ) -> int:  # fmt: skip
         if scheduler is not None and executor != "dask":
             raise click.UsageError("--scheduler needs --executor dask")
         if timeout is not None and math.isnan(timeout):
             raise click.UsageError("--timeout: must be a number of seconds, given nan")
-        how = How(
-            jobs or usable(), force, fail_fast, timeout, executor, scheduler, quiet,
-            verbose,
-        )  # fmt: skip
+        from newmark_cli.running.runner import Options
+
+        how = Options(jobs or usable(), force, fail_fast, timeout, executor, scheduler)
         return command(how=how, **rest)
 
     for option in reversed(
@@ -141,13 +139,13 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
             click.option("--force", is_flag=True, help="Recompute cached cells."),
             click.option(
                 "--fail-fast/--keep-going",
-                help="Stop at the first cell that fails, or run the others too (default).",
+                help="Stop at the first cell that fails, or run all others (default).",
             ),
             click.option(
                 "--timeout",
                 type=click.FloatRange(0, 1e9, min_open=True),
                 metavar="SECONDS",
-                help="Time limit per cell; a cell that exceeds it counts as failed.",
+                help="Time limit per cell; a cell that exceeds it fails.",
             ),
             click.option(
                 "--executor",
@@ -159,7 +157,7 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
             click.option(
                 "--scheduler",
                 metavar="ADDRESS",
-                help="Address of the dask scheduler; by default, workers start on this machine.",
+                help="Address of a dask scheduler; by default, workers start on this machine.",
             ),
             click.option("-q", "--quiet", is_flag=True, help="Print errors only."),
             click.option("-v", "--verbose", is_flag=True, help="Print a line for every cell."),
@@ -167,20 +165,6 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
     ):
         gathered = option(gathered)
     return gathered
-
-
-@dataclass(frozen=True)
-class How:
-    """Options of `running_options`."""
-
-    jobs: int
-    force: bool
-    fail_fast: bool
-    timeout: float | None
-    executor: str
-    scheduler: str | None
-    quiet: bool
-    verbose: bool
 
 
 def as_json_text(value: object) -> str:

@@ -11,16 +11,16 @@ from newmark_cli.cli.options import allow_code_option, complete_config, results_
 @click.command()
 @click.argument("configs", nargs=-1, metavar="[CONFIG]...", shell_complete=complete_config)
 @results_folder
-@click.option("--dry-run", is_flag=True, help="Say what would be removed, and remove nothing.")
+@click.option("--dry-run", is_flag=True, help="Report what would be removed; remove nothing.")
 @allow_code_option
 def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: bool) -> int:
     """Remove cached cells that no study needs.
 
-    Keeps the cells in DIR/cells from which a CSV in DIR was made, and those of
-    studies that are not finished.  With a CONFIG, keeps the cells that it needs
-    now instead of those of its CSV.  Also removes damaged cells, cells of another
-    version of the numerical core from which no CSV was made, and temporary files
-    of runs that were killed.  Does not touch CSVs and figures.
+    Keeps the cells in DIR/cells that a CSV in DIR was made from, and those of
+    unfinished studies.  For each CONFIG, keeps the cells that it needs now instead of
+    those of its CSV.  Also removes damaged cells, cells of another version of the
+    numerical core that no CSV was made from, and temporary files of killed runs.
+    Never touches CSVs or figures.
 
     \b
     Example:

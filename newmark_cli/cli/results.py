@@ -64,17 +64,20 @@ def _size(
     show_default=True,
     callback=_formats,
     metavar="LIST",
-    help="Formats of the files: some of png, svg, pdf and pgf, with commas between them.",
+    help="File formats, separated by commas: png, svg, pdf, pgf.",
 )
 @click.option(
-    "--size", callback=_size, metavar="W[xH]", help="Width, and height, of each figure in inches."
+    "--size",
+    callback=_size,
+    metavar="W[xH]",
+    help="Width of each figure in inches, or width and height.",
 )
 @click.option(
     "--style",
     "style_file",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Style file of matplotlib, applied over the project's style.",
+    help="Matplotlib style file, applied on top of the project's style.",
 )
 @choosing_options
 @click.option(
@@ -82,7 +85,7 @@ def _size(
     type=click.Choice(["operations", "wall-time"]),
     default="operations",
     show_default=True,
-    help="What work-precision figures measure work by; wall times need `run --timed`.",
+    help="Measure of work in work-precision figures; wall-time needs `run --timed`.",
 )
 @click.option(
     "--all", "everything", is_flag=True, help="Draw all figures of a study, however many."
@@ -100,10 +103,10 @@ def plot(
 ) -> int:
     """Draw figures of the paper and of studies.
 
-    By default draws all that the CSVs in DIR are enough for.  A study without
-    figures of its own gets one for each problem, form, quantity and measure; its
-    config can define others under 'figures:'.  Writes DIR/figures/figure-<n> or
-    <study>-<what it shows>, and DIR/slopes.csv.
+    By default, draws every figure that the CSVs in DIR suffice for.  A study gets one
+    for each problem, form, quantity and measure, unless its config defines others
+    under 'figures:'.  Writes DIR/figures/figure-<n> or <study>-<what it shows>, and
+    DIR/slopes.csv.
 
     \b
     Example:
@@ -134,7 +137,7 @@ def plot(
     "--all",
     "show_all",
     is_flag=True,
-    help="Show every slope, not only those of figures and misses.",
+    help="Show every slope, not only misses and those of the paper's figures.",
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print every slope, claim and expectation as JSON."
@@ -145,7 +148,7 @@ def plot(
     "--junit",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write what is asserted as JUnit XML, for continuous integration.",
+    help="Write the checks as JUnit XML, for continuous integration.",
 )
 def check(
     studies: tuple[str, ...],
@@ -158,13 +161,13 @@ def check(
 ) -> int:
     """Check slopes against predicted orders, claims and expectations.
 
-    Prints and judges the studies that are named, by default all in DIR.  Writes
-    DIR/slopes.csv, with the slopes of all.  Exits with 1 if a slope misses its
-    prediction by more than its tolerance, if a series does not converge or lacks
-    results, if a claim of a figure or an expectation of the config fails, if a CSV
-    differs from its record, or if nothing could be judged.  Series whose step sizes
-    are too few or too coarse to tell are warned of; with --strict they fail.  In
-    GitHub's workflows (GITHUB_ACTIONS=true), annotates the run with what fails.
+    Judges and prints the named studies, by default all in DIR, and writes the slopes
+    of all studies to DIR/slopes.csv.  Exits with 1 if a slope misses its prediction by
+    more than its tolerance, a series does not converge or lacks results, a claim of a
+    figure or an expectation of the config fails, a CSV differs from its record, or
+    nothing could be judged.  Warns of series with too few or too coarse step sizes;
+    with --strict they fail.  In GitHub workflows (GITHUB_ACTIONS=true), annotates the
+    run with failures.
 
     \b
     Example:
@@ -218,37 +221,40 @@ def check(
     "--rows",
     callback=_names,
     metavar="AXES",
-    help="Axes that are rows, with commas between them; preconditioning by default, and for "
-    "--list all that vary.",
+    help="Axes of the rows, separated by commas; preconditioning by default, or with --list "
+    "all that vary.",
 )
 @click.option(
-    "--columns", callback=_names, metavar="AXES", help="Axes that are columns; default: quantity."
+    "--columns", callback=_names, metavar="AXES", help="Axes of the columns; quantity by default."
 )
 @click.option(
-    "--list", "as_list", is_flag=True, help="Give each series a row, and its values as columns."
+    "--list",
+    "as_list",
+    is_flag=True,
+    help="Print one row for each series, with its values as columns.",
 )
 @click.option(
     "--values",
     "shown",
     callback=_names,
     metavar="LIST",
-    help="What is said of a series: some of predicted, tolerance, fitted, slope, stderr, points, "
-    "h_from, h_to, local_orders, verdict and reason; by default predicted and fitted, and for "
-    "--list slope, stderr, predicted and verdict.",
+    help="Values to print, separated by commas: predicted, tolerance, fitted, slope, stderr, "
+    "points, h_from, h_to, local_orders, verdict, reason; by default predicted and fitted, or "
+    "with --list slope, stderr, predicted and verdict.",
 )
 @click.option(
     "--format",
     "written",
     type=click.Choice(["text", "markdown", "latex", "csv"]),
-    help="How tables are printed; by default those of studies that are named as markdown, others "
-    "as text, which are then also written into DIR/tables.",
+    help="Format of printed tables.  By default markdown for a named study; other tables are "
+    "printed as text and also written to DIR/tables.",
 )
 @click.option(
     "--formulations",
     is_flag=True,
-    help="Make the tables of all formulations, predicted only; they need no results.",
+    help="Tabulate the predicted orders of all formulations; needs no results.",
 )
-@click.option("--cures", is_flag=True, help="Tabulate which cure cures what.")
+@click.option("--cures", is_flag=True, help="Tabulate what each cure cures.")
 def tables(
     studies: tuple[str, ...],
     folder: Path,
@@ -264,17 +270,17 @@ def tables(
 ) -> int:
     """Make tables of studies, or Tables 1 and 2 of the paper, predicted and measured.
 
-    Of studies that are named, prints the tables that their configs define under
-    'tables:', else the orders of their series, predicted and fitted: a table for each
-    combination of what is neither rows nor columns.  With --list, each series has a
-    row.  Options choose other rows, columns, values and series.
+    For a named study, prints the tables that its config defines under 'tables:', or
+    else the predicted and fitted orders of its series: one table for each combination
+    of the axes that are neither rows nor columns.  With --list, prints one row for each
+    series.  Options select other rows, columns, values and series.
 
-    Without a study, reads the CSV of all-forms; writes DIR/tables/table-1 and table-2 as .md, .csv
-    and .tex.  Exits with 1 if an entry is not as predicted.  With --formulations,
-    writes DIR/tables/formulations likewise: predicted orders of corrections and
-    condition numbers, and the factors that formulations add to Table 2.  With --cures,
-    reads the CSVs of cures, cures-tolerance and cures-krylov, and writes
-    DIR/tables/cures; exits with 1 if a cell is not as predicted.
+    Without a study, reads the CSV of all-forms and writes DIR/tables/table-1 and table-2
+    as .md, .csv and .tex.  With --formulations, writes DIR/tables/formulations:
+    predicted orders of corrections and condition numbers, and the factors that
+    formulations add to Table 2.  With --cures, reads the CSVs of cures, cures-tolerance
+    and cures-krylov and writes DIR/tables/cures.  Exits with 1 if an entry is not as
+    predicted.
 
     \b
     Example:
@@ -321,7 +327,7 @@ def tables(
 def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
     """Show where results come from: code, versions, machine, times.
 
-    Reads DIR/<study>.json, by default for every study in DIR.
+    Reads DIR/<study>.json, by default of every study in DIR.
 
     \b
     Example:
@@ -349,8 +355,8 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
 def verify(studies: tuple[str, ...], folder: Path) -> int:
     """Compare CSVs with their recorded checksums.
 
-    Verifies the studies that are named, by default all in DIR.  Prints a line for each
-    file; exits with 1 if one differs, is missing, or has no record.
+    Verifies the named studies, by default all in DIR.  Prints a line for each file and
+    exits with 1 if one differs, is missing or has no record.
 
     \b
     Example:
@@ -378,15 +384,15 @@ def verify(studies: tuple[str, ...], folder: Path) -> int:
     "--all",
     "everything",
     is_flag=True,
-    help="Show every difference, not only the first ten of each kind.",
+    help="Show all differences, not only ten of each kind.",
 )
 def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     """Compare two results folders: cells, values, slopes, verdicts.
 
-    Values at rounding level (corrections, errors, residuals) differ from machine
-    to machine, and are compared within a factor of ten.  Exits with 1 if the
-    verdict on a slope or a claim differs between A and B, or if a study in both has
-    cells, series or rows in one of them only.
+    Values at rounding level (corrections, errors, residuals) differ between machines
+    and are compared within a factor of ten.  Exits with 1 if A and B differ in the
+    verdict on a slope or a claim, or if a study in both has cells, series or rows in
+    only one of them.
 
     \b
     Example:
@@ -412,8 +418,8 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
 def report(folder: Path, output: Path | None) -> int:
     """Write the results in DIR as one HTML page.
 
-    The page has the claims, figures, tables and provenance, and needs no other
-    file and no network.  To write it, install the extra `report`.
+    The page contains the claims, figures, tables and provenance.  It needs no other
+    file and no network.  Writing it needs the extra `report`.
 
     \b
     Example:

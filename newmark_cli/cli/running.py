@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,6 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
-    How,
     allow_code_option,
     complete_config,
     format_option,
@@ -21,7 +21,7 @@ from newmark_cli.support import interrupts
 
 if TYPE_CHECKING:
     from newmark_cli.cli.terminal import Counts
-    from newmark_cli.running.runner import StudyRun
+    from newmark_cli.running.runner import Options, StudyRun
     from newmark_cli.study.config import Study
 
 
@@ -43,37 +43,41 @@ def _shard(
 @results_folder
 @running_options
 @click.option(
-    "--dry-run", is_flag=True, help="List every cell as done or to run, and why; run none."
+    "--dry-run",
+    is_flag=True,
+    help="List every cell as done or to run, and why; run nothing.",
 )
 @click.option(
     "--shard",
     callback=_shard,
     metavar="I/N",
-    help="Run only the I-th of N parts; `merge` puts them together.",
+    help="Run only part I of N; `merge` combines the parts.",
 )
 @click.option(
     "--timed",
     is_flag=True,
-    help="Also time the march of each cell by itself, one cell after another.",
+    help="Also time each march alone, one cell at a time.",
 )
 @format_option
 @allow_code_option
 def run(
     configs: tuple[str, ...],
     folder: Path,
-    how: How,
+    how: "Options",
+    quiet: bool,
+    verbose: bool,
     dry_run: bool,
     shard: tuple[int, int] | None,
     timed: bool,
     kind: str,
     allow_code: bool,
 ) -> int:
-    """Run studies: YAML files, or names of shipped configs.
+    """Run studies: YAML files or names of shipped studies.
 
-    Writes DIR/<study>.csv, the resolved config as .json next to it, and versions
-    and wall times as DIR/runs/<study>.json.  Finished cells are cached in DIR/cells:
-    an interrupted run resumes where it stopped.  Exits with 1 if a cell does not
-    end well.
+    Writes DIR/<study>.csv, the resolved config as .json beside it, and versions and
+    wall times as DIR/runs/<study>.json.  Caches finished cells in DIR/cells, so that
+    an interrupted run resumes where it stopped.  Exits with 1 if a cell fails, or ends
+    with a status that its study does not accept.
 
     \b
     Example:
@@ -84,7 +88,10 @@ def run(
     studies = [config.find(name, allow_code) for name in configs]
     if dry_run:
         return _dry_run(studies, folder, how.force, shard)
-    return _tell(_run(studies, folder, how, shard, kind, timed), folder, how.quiet)
+    how = replace(how, shard=shard, parquet=kind == "parquet", timed=timed)
+    if timed:
+        how = replace(how, jobs=1)
+    return _tell(_run(studies, folder, how, quiet, verbose), folder, quiet)
 
 
 @click.command()
@@ -98,7 +105,7 @@ def run(
     multiple=True,
     required=True,
     metavar="DIR",
-    help="Results folder of a shard; give it once per shard.",
+    help="Results folder of a shard; repeat for each shard.",
 )
 @results_folder
 @format_option
@@ -106,9 +113,9 @@ def run(
 def merge(
     configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, kind: str, allow_code: bool
 ) -> int:
-    """Merge the cells of shards and write the studies.
+    """Combine the cells of shards and write the studies.
 
-    Computes nothing.  If cells are missing, says how many and exits with 1.
+    Computes nothing.  If cells are missing, reports how many and exits with 1.
 
     \b
     Example:
@@ -135,13 +142,12 @@ def merge(
 @results_folder
 @running_options
 @click.option("--all", "everything", is_flag=True, help="Also run the studies beyond the paper.")
-def reproduce(folder: Path, how: How, everything: bool) -> int:
+def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everything: bool) -> int:
     """Run the paper's studies, draw its figures, check slopes.
 
-    With --all, does the same for the studies beyond the paper and checks their
-    claims.  Ends with a summary, which says how many studies have the numbers that
-    were shipped, bit for bit.  Exits with 1 if a slope is not as predicted or a claim
-    fails.
+    With --all, also runs the studies beyond the paper and checks their claims.  The
+    summary at the end says how many studies match the shipped numbers bit for bit.
+    Exits with 1 if a slope is not as predicted or a claim fails.
 
     \b
     Example:
@@ -150,8 +156,8 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
     from newmark_cli.study import config
 
     studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
-    runs = _run([config.load_shipped(name) for name in studies], folder, how, None)
-    code = _tell(runs, folder, how.quiet)
+    runs = _run([config.load_shipped(name) for name in studies], folder, how, quiet, verbose)
+    code = _tell(runs, folder, quiet)
 
     from newmark_cli.report.drawing import plot as plotting
     from newmark_cli.report.drawing.sheets import Results
@@ -191,21 +197,16 @@ def reproduce(folder: Path, how: How, everything: bool) -> int:
 def _run(
     studies: "Sequence[Study]",
     folder: Path,
-    how: How,
-    shard: tuple[int, int] | None,
-    kind: str = "csv",
-    timed: bool = False,
+    how: "Options",
+    quiet: bool,
+    verbose: bool,
 ) -> "list[StudyRun]":
     from newmark_cli.cli import terminal
     from newmark_cli.running import runner
 
-    options = runner.Options(
-        1 if timed else how.jobs, how.force, how.fail_fast, how.timeout, how.executor,
-        how.scheduler, shard, kind == "parquet", timed,
-    )  # fmt: skip
-    with terminal.watching(how.quiet, how.verbose) as watcher:
+    with terminal.watching(quiet, verbose) as watcher:
         interrupts.note(lambda: _kept(watcher, how.force))
-        return runner.run_studies(studies, folder, options, watcher)
+        return runner.run_studies(studies, folder, how, watcher)
 
 
 def _kept(counts: "Counts", force: bool) -> str:

@@ -16,10 +16,9 @@ from newmark_cli.cli.options import as_json_text, choosing_options, results_fold
 def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[str, ...]) -> int:
     """Show the values of studies: step sizes down, series across.
 
-    Each value has the local order next to it, from the next larger step size to this
-    one.  Below them stand the fitted slope, the step sizes that it is for, the
-    predicted order, the verdict, and its reason.  Without STUDY and options, lists the
-    studies in DIR.
+    Beside each value stands the local order, from the next larger step size to this
+    one.  Below stand the fitted slope, its range of step sizes, the predicted order,
+    the verdict and its reason.  Without STUDY and options, lists the studies in DIR.
 
     \b
     Example:

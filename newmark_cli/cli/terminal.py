@@ -5,7 +5,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from newmark_cli.cli import screen
 from newmark_cli.running.runner import Planned, Watcher
@@ -77,9 +77,9 @@ class Told(Counts):
         super().planned(plan)
         total = sum(cell.weight + _PER_CELL for cell in self._places)
         if total and sys.stderr.isatty():
-            self._display = _opened(_display(total), self._stack)
+            bar = _bar(total, done=self.done, failed=self.failed, left=self.left)
+            self._display = _opened(bar, self._stack)
             compiling.tell(self._say)
-            self._count()
             self._display.refresh()  # a run may end before the next frame
 
     def steps(self, steps: int) -> None:
@@ -130,12 +130,7 @@ class Told(Counts):
             )
 
 
-def _display(total: int) -> "Progress":
-    """A bar weighted by steps and cells, counts of cells, and the time left."""
-    return _bar(["done", "failed", "left"], total)
-
-
-def _bar(counts: Sequence[str], total: int) -> "Progress":
+def _bar(total: int, **counts: int) -> "Progress":
     """A bar, counts, and the time left."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn
@@ -156,8 +151,7 @@ def _bar(counts: Sequence[str], total: int) -> "Progress":
         redirect_stdout=False,  # which would make it stderr
         redirect_stderr=False,
     )
-    fields: dict[str, Any] = dict.fromkeys(counts, 0)
-    display.add_task("", total=total, **fields)
+    display.add_task("", total=total, **counts)  # type: ignore[arg-type]
     return display
 
 
@@ -198,7 +192,7 @@ class Exporting:
     def planned(self, steps: int) -> None:
         """Open the display."""
         if sys.stderr.isatty():
-            self._display = _opened(_bar(["systems"], steps), self._stack)
+            self._display = _opened(_bar(steps, systems=0), self._stack)
 
     def marched(self, steps: int) -> None:
         """Go on by so many steps."""

@@ -529,7 +529,9 @@ ALIASES = {"scaling": "preconditioning"}
 
 
 def in_words(axis: str, value: str) -> str:
-    """A value that says little without its axis, with it; any other as it is."""
+    """A value as legends have it: with its axis, where it says little without."""
+    if axis == "form":
+        return f"({', '.join('λ' if part == 'lambda' else part for part in value.split('-'))}) form"
     if axis == "projection":
         method, _, rest = value.partition(" ")
         named = "no projection" if method == "none" else f"{method} projection"

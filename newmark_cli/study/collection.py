@@ -19,8 +19,6 @@ import numpy as np
 import scipy.io
 
 from newmark_cli import __version__
-from newmark_cli.mechanisms import loading, registry
-from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import is_code, with_problem
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.linear import exact
@@ -35,7 +33,7 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import scheme_of
 from newmark_cli.study.keys import Surroundings
 from newmark_cli.study.provenance import checksum
-from newmark_cli.support import documents, files
+from newmark_cli.support import files
 from newmark_cli.support.apart import ApartError
 from newmark_cli.support.documents import Document
 from newmark_cli.support.errors import InputError
@@ -436,49 +434,21 @@ def cells_of(
         InputError: When a study has no such cell, or a time of its own.
     """
     values = {name: tuple(wanted.get(name, ())) for name in CHOSEN}
-    if _is_study(subject):
+    if config.is_study(subject):
         if t_end is not None:
             raise InputError("t_end: the study says where its marches end; choose among its steps")
         return _filtered(config.find(subject, allow_code).cells(), values)
     last = max((*choice.steps, choice.every or 0, 0 if choice.steps else _STEPS))
     given = {name: values[name] or usual for name, usual in CHOSEN.items()}
     data = {
-        **{name: [*given[name]] for name in ("form", "preconditioning", "evaluation", "h")},
+        **{name: [*values] for name, values in given.items()},
         "study": "export",
         "problem": config.problem_named(subject, allow_code),
-        "integrator": [_spelled(label) for label in given["integrator"]],
-        "formulation": [_spelled(label) for label in given["formulation"]],
         "measure": "correction",
         **({"steps": last} if t_end is None else {"t_end": t_end}),
     }
     document = Document.of("command line", data)
     return config.parse(document, Surroundings(Path(), allow_code)).cells()
-
-
-def _is_study(subject: str) -> bool:
-    """Whether it is the name or file of a study rather than of a problem.
-
-    Raises:
-        InputError: When it is neither.
-    """
-    path = Path(subject)
-    if subject.rpartition(":")[0].endswith(".py") or subject.endswith(")"):
-        return False
-    if path.suffix in (".yaml", ".yml"):
-        return not loading.is_mechanism(documents.read(path, subject).data)
-    known = (*config.shipped(), *registry.PROBLEMS, *FAMILIES)
-    if subject not in known:
-        raise InputError(
-            f"{subject}: no study and no problem of this name{nearest(subject, known)}"
-        )
-    return subject in config.shipped()
-
-
-def _spelled(label: str) -> dict[str, Any]:
-    """A label such as ``hht alpha=0.1`` as a config has it."""
-    method, *given = label.split(" ")
-    pairs = [part.partition("=") for part in given]
-    return {"method": method, **{name: float(value) for name, _, value in pairs}}
 
 
 def _filtered(cells: Sequence[Cell], wanted: Mapping[str, Sequence[Any]]) -> list[Cell]:

@@ -19,6 +19,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from newmark_cli.mechanisms import loading, registry
+from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import (
     ForcedMechanism,
     MechanismFile,
@@ -68,7 +69,7 @@ from newmark_cli.support.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.support.errors import warn
+from newmark_cli.support.errors import InputError, warn
 from newmark_cli.support.spelling import closest, degrees_of_freedom, nearest
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
@@ -113,11 +114,10 @@ class _Rules(RuledModel):
                     yield misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
                 steps = self.t_end / h
                 if any(measure.at_end for measure in measures) and abs(steps - round(steps)) > 1e-6:
-                    near = self.t_end / max(round(steps), 1)
                     yield misfit(
                         "h",
                         f"errors need a whole number of steps to t_end = {self.t_end:g}, given "
-                        f"{h:g}; the nearest is {near:.10g}",
+                        f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}",
                     )
         yield from (error for measure in measures for error in self._unmeasurable(measure))
         labels = [variant.label for variant in self.variants()]
@@ -312,6 +312,12 @@ class _Rules(RuledModel):
                 twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
                 **{name: getattr(self, name) for name in _AS_GIVEN},
             )
+
+
+def _dividing(t_end: float, steps: int) -> str:
+    """A step size that comes to the end in so many steps, in as few digits as that takes."""
+    texts = (f"{t_end / steps:.{digits}g}" for digits in range(2, 18))
+    return next(text for text in texts if abs(t_end / float(text) - steps) < 1e-7)
 
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
@@ -615,6 +621,24 @@ def _no_study(config: str) -> DocumentError:
         return DocumentError(f"{config}: is not a study; give a YAML file, or a shipped study")
     near = nearest(config, shipped())
     return DocumentError(f"{config}: no such file and no shipped study{near}")
+
+
+def is_study(subject: str) -> bool:
+    """Whether it is the name or file of a study rather than of a problem.
+
+    Raises:
+        InputError: When it is neither.
+    """
+    known = (*shipped(), *registry.PROBLEMS, *FAMILIES)
+    if subject in known:
+        return subject in shipped()
+    name = with_ending(subject)
+    if Path(name).suffix in (".yaml", ".yml"):
+        return not loading.is_mechanism(documents.read(Path(name), name).data)
+    if not (subject.endswith(")") or subject.rpartition(":")[0].endswith(".py")):
+        near = nearest(subject, known)
+        raise InputError(f"{subject}: no study and no problem of this name{near}")
+    return False
 
 
 def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:

@@ -725,7 +725,7 @@ Problems = OneOrMore[
 ]
 Variants = OneOrMore[Variant]
 StepSizes = OneOrMore[Positive]
-Forms = OneOrMore[Annotated[str, _Known("form", tuple(FORMS))]]
+Forms = OneOrMore[Annotated[str, _Known("form", tuple(FORMS), "form")]]
 Measures = OneOrMore[Annotated[str, _Known("measure", tuple(MEASURES))]]
 Evaluations = OneOrMore[Annotated[str, _Known("evaluation", EVALUATIONS)]]
 Precisions = OneOrMore[Annotated[str, _Known("precision", tuple(PRECISIONS))]]

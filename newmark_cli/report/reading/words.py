@@ -58,8 +58,6 @@ def spelled(axis: str, value: str) -> str:
         return re.sub(r"\.ya?ml$", "", value)
     if axis == "integrator":
         return integrator_text(value)
-    if axis == "form":
-        return f"({', '.join(symbol(part) for part in value.split('-'))}) form"
     if axis == "preconditioning":
         return value.partition("[")[0]
     if axis == "row_block":

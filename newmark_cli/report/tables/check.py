@@ -13,7 +13,7 @@ from newmark_cli.report.reading.curves import TRAPEZOIDAL
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.reading.words import quantity
 
-#: Series that are named one by one where all that is to be said of them is the same.
+#: Undecided series that are named one by one where one thing is to be said of all.
 _MOST_ALIKE = 3
 
 
@@ -144,7 +144,7 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
     lines = []
     for (verdict, study, why), same in alike.items():
         named = [f"{_where(slope)} {_variant(slope)}, {quantity(slope)}" for slope in same]
-        if len(named) > _MOST_ALIKE:
+        if verdict == UNDECIDED and len(named) > _MOST_ALIKE:
             named = [f"{study}, {len(named)} series alike"]
         lines += [": ".join(filter(None, (verdict, where, why))) for where in named]
     return lines
