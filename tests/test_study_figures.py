@@ -776,7 +776,7 @@ def test_tables_of_ones_own(mine):
     assert r"    none & 2: 2.00 $\pm$ 0.01 \tabularnewline" in printed
     markdown = mine("tables", "mine", "--columns", "measure,quantity", "--values", "slope").stdout
     assert "| preconditioning | error, u | condition, C |" in markdown
-    assert "| optimal | 2.00 | −4.000 |" in markdown
+    assert "| optimal | 2.00 | −4.00" in markdown
     assert mine("tables", "mine", "--format", "csv").stdout.startswith("table,preconditioning,")
     listed = mine("tables", "mine", "--list", "--measure", "error", "--format", "csv",
                   "--rows", "preconditioning,quantity").stdout  # fmt: skip
@@ -842,6 +842,9 @@ tables:
     line = cli.refused("validate", "wrong.yaml")
     assert "quantiti" in line
     assert "did you mean 'quantity'" in line
+    cli.write("other.yaml", study + tables.replace("measure: condition", "measure: drift"))
+    line = cli.refused("validate", "other.yaml")
+    assert "tables[1].measure: 'drift' is not among the study's" in line
 
 
 def test_drift_of_ones_own_over_time(cli):

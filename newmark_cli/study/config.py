@@ -557,19 +557,23 @@ def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> No
 
 
 def _require_shown(document: Document, study: Study) -> None:
-    """Figures must be of what the study measures."""
+    """Figures and tables must be of what the study measures."""
     cases = study.cases
     known: dict[str, Collection[str]] = {
         "measure": {name: None for case in cases for name in case.measure},
         "problem": {spec.label: None for case in cases for spec in case.problem},
         "form": {name: None for case in cases for name in case.form},
     }
-    names: dict[str, int] = {}
-    for i, figure in enumerate(study.figures or ()):
+    shown: list[tuple[str, int, RuledModel]] = [
+        ("figures", i, figure) for i, figure in enumerate(study.figures or ())
+    ]
+    shown += [("tables", i, table) for i, table in enumerate(study.tables or ())]
+    for kind, i, each in shown:
+        measures = each.measure or ()
         given = {
-            "measure": (figure.measure,) if figure.measure else (),
-            "problem": figure.problem or (),
-            "form": figure.form or (),
+            "measure": (measures,) if isinstance(measures, str) else measures,
+            "problem": each.problem or (),
+            "form": each.form or (),
         }
         for key, values in given.items():
             for value in values:
@@ -577,9 +581,11 @@ def _require_shown(document: Document, study: Study) -> None:
                     continue
                 if value not in known[key]:
                     raise document.error(
-                        ("figures", i, key),
+                        (kind, i, key),
                         f"{value!r} is not among the study's{nearest(value, known[key])}",
                     )
+    names: dict[str, int] = {}
+    for i, figure in enumerate(study.figures or ()):
         if figure.name is not None and names.setdefault(figure.name, i) != i:
             raise document.error(
                 ("figures", i, "name"), f"{figure.name!r} is the name of another figure"
