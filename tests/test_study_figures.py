@@ -487,7 +487,7 @@ FIGURE_MISTAKES = [
     ("- {measure: correction, problem: pendlum}", "did you mean 'pendulum'?"),
     ("- {measure: correction, series: form, panels: form}", "panels: form already tells"),
     ("- {measure: correction, titel: x}", "unknown key; did you mean 'title'?"),
-    ('- {measure: correction, title: ""}', "title: must be one line of 1 to 200 letters"),
+    ("- {measure: correction, style: {backend: agg}}", "figures[1].style"),
     ("- {measure: correction, name: a/b}", "name: must be a name of letters"),
     (
         "- {measure: correction, name: a}\n- {measure: condition, name: a}",
@@ -554,20 +554,47 @@ def test_choosers_restrict_series_and_figures(tmp_path):
         assert {curve.integrator for curve in figure.curves} == {DAMPED}
 
 
-def test_no_more_than_two_dozen_without_being_asked(tmp_path):
-    """The first of them, and how to get the others."""
-    rows = table(quantity=["u", "v", "lambda"], problem=[f"p{i}" for i in range(9)])
+def test_the_few_that_matter_and_the_names_of_the_rest(tmp_path):
+    """One for each measure and quantity; any other by its name, all of them when asked for."""
+    rows = table(quantity=["u", "v"], problem=[f"p{i}" for i in range(6)])
     given = written(tmp_path, [*rows, *table(0.0, measure="correction", problem="p1")])
     chosen = plot.chosen(["mine"], given)
-    assert len(chosen.figures) == 24
-    assert chosen.figures[0].name == "mine-p1-u-lambda-correction-u"
-    assert chosen.notes == [
-        "mine: 4 more figures are not drawn; ask for them with 'newmark-study plot mine --all', "
-        "or choose with --measure, --form, …"
-    ]
+    assert [figure.name for figure in chosen.figures] == [
+        "mine-p1-u-lambda-correction-u", "mine-p0-u-lambda-error-u", "mine-p0-u-lambda-error-v",
+    ]  # fmt: skip
+    (note,) = chosen.notes
+    assert note.startswith("mine: not drawn: mine-p1-u-lambda-error-u, mine-p2-u-lambda-error-u, ")
+    assert note.endswith(" and 2 more; name one, choose with --measure, --form, …, "
+                         "or draw all with --all")  # fmt: skip
+    (named,) = plot.chosen(["mine-p5-u-lambda-error-v"], given).figures
+    assert named.name == "mine-p5-u-lambda-error-v"
     everything = plot.chosen(["mine"], given, plot.Choice(everything=True))
-    assert (len(everything.figures), everything.notes) == (28, [])
+    assert (len(everything.figures), everything.notes) == (13, [])
     assert plot.chosen((), given).notes == chosen.notes
+
+
+def test_series_are_named_ordered_coloured_and_left_out(tmp_path):
+    """By values of their axes, in the order of the config; no title; a cycle of colours."""
+    rows = table(preconditioning=["none", "left", "optimal"], integrator=DAMPED)
+    entry = {
+        "measure": "error", "series": ["preconditioning"], "title": "none",
+        "preconditioning": ["optimal", "none"], "labels": {"none": "no scaling"},
+        "colors": {"optimal": "#123456"},
+        "style": {"axes.prop_cycle": {"color": ["#ff0000", "#00ff00"]}, "font.size": 9},
+    }  # fmt: skip
+    given = written(tmp_path, rows, {"config": {"figures": [entry]}})
+    (figure,) = plot.chosen(["mine"], given).figures
+    assert figure.title == ""
+    sheet = sheets.sheet(figure, given)
+    drawing = draw.drawn(sheet)
+    assert drawing._suptitle is None
+    lines = drawing.axes[0].get_lines()[:2]
+    texts = [text.get_text().partition(":")[0] for text in drawing.legends[0].get_texts()]
+    assert texts[:2] == ["optimal", "no scaling"]
+    assert [line.get_color() for line in lines] == ["#123456", "#00ff00"]
+    wrong = dataclasses.replace(sheet, settings={"axes.prop_cycle": "cycler(color=['r'])"})
+    with pytest.raises(InputError, match=r"style: axes.prop_cycle: not a setting"):
+        draw.drawn(wrong)
 
 
 def test_shipped_studies_keep_their_figures(tmp_path):
@@ -636,12 +663,10 @@ def files(cli):
 def test_plot_draws_a_study_of_ones_own(mine):
     """All of it without names; by its name the same; a wrong name in one line."""
     done = mine("plot")
-    stems = [
-        f"mine-pendulum-u-lambda-{what}" for what in ("condition", "error-u", "work-precision-u")
-    ]
+    stems = [f"mine-pendulum-u-lambda-{what}" for what in ("condition", "error-u")]
     expected = [f"results/figures/{stem}.{kind}" for stem in stems for kind in ("png", "svg")]
     assert done.stdout.split() == expected
-    assert done.stderr == ""
+    assert "mine: not drawn: mine-pendulum-u-lambda-work-precision-u; name one" in done.stderr
     assert files(mine) == sorted(path.split("/")[-1] for path in expected)
     assert (mine.folder / "results/slopes.csv").exists()
     line = mine.refused("plot", "mime")

@@ -135,7 +135,8 @@ def html(folder: Path) -> str:
 
 def pictures(results: Results) -> list[Picture]:
     """Figures that the results are enough for, and shipped mechanisms in space they are of."""
-    drawn = [_picture(figure, results) for figure in plot.chosen((), results).figures]
+    every = plot.chosen((), results, plot.Choice(everything=True)).figures
+    drawn = [_picture(figure, results) for figure in every]
     problems = dict.fromkeys(slope.problem for slope in results.slopes)
     return drawn + [_mechanism(name) for name in problems if registry.is_spatial(name)]
 

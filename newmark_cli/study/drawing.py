@@ -60,11 +60,13 @@ class Line:
         label: Name in the legend; made from its axes when empty.
         panel: Title of the panel that it stands in, beside the axes that tell panels apart.
         choice: Axis → its values, over those of the figure.
+        look: Its colour and marker, as matplotlib writes them, where they are given.
     """
 
     label: str = ""
     panel: str = ""
     choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    look: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Definition:
         choice: Axis → values; which rows, all where it says nothing.
         series, panels: Axes that tell the series of a panel and the panels apart; None
             leaves the choice to the results.
-        title: Of the figure; made from what it shows when empty.
+        title: Of the figure; empty for none, made from what it shows when None.
         name: Of its files, behind that of the study; made likewise.
         figure: Number or word by which `plot` knows it; such a figure names all its series.
         kind: One of `KINDS`; empty for that of its rows.
@@ -85,13 +87,15 @@ class Definition:
         columns: Panels side by side; as suits them when None.
         h: Step size of values over time (s).
         within: Largest |fitted − predicted slope| of its series; that of their measure when None.
+        labels, colors: Value of an axis → how it is named, and how its series is coloured.
+        style: Settings of matplotlib.
     """
 
     kinds: tuple[str, ...] = ()
     choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     series: tuple[str, ...] | None = None
     panels: tuple[str, ...] | None = None
-    title: str = ""
+    title: str | None = None
     name: str = ""
     figure: str = ""
     kind: str = ""
@@ -100,6 +104,9 @@ class Definition:
     columns: int | None = None
     h: float | None = None
     within: float | None = None
+    labels: Mapping[str, str] = field(default_factory=dict)
+    colors: Mapping[str, str] = field(default_factory=dict)
+    style: Mapping[str, Any] = field(default_factory=dict)
 
 
 def definitions(config: Any) -> list[Definition] | None:
@@ -135,16 +142,21 @@ def _definition(entry: Mapping[str, Any]) -> Definition:
         return None if entry.get(key) is None else float(entry[key])
 
     lines = (
-        Line(text("label", each), text("panel", each), chosen(each))
+        Line(
+            text("label", each),
+            text("panel", each),
+            chosen(each),
+            {key: text(key, each) for key in ("color", "marker") if each.get(key)},
+        )
         for each in entry.get("curves") or ()
     )
-    columns = number("columns")
+    columns, title = number("columns"), entry.get("title")
     return Definition(
         kinds(entry["measure"]) if entry.get("measure") else (),
         chosen(entry),
         axes_of("series"),
         axes_of("panels"),
-        text("title"),
+        None if title is None else "" if title == "none" else str(title),
         text("name"),
         text("figure"),
         text("kind"),
@@ -153,6 +165,9 @@ def _definition(entry: Mapping[str, Any]) -> Definition:
         None if columns is None else int(columns),
         number("h"),
         number("within"),
+        dict(entry.get("labels") or {}),
+        dict(entry.get("colors") or {}),
+        dict(entry.get("style") or {}),
     )
 
 

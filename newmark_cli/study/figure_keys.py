@@ -23,6 +23,16 @@ from newmark_cli.study.keys import (
 from newmark_cli.support.documents import WHOLE, RuledModel, StrictModel, misfit
 
 _MOST_FIGURES, _MOST_CURVES = 100, 200
+#: Values of an axis → a text for each.
+Texts = dict[Annotated[str, Strict()], OneLine]
+#: Values of settings of matplotlib; of a cycle, lists by property.
+_Setting = Annotated[str, Strict()] | bool | float
+Style = dict[
+    Annotated[
+        str, Field(pattern=r"^(axes|figure|font|grid|legend|lines|mathtext|savefig|[xy]tick)\.")
+    ],
+    _Setting | tuple[_Setting, ...] | dict[str, tuple[_Setting, ...]],
+]
 #: Axes of a case that tell its series apart, but for those that figures have one each of.
 _AXES = tuple(
     axis
@@ -96,6 +106,8 @@ else:
             Field(None, description="name in the legend; made from the axes in series if omitted"),
         ),
         panel=(OneLine | None, Field(None, description="title of the panel that it stands in")),
+        color=(OneLine | None, Field(None, description="colour, as matplotlib writes it")),
+        marker=(OneLine | None, Field(None, description="marker, as matplotlib writes it")),
         **series_keys(),
     )
     FigureConfig = create_model(
@@ -130,8 +142,8 @@ else:
             Field(None, description="start: what was measured at the initial state"),
         ),
         title=(
-            OneLine | None,
-            Field(None, description="title; made from what it shows when omitted"),
+            OneLine | Literal[""] | None,
+            Field(None, description="title; made from what it shows when omitted; none for none"),
         ),
         name=(
             Name | None, Field(None, description="name of its files, behind that of the study")
@@ -144,6 +156,20 @@ else:
         curves=(
             Annotated[tuple[CurveConfig, ...], Field(min_length=1, max_length=_MOST_CURVES)] | None,
             Field(None, description="its series one by one, in the order of the legend"),
+        ),
+        labels=(
+            Texts | None,
+            Field(None, description="names of values in legends and titles of panels, such as "
+                  "{none: no scaling}"),
+        ),
+        colors=(
+            Texts | None,
+            Field(None, description="colours of series, by a value of theirs or by their label"),
+        ),
+        style=(
+            Style | None,
+            Field(None, description="settings of matplotlib for this figure; axes.prop_cycle has "
+                  "lists: {color: [k, r]}"),
         ),
         note=(OneLine | None, Field(None, description="what stands above the legend")),
         columns=(

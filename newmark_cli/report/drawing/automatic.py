@@ -16,9 +16,8 @@ import numpy as np
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
-from newmark_cli.report.reading.curves import Curve
-from newmark_cli.report.reading.figures import Figure, Part
-from newmark_cli.report.reading.words import joined_values, measure_text, spelled
+from newmark_cli.report.reading.figures import Figure, Part, curve_of, looks_of, spelled_by
+from newmark_cli.report.reading.words import measure_text, spelled
 from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
@@ -38,7 +37,7 @@ _ONE_EACH = ("problem", "form", "measure", "quantity", "initial")
 #: What comes first where not all figures are drawn.
 _FIRST = ("correction", "condition", "error", WORK_PRECISION)
 #: What comes last there: corrections once more, in other units.
-_LAST = ("physical_correction", "floor", "physical_floor")
+LAST = ("physical_correction", "floor", "physical_floor")
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
 
@@ -86,7 +85,7 @@ def figures(
 
 
 def _rank(kind: str) -> int:
-    order = (*_FIRST, *(name for name in RECORDS if name not in (*_FIRST, *_LAST)), *_LAST)
+    order = (*_FIRST, *(name for name in RECORDS if name not in (*_FIRST, *LAST)), *LAST)
     return order.index(kind)
 
 
@@ -116,6 +115,8 @@ def _defined(
     names: "_Names",
 ) -> list[Figure]:
     """Figures of one kind of rows."""
+    for axis, some in reversed(list(definition.choice.items())):
+        slopes = sorted(slopes, key=lambda slope: _place(some, getattr(slope, axis)))
     compared = (*(definition.series or ()), *(definition.panels or ()))
     one_each = [axis for axis in _ONE_EACH if axis not in compared]
     groups = [
@@ -134,27 +135,30 @@ def _defined(
             told = _told(where, kind, slugs)
         name = names(study, definition.name, *told)
         title = _title(where, grid, kind)
-        if definition.title:
+        if definition.title is not None:
             rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
-            title = ": ".join(filter(None, (definition.title, rest)))
+            title = definition.title and ": ".join(filter(None, (definition.title, rest)))
         parts = tuple(
             Part(
-                tuple(spelled(axis, where[axis]) for axis in grid.panels if where[axis]),
-                tuple(_curve(s, grid.series) for s in several),
+                tuple(spelled_by(definition, a, where[a]) for a in grid.panels if where[a]),
+                tuple(curve_of(definition, grid.series, s.key.named()) for s in several),
             )
             for where, several in grid.parts
         )
         own = definition.kind or ("work" if kind == WORK_PRECISION else "orders")
         columns = definition.columns or grid.columns
+        looks = looks_of(definition, (curve for part in parts for curve in part.curves))
         figure = Figure(
-            name, title, study, parts, columns, own, note=definition.note, h=definition.h
-        )
+            name, title, study, parts, columns, own, note=definition.note, h=definition.h,
+            looks=looks, style=definition.style,
+        )  # fmt: skip
         found.append(figure)
     return found
 
 
-def _curve(slope: "Slope", series: Sequence[str]) -> Curve:
-    return Curve(joined_values(series, slope.key.named()), **slope.key.named())
+def _place(values: Sequence[str], value: str) -> int:
+    """Place of a value, or of the name of a scaling of one's own, where a definition has it."""
+    return values.index(value if value in values else value.partition("[")[0])
 
 
 @dataclass(frozen=True)

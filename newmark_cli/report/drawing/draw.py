@@ -22,7 +22,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, power
-from newmark_cli.report.drawing.style import NONE, settled
+from newmark_cli.report.drawing.style import NONE, checked, settled
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, visible
 
@@ -48,7 +48,7 @@ def drawn(
         InputError: When the size leaves no room for the panels.
     """
     width, height = size or (sheet.width, None)
-    with settled(sheet.settings, settings):
+    with settled(checked(sheet.settings), settings):
         columns = _columns(sheet, width)
         sheet = replace(sheet, columns=columns)
         rows = -(-len(sheet.panels) // columns)
@@ -339,7 +339,7 @@ def _write_labels(drawing: Figure, grid: Sequence[Any], sheet: Sheet, tall: floa
 def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
     """Titles, above a grid and beside it once, and below each the fitted slopes of the panel."""
     panel, columns = sheet.panels[place], sheet.columns
-    while axes.texts and axes.texts[-1].get_gid() == "title":
+    while axes.texts and axes.texts[-1].get_label() == "title":
         axes.texts[-1].remove()
     width = axes.get_window_extent().width
     size = 0.9 * _points(mpl.rcParams["legend.fontsize"])
@@ -360,7 +360,7 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
     if fits:
         text = axes.annotate(
             "", (0.5, 1), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
-            ha="center", va="bottom", fontsize=size, color="0.3", gid="title",
+            ha="center", va="bottom", fontsize=size, color="0.3", label="title",
         )  # fmt: skip
         text.set_text(_wrapped(text, ", ".join(fits), width))
         above = text.get_window_extent().height * 72 / axes.figure.dpi
@@ -369,7 +369,7 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
     if beside:
         text = axes.annotate(
             "", (1, 0.5), xycoords="axes fraction", xytext=(4, 0), textcoords="offset points",
-            ha="left", va="center", rotation=270, gid="title",
+            ha="left", va="center", rotation=270, label="title",
             fontsize=mpl.rcParams["axes.titlesize"],
         )  # fmt: skip
         text.set_text(_wrapped(text, plain(beside), tall))

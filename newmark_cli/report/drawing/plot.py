@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 #: Formats of the files, and those that are written unless others are asked for.
 FORMATS, USUAL_FORMATS = ("png", "svg", "pdf", "pgf"), ("png", "svg")
 
-#: Most figures that a study's results arrange by themselves, unless all are asked for.
-MOST = 24
+#: Most figures that are named where not all are drawn.
+NAMED = 8
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,8 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) ->
                     notes.append(f"{name!r} is a figure and a study: the figure is drawn")
             elif name in studies:
                 found += _of_study(name, results, choice, notes)
+            elif one := _by_stem(name, studies, results):
+                found += one
             else:
                 raise _unknown(name, studies, results)
     else:
@@ -138,6 +140,18 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) ->
     if names and not found:
         raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")
     return Chosen(list({id(figure): figure for figure in found}.values()), notes)
+
+
+def _by_stem(name: str, studies: Sequence[str], results: Results) -> list[Figure]:
+    """The figure whose files have a name, of those that results arrange by themselves."""
+    every = Choice(everything=True)
+    return [
+        figure
+        for study in studies
+        if name.startswith(f"{study}-")
+        for figure in _of_study(study, results, every, [])
+        if stem(figure) == name
+    ]
 
 
 def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:
@@ -179,12 +193,20 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
     own = [explicit(study, each) for each in defined or () if each.figure]
     found = [figure for figure in own if _whole(figure, choice)]
     found += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
-    if defined is None and len(found) > MOST and not choice.everything:
-        notes.append(
-            f"{study}: {len(found) - MOST} more figures are not drawn; ask for them with "
-            f"'newmark-study plot {study} --all', or choose with --measure, --form, …"
-        )
-        found = found[:MOST]
+    if defined is None and not choice and not choice.everything:
+        few: dict[tuple[str, str], Figure] = {}
+        for figure in found:
+            first = figure.curves[0]
+            if figure.kind == "orders" and first.measure not in automatic.LAST:
+                few.setdefault((first.measure, first.quantity), figure)
+        rest = [stem(figure) for figure in found if figure not in few.values()]
+        if few and rest:
+            more = f" and {len(rest) - NAMED} more" if len(rest) > NAMED else ""
+            notes.append(
+                f"{study}: not drawn: {', '.join(rest[:NAMED])}{more}; name one, choose with "
+                "--measure, --form, …, or draw all with --all"
+            )
+            found = list(few.values())
     return found
 
 

@@ -98,6 +98,25 @@ def read(path: Path) -> dict[str, Any]:
     return {key: value for key, value in found.items() if key not in _NOT_STYLE}
 
 
+def checked(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a figure as a config has them; a cycle is lists by property.
+
+    Raises:
+        InputError: When matplotlib does not understand one.
+    """
+    found: Any = mpl.RcParams()
+    for key, value in given.items():
+        try:
+            if key in _NOT_STYLE:
+                raise KeyError(key)
+            # Never from text, which matplotlib would evaluate.
+            found[key] = mpl.cycler(**value) if key == "axes.prop_cycle" else value
+        except (KeyError, TypeError, ValueError) as error:
+            told = " ".join(str(error).split())
+            raise InputError(f"style: {key}: not a setting of matplotlib: {told}") from None
+    return dict(found)
+
+
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure of a results folder as PNG and SVG, the same bytes each time.
 

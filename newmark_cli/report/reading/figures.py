@@ -4,14 +4,14 @@ The shipped configs define those of the paper and past it, with a number; any co
 others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import Any
 
 from newmark_cli.report.reading.curves import Curve
-from newmark_cli.report.reading.words import joined_values, spelled
+from newmark_cli.report.reading.words import means, spelled
 from newmark_cli.study import shipped
 from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
 
@@ -79,6 +79,31 @@ class Figure:
         return tuple(curve for part in self.parts for curve in part.curves)
 
 
+def spelled_by(given: Definition, axis: str, value: str) -> str:
+    """A value of an axis as a definition names it, or as people write it."""
+    named = (text for word, text in given.labels.items() if means(axis, word, value))
+    return next(named, spelled(axis, value))
+
+
+def curve_of(given: Definition, names: Iterable[str], where: Mapping[str, str]) -> Curve:
+    """A series that a definition shows, named by axes."""
+    told = [spelled_by(given, axis, where[axis]) for axis in names if where.get(axis)]
+    return Curve(", ".join(told), **where)
+
+
+def looks_of(given: Definition, curves: Iterable[Curve]) -> dict[str, Mapping[str, str]]:
+    """Label of a series → the colour and the marker that a definition gives it."""
+    lines = {line.label: line.look for line in given.curves if line.look}
+    colors = {
+        curve.label: {"color": color}
+        for curve in curves
+        for word, color in given.colors.items()
+        if word == curve.label
+        or any(means(axis, word, value) for axis, value in curve.key.named().items() if value)
+    }
+    return colors | lines
+
+
 def explicit(study: str, given: Definition) -> Figure:
     """The figure of a definition that names all its series.
 
@@ -102,21 +127,24 @@ def explicit(study: str, given: Definition) -> Figure:
                 values |= {axis: (value,) for axis, value in zip(several, at, strict=True)}
                 for named in product(*values.values()):
                     where = dict(zip(values, named, strict=True))
-                    label = line.label or joined_values(given.series or (), where)
-                    curve = Curve(label, **{"study": study, "measure": measure, **where})
+                    where = {"study": study, "measure": measure, **where}
+                    curve = curve_of(given, given.series or (), where)
+                    curve.label = line.label or curve.label
                     parts.setdefault((*at, group), []).append(curve)
     labels = {group: {line.label for line in lines if line.panel == group} for group in groups}
     apart = sum(map(len, labels.values())) == len(set().union(*labels.values()))
     titles = {
         key: tuple(
-            filter(None, (*(spelled(a, v) for a, v in zip(several, key, strict=False)), key[-1]))
+            filter(
+                None, (*(spelled_by(given, *at) for at in zip(several, key, strict=False)), key[-1])
+            )
         )
         for key in parts
     }
     columns = given.columns or {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
     return Figure(
         given.figure,
-        given.title,
+        given.title or "",
         study,
         tuple(
             Part(titles[key], tuple(curves), key[-1] if apart else "")
@@ -130,6 +158,8 @@ def explicit(study: str, given: Definition) -> Figure:
         given.within,
         in_paper=given.within is not None and given.figure.isdigit(),
         numbered=True,
+        looks=looks_of(given, (curve for curves in parts.values() for curve in curves)),
+        style=given.style,
     )
 
 
