@@ -11,6 +11,7 @@ from typing import Any
 # isort: split
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 
 from newmark_cli.support import files
 from newmark_cli.support.errors import InputError
@@ -110,7 +111,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
             if key in _NOT_STYLE:
                 raise KeyError(key)
             # Never from text, which matplotlib would evaluate.
-            found[key] = mpl.cycler(**value) if key == "axes.prop_cycle" else value
+            found[key] = cycler(**value) if key == "axes.prop_cycle" else value
         except (KeyError, TypeError, ValueError) as error:
             told = " ".join(str(error).split())
             raise InputError(f"style: {key}: not a setting of matplotlib: {told}") from None
