@@ -685,7 +685,7 @@ def test_studies_and_python_problems_are_subjects(cli, advise_cli):
     assert "--allow-code" in cli.refused("advise", python, "--h", "1e-3")
     found = json.loads(advise_cli(python, "--h", "1e-3", "--allow-code", *damped))
     assert (found["n"], found["m"]) == (2, 1)
-    assert "unknown problem 'pendulm'" in cli.refused("advise", "pendulm", "--h", "1e-3")
+    assert "did you mean 'pendulum'?" in cli.refused("advise", "pendulm", "--h", "1e-3")
 
 
 def test_text_of_the_command(advise_cli):
