@@ -192,7 +192,8 @@ def _arranged(
     apart = [axis for axis in rest if axis not in panels]
     if definition.series is None and definition.panels is None:
         # No grid, or a cloud of points: one panel, as long as it is not crowded.
-        single = all(len(few) == 1 for few in _grouped(slopes, [*apart, *panels]).values())
+        each = _grouped(slopes, [*apart, *panels]).values()
+        single = min(map(len, each)) < len(_grouped(slopes, series)) or len(each) == 1
         single = single and not set(panels) & set(_PANELS)
         most = max(len(group) for group in _grouped(slopes, apart).values())
         if (single or kind == WORK_PRECISION) and most <= MOST_GATHERED:
