@@ -263,18 +263,20 @@ def _time_look(place: int) -> Look:
 
 
 def _history(figure: Figure, results: Results) -> Sheet:
-    """A multiplier, above in the range of the last curve, below as far as any goes.
+    """A multiplier, in the range of the last curve; below it as far as any goes, if farther.
 
     Of the multipliers the one is drawn that is largest in the last curve.
     """
     found = _over_time(figure, results)
     histories = [found[curve.key] for curve in figure.curves]
     component = int(np.argmax(np.max(np.abs(histories[-1].multipliers), axis=0)))
+    name = histories[-1].names[component]
+    of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name}"
     series = tuple(
         Trace(
             curve.label,
             history.t,
-            1e-3 * history.multipliers[:, component],
+            history.multipliers[:, component],
             _OVER_TIME[place] if place < len(_OVER_TIME) else _time_look(place),
             said=f"{curve.label}: |λ| up to {np.max(np.abs(history.multipliers)):.3g}",
         )
@@ -284,7 +286,7 @@ def _history(figure: Figure, results: Results) -> Sheet:
     zoomed = Panel(
         series,
         "time $t$ (s)",
-        rf"$\lambda_{component + 1}$ (kN/m)",
+        rf"$\lambda{of_name} (SI units)",
         x_scale="linear",
         y_scale="linear",
         y_limits=_around(series[-1:], 0.25),
@@ -298,7 +300,9 @@ def _history(figure: Figure, results: Results) -> Sheet:
     )
     h = figure.h or results.by_key[figure.curves[0].key].h.min()
     note = f"$h$ = {step(float(h))} s; pairs of successive steps"
-    return Sheet(figure.title, (zoomed, whole), note=note, settings=figure.style)
+    farther = span < 0.8 * max(float(np.ptp(trace.y)) for trace in series)
+    panels = (zoomed, whole) if farther else (zoomed,)
+    return Sheet(figure.title, panels, note=note, settings=figure.style)
 
 
 def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:

@@ -35,10 +35,12 @@ class History:
     Attributes:
         t: (recorded,) times (s), ascending.
         multipliers: (recorded, m) λ.
+        names: (m,) of the constraints; numbers in files of older versions.
     """
 
     t: Array
     multipliers: Array
+    names: tuple[str, ...]
 
 
 def read_histories(
@@ -63,8 +65,8 @@ def read_histories(
         text = "the columns after t must be lambda[name of a constraint]"
         raise ResultsError(f"{path}, line 1: {text}, given {', '.join(names) or 'none'}")
     return [
-        History(table[:, 0], table[:, 1:]) if table.size else None
-        for table in _tables(path, frame, names, cells)
+        History(table[:, 0], table[:, 1:], tuple(map(_constraint, own))) if table.size else None
+        for own, table in _tables(path, frame, names, cells)
     ]
 
 
@@ -99,7 +101,13 @@ def read_drifts(
     frame, names = _frame(path, study)
     if tuple(names) != DRIFTS:
         raise ResultsError(f"{path}, line 1: the columns after t must be {', '.join(DRIFTS)}")
-    return [Drift(*table.T) if table.size else None for table in _tables(path, frame, names, cells)]
+    tables = _tables(path, frame, names, cells)
+    return [Drift(*table.T) if table.size else None for _, table in tables]
+
+
+def _constraint(column: str) -> str:
+    """The constraint of ``lambda[bars.link]``, or the number of ``lambda_1``."""
+    return column.removeprefix(LAMBDA).strip("[]_")
 
 
 def _frame(path: Path, study: str) -> tuple["pd.DataFrame", list[str]]:
@@ -112,8 +120,8 @@ def _frame(path: Path, study: str) -> tuple["pd.DataFrame", list[str]]:
 
 def _tables(
     path: Path, frame: "pd.DataFrame", names: Sequence[str], cells: Sequence[tuple[Curve, float]]
-) -> list[Array]:
-    """(recorded, 1 + values) time and values of each cell; empty for one that is not there."""
+) -> list[tuple[list[str], Array]]:
+    """Names, and (recorded, 1 + names) time and values of each cell, empty where it is none."""
     values = {
         name: np.array([number(path, line, name, text) for line, text in frame[name].items()])
         for name in ("h", "t", *names)
@@ -131,5 +139,7 @@ def _tables(
             rows &= given == np.array(getattr(curve, name), object)
         table = np.column_stack([values[name][rows] for name in ("t", *names)])
         # Problems with fewer multipliers leave the last columns empty.
-        found.append(table[np.argsort(table[:, 0])][:, ~np.isnan(table).all(axis=0)])
+        there = ~np.isnan(table).all(axis=0)
+        own = [name for name, kept in zip(names, there[1:], strict=True) if kept]
+        found.append((own, table[np.argsort(table[:, 0])][:, there]))
     return found
