@@ -98,7 +98,7 @@ def test_figures_draw_the_rows(frame):
     "call, words",
     [
         (lambda frame: newmark.run(3), "a study must be a file, a name or a dict, given 3"),
-        (lambda frame: newmark.run("nope"), "nope: no such file and no shipped config"),
+        (lambda frame: newmark.run("nope"), "nope: no such file and no shipped study"),
         (lambda frame: newmark.run({"study": "a", "form": "u"}), "study: "),
         (lambda frame: newmark.run(STUDY | {"h": -1}), "study: h"),
         (lambda frame: newmark.run(STUDY, jobs=0), "jobs must be at least 1, given 0"),

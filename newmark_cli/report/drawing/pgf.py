@@ -63,8 +63,8 @@ class _Renderer(backend_pgf.RendererPgf):
 
     def draw_text(self, gc: Any, x: Any, y: Any, s: str, *given: Any, **named: Any) -> None:
         """Write a text, as LaTeX prints it."""
-        write: Any = super().draw_text
-        write(gc, x, y, latex(s), *given, **named)
+        draw: Any = super().draw_text
+        draw(gc, x, y, latex(s), *given, **named)
 
 
 def written(figure: Figure) -> bytes:

@@ -95,6 +95,8 @@ class StaticElimination:
         diagonal = pattern.mass_rows == pattern.mass_columns
         np.add.at(mass, pattern.mass_rows[diagonal], problem.mass_values[diagonal])
         inertia = abs(left[0] * right[p - 1] * relations.acceleration[0] * change[2]) * mass
+        # A coordinate without mass has no unit of its own.
+        inertia[inertia == 0] = inertia.max()
         values = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(m))
         with np.errstate(divide="ignore"):
             of_highest = 1 / np.sqrt(inertia)
