@@ -18,6 +18,9 @@ from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STAR
 from newmark_cli.newmark.linear.choice import LINEAR_SOLVERS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
+from newmark_cli.report.drawing import automatic
+from newmark_cli.report.drawing.sheets import Results
+from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.reading.words import spelled
 from newmark_cli.report.tables.check import format_integrator
 from newmark_cli.study import axes, config
@@ -272,3 +275,17 @@ def test_history_names_constraints(cli):
     cli.write("s.yaml", json.dumps(STUDY | {"measure": "history"}))
     cli("run", "s")
     assert "lambda[bars.rod]" in pd.read_csv(cli.folder / "results/history/s.csv").columns
+
+
+def test_figures_have_the_title_of_a_mechanism(cli):
+    """Its file's, recorded when it was run; its name where it has none."""
+    for name, more in (("swing", {"title": "A swing"}), ("plain", {})):
+        cli.write(f"{name}.yaml", json.dumps(SWING | more))
+        study = STUDY | {"study": f"of-{name}", "problem": f"{name}.yaml", "h": [1e-2, 1e-3, 1e-4]}
+        cli.write(f"{name}-study.yaml", json.dumps(study | {"t_end": 0.01}))
+        cli("run", f"{name}-study.yaml")
+    folder = cli.folder / "results"
+    given = Results(folder, collect(folder))
+    for study, said in (("of-swing", "A swing"), ("of-plain", "plain")):
+        (figure,) = automatic.figures(study, given)
+        assert figure.title == f"{said}, (u, λ) form, optimal scaling: condition number"

@@ -487,6 +487,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         record["motions"] = moved
     if read := _files(cells):
         record["problem_files"] = read
+    if titles := _titles(cells):
+        record["titles"] = titles
     if shared := _not_unique(cells):
         record["not_unique"] = shared
     with interrupts.postponed():
@@ -508,6 +510,14 @@ def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         for label, facts in found.items()
         if facts != motion.Facts()
     }
+
+
+def _titles(cells: Sequence[Cell]) -> dict[str, str]:
+    """Mechanism of the user's → its title, of those that have one."""
+    specs = dict.fromkeys(cell.problem for cell in cells)
+    files = {spec.label: spec.file for spec in specs if isinstance(spec, MechanismFile)}
+    titles = {label: file.document().data.get("title") for label, file in files.items()}
+    return {label: title for label, title in titles.items() if title}
 
 
 def _files(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:

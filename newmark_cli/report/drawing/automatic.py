@@ -16,6 +16,7 @@ import numpy as np
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
+from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Figure, Part, curve_of, looks_of, spelled_by
 from newmark_cli.report.reading.words import measure_text, spelled
 from newmark_cli.study import axes
@@ -74,13 +75,15 @@ def figures(
         beside = {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
         ranked = sorted(({*every, WORK_PRECISION} - beside), key=_rank)
         given = [Definition((kind,)) for kind in ranked]
+    recorded = records.known(results.folder / f"{study}.csv").get("titles")
+    titles = recorded if isinstance(recorded, dict) else {}
     found: list[Figure] = []
     names = _Names()
     for definition in given:
         for kind in definition.kinds:
             if not kinds or kind in kinds:
                 slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
-                found += _defined(study, definition, kind, slopes, slugs, names)
+                found += _defined(study, definition, kind, slopes, slugs, names, titles)
     return found
 
 
@@ -113,6 +116,7 @@ def _defined(
     slopes: Sequence["Slope"],
     slugs: "_Slugs",
     names: "_Names",
+    titles: Mapping[str, str],
 ) -> list[Figure]:
     """Figures of one kind of rows."""
     for axis, some in reversed(list(definition.choice.items())):
@@ -134,7 +138,7 @@ def _defined(
         else:
             told = _told(where, kind, slugs)
         name = names(study, definition.name, *told)
-        title = _title(where, grid, kind)
+        title = _title(where, grid, kind, titles)
         if definition.title is not None:
             rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
             title = definition.title and ": ".join(filter(None, (definition.title, rest)))
@@ -251,11 +255,15 @@ def _grouped(
 # -- words --------------------------------------------------------------------------------------
 
 
-def _title(where: Mapping[str, str], grid: _Grid, kind: str) -> str:
-    """The problem, the form, what all series have in common, and what is shown."""
+def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str, str]) -> str:
+    """The problem, by its title if it has one, the form, what is in common, what is shown."""
     common = grid.parts[0][1][0].key.named()
     varied = (*grid.series, *grid.panels)
-    told = [spelled(axis, where[axis]) for axis in ("problem", "form") if axis in where]
+    told = [
+        titles.get(where[axis]) or spelled(axis, where[axis])
+        for axis in ("problem", "form")
+        if axis in where
+    ]
     if "preconditioning" not in varied:
         scaling = common["preconditioning"]
         name = spelled("preconditioning", scaling)
