@@ -288,4 +288,4 @@ def test_figures_have_the_title_of_a_mechanism(cli):
     given = Results(folder, collect(folder))
     for study, said in (("of-swing", "A swing"), ("of-plain", "plain")):
         (figure,) = automatic.figures(study, given)
-        assert figure.title == f"{said}, (u, λ) form, optimal scaling: condition number"
+        assert figure.title.startswith(f"{said}, (u, λ) form")
