@@ -418,6 +418,7 @@ def _wrapped(probe: Any, text: str, most: float) -> str:
         # A word that is longer than a line is broken, but for mathematics.
         while "$" not in lines[-1] and (times := excess(lines[-1])) > 1 and len(lines[-1]) > 9:
             cut = int(len(lines[-1]) / times) or 1
+            cut = lines[-1].rfind("-", 1, cut) + 1 or cut
             lines[-1:] = [lines[-1][:cut], lines[-1][cut:]]
     return "\n".join(lines)
 
