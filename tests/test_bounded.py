@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-from types import SimpleNamespace
 
 import pytest
 from each import each
@@ -141,29 +140,3 @@ def test_histories_of_all_cases_count(cli):
         "newmark-study: long.yaml, line 7: cases: history of 8000000 numbers in all cases, "
         "at most 5000000; lower samples"
     )
-
-
-def test_halts_of_a_long_march_take_no_memory():
-    """Stretches end at every stop and after every so many steps, one at a time."""
-    import tracemalloc
-
-    from newmark_cli.newmark.march import March
-    from newmark_cli.newmark.march_data import COMPLETED
-
-    march = March.__new__(March)
-    march.solver, march.done, march.ending = "gmres", 0, COMPLETED
-    march.problem = SimpleNamespace(reached=None)
-
-    def advance(steps, looks):
-        assert not looks
-        march.done += steps
-        return steps
-
-    march.advance = advance
-    tracemalloc.start()
-    stretches = march.stretches(20_000_000, [3])
-    assert [next(stretches) for _ in range(5)] == [1, 1, 1, 1, 1]
-    assert tracemalloc.get_traced_memory()[1] < 1e6
-    tracemalloc.stop()
-    march.solver, march.done = "sparse-lu", 7
-    assert [*march.stretches(60, [9, 30, 27, 60, 5])] == [2, 18, 3, 17, 13]
