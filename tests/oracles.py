@@ -244,13 +244,13 @@ FORMS = {
 }
 
 
-def form_jacobian(form, x, y, mass, g, h):
+def form_jacobian(form, x, y, mass, g, h, beta=BETA, gamma=GAMMA):
     """Jacobian of a form in mpmath, blocks written out; h may be a float.
 
     Returns:
         The matrix, and the block of each row and column: names.
     """
-    beta, gamma, h = BETA, GAMMA, mpf(h)
+    beta, gamma, h = map(mpf, (beta, gamma, h))
     n, m = g.rows, g.cols
     rows, kept, weights = FORMS[form]
     weights = weights(beta, gamma, h)
@@ -280,9 +280,9 @@ def form_jacobian(form, x, y, mass, g, h):
     return jacobian, row_names, column_names
 
 
-def scale(form, variant, jacobian, row_names, column_names, h):
+def scale(form, variant, jacobian, row_names, column_names, h, beta=BETA, gamma=GAMMA):
     """D_L J D_R for a variant."""
-    beta, gamma, h = BETA, GAMMA, mpf(h)
+    beta, gamma, h = map(mpf, (beta, gamma, h))
     left, right = TABLE_2[form]
     one = lambda b, g, h: mpf(1)  # noqa: E731
     left = left if variant in ("left", "optimal") else {}

@@ -11,12 +11,11 @@ import pytest
 import spatial
 import textbook
 from conftest import QUICK
-from covering import covering
 from damped import damped
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, copy, march, states
+from marching import EPS, STEP, march
 from mpmath import mp, mpf
 
 from newmark_cli.mechanisms import elements
@@ -228,44 +227,6 @@ def test_multipliers_against_long_numbers(form, engine):
 
 
 # Engines
-
-
-#: Of the mechanisms, those in which every kind of element and joint occurs.
-MARCHED = (
-    "pendulum", "andrews", "damped", "undriven", "slider-crank", "heavy-top",
-    "spatial-slider-crank",
-)  # fmt: skip
-
-
-@each("name, form, integrator", covering(MARCHED, FORMS.values(), INTEGRATORS))
-def test_engines_agree_per_step(name, form, integrator, subjects):
-    """Kernel and SciPy march take the same step to rounding of its increments: λ to eps/h."""
-    subject, h = subjects[name], STEPS_OF[name]
-    for first, state in states(subject, integrator, h, count=2, evaluation=COMPENSATED):
-        for variant in ("none", "optimal"):
-            scheme = Scheme(
-                integrator, form, named_scaling(variant, form), h, evaluation=COMPENSATED
-            )
-            ours, reference = copy(state), copy(state)
-            march(compiled_march, subject, scheme, ours, first, 1)
-            march(scipy_march, subject, scheme, reference, first, 1)
-            assert_same_increments(subject, scheme, ours, reference)
-
-
-def assert_same_increments(subject, scheme, first, second):
-    """Equal up to rounding of Δ, and what each update relation makes of it."""
-    h, symbols = scheme.h, scheme.integrator.symbols(scheme.h)
-    w_v, w_a = symbols["gamma"] / (symbols["beta"] * h), 1 / (symbols["beta"] * h**2)
-    unit = 100 * EPS * h * (np.linalg.norm(first.past[1]) + h * np.linalg.norm(first.fields[3]))
-    gradient = subject.evaluate(0, *first.fields[:2], first.multipliers).G
-    smallest = np.linalg.svd(gradient, compute_uv=False)[-1]
-    to_multiplier = np.linalg.norm(subject.M, 2) * w_a / smallest
-    for k, (weight, name) in enumerate(((1, "u"), (w_v, "v"))):
-        change = (first.past[k] - second.past[k]) + (first.lows[k] - second.lows[k])
-        assert np.linalg.norm(change) <= unit * weight, name
-    assert np.linalg.norm(first.fields[2] - second.fields[2]) <= unit * w_a, "a"
-    assert np.linalg.norm(first.multipliers - second.multipliers) <= unit * to_multiplier, "lambda"
-    np.testing.assert_allclose(first.phi, second.phi, rtol=0, atol=unit * np.linalg.norm(gradient))
 
 
 # Refusals

@@ -32,18 +32,6 @@ def test_shipped_configs_load(name):
     assert study.cells()
 
 
-def test_paper_step_sizes():
-    """The paper's own lists, h = 1e-7 included."""
-    for name in ("pendulum-u", "pendulum-v", "pendulum-a"):
-        assert config.find(name).cases[0].h == (1e-1, 1e-2, 1e-3, 1e-4)
-    andrews = config.find("andrews-u").cases[0]
-    assert andrews.h == (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-    assert andrews.t_end == 0.02
-    assert [c.steps for c in config.find("andrews-u").cells()[:5]] == [
-        20, 200, 2_000, 20_000, 200_000,
-    ]  # fmt: skip
-
-
 def test_grid_is_in_the_order_of_the_config(tmp_path):
     """Problem, form, preconditioning, h: the last varies fastest."""
     cells = load(tmp_path, QUICK.replace("u-lambda", "[v-lambda, u-lambda]")).cells()

@@ -14,7 +14,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, Scheme
+from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.starting import constraint_jerk, corrected_velocity
@@ -184,33 +184,3 @@ def test_corrected_starts_give_multipliers_of_order_two(tmp_path):
     for integrator in spellings:
         error = worst_near(subject, h[0], 1.0, integrator, corrected_velocity)
         assert error == pytest.approx(errors[0], rel=1e-6), integrator.label
-
-
-@each("h", [1e-2, 1e-3])
-@each("evaluation", [DIRECT, COMPENSATED])
-def test_exact_velocities_give_wrong_multipliers_at_every_step_size(tmp_path, h, evaluation):
-    """By (−1)ⁿ (t/3) (GᵀM⁻¹G)⁻¹ Gᵀu‴₀ for small t, here ± t, within 20 %."""
-    subject = thrown(tmp_path)
-    t = 0.1
-    for steps in (round(t / h), round(t / h) + 1):
-        wrong = multiplier(subject, h, steps * h, evaluation=evaluation) - exact(steps * h)
-        assert wrong == pytest.approx((-1) ** steps * steps * h, rel=0.2)
-
-
-@each("beta", [0.3, 0.5])
-def test_other_betas_rest_at_another_error(tmp_path, beta):
-    """With γ = 1/2 the error of v rests at −h²(β − 1/6) Gᵀu‴: order 2, elsewhere order 1."""
-    subject, integrator = thrown(tmp_path), Newmark(beta, 0.5)
-
-    def share(constant):
-        def velocity(subject, h):
-            return subject.v0 + 12 * constant * (corrected_velocity(subject, h) - subject.v0)
-
-        return velocity
-
-    h = np.array([4e-3, 2e-3, 1e-3])
-    slopes = []
-    for constant in (beta - 1 / 6, 1 / 12):
-        errors = [worst_near(subject, s, 0.5, integrator, share(constant)) for s in h]
-        slopes.append(np.polyfit(np.log(h), np.log(errors), 1)[0])
-    assert slopes == [pytest.approx(2, abs=0.2), pytest.approx(1, abs=0.2)]

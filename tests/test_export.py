@@ -193,18 +193,6 @@ def test_the_kernel_takes_the_same_correction(scaling):
         assert step.norms[name] == pytest.approx(np.linalg.norm(block), rel=1e-8)
 
 
-def test_observing_does_not_change_the_march():
-    """Systems of one step are the same whether or not others are looked at."""
-    how = {"h": 1e-4, "every_iteration": True}
-    alone = [*newmark.linear_systems("four-bar", steps=[7], **how)]
-    among = [
-        s for s in newmark.linear_systems("four-bar", steps=[1, 6, 7, 8], **how) if s.step == 7
-    ]
-    for one, other in zip(alone, among, strict=True):
-        assert np.array_equal(one.matrix.toarray(), other.matrix.toarray())
-        assert np.array_equal(one.rhs, other.rhs)
-
-
 def test_systems_of_an_iterative_solver():
     """Those of its march, in its sparse matrix; a march that stagnates leaves what it solved."""
     how = {"h": 1e-3, "steps": [1, 2], "linear_solver": "gmres"}

@@ -5,17 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 from each import each
-from marching import march, start
+from marching import start
 
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.linked import Made
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
@@ -116,36 +114,6 @@ def test_a_large_member_is_built_from_arrays():
     assert chain.drawing.title == "Falling chain of 3000 links"
     assert chain.drawing is chain.drawing
     assert made == [3000]
-
-
-def test_items_that_are_made_when_asked_for():
-    """A sequence like any other: length, places from both ends, slices, no place too many."""
-    squares = Made(4, lambda place: place**2)
-    assert (len(squares), list(squares), squares[-1], squares[1:3]) == (4, [0, 1, 4, 9], 9, (1, 4))
-    with pytest.raises(IndexError):
-        squares[4]
-
-
-@each("size", [1, 3])
-@each("family", FAMILIES)
-def test_energy_is_kept_at_order_2(family, size):
-    """½ vᵀMv − uᵀ(weight): the error of the trapezoidal rule falls by four with h halved."""
-    subject = member(family, size).load()
-    load, form = weight(subject), FORMS["u-lambda"]
-
-    def drift(h):
-        scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
-        state = initial_state(subject, scheme)
-        energies = []
-        for k in range(round(0.25 / h)):
-            u, v = state.fields[:2]
-            energies.append(v @ subject.M @ v / 2 - u @ load)
-            march(compiled_march, subject, scheme, state, k, 1)
-        return np.ptp(energies)
-
-    coarse, fine = drift(1e-2), drift(5e-3)
-    assert coarse < 1e-2
-    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.2)
 
 
 def test_one_link_is_the_pendulum():

@@ -22,9 +22,6 @@ TRAPEZOIDAL, DAMPED = Newmark(), GeneralizedAlpha(0.9)
 REDUCED = ("index-2", "index-1", "baumgarte", "baumgarte rate_h=1", "ggl")
 
 
-# -- orders of errors and drift -----------------------------------------------------------------
-
-
 # -- predictions of series ------------------------------------------------------------------------
 
 

@@ -496,30 +496,6 @@ def test_each_block_is_recorded_until_it_grows(engine):
     assert (early > 0, grown > 0) == (True, True), (early, grown)
 
 
-def test_plain_functions_march_like_compiled_ones():
-    """The car axis in plain Python and compiled, Φ(u, t) and its derivatives by differences.
-
-    Two codings of the differences agree to their own rounding, about 1e-10.  The kernel,
-    which calls the compiled ones, is run by Python.
-    """
-    plain, subject = car_axis(compiled=False), car_axis(compiled=True)
-    for label, projection in (
-        ("index-3", "velocity"),
-        ("ggl", "none"),
-        ("baumgarte rate=20", "none"),
-        ("index-2", "position-velocity accelerations"),
-    ):
-        scheme = scheme_of(label, "a-lambda", 1e-2, projection=projection)
-        compiled, slow = march_of(subject, scheme, "interpreted"), March(plain, scheme)
-        for march in (compiled, slow):
-            march.advance(3)
-        for field, size in zip(range(3), (1, 1e2, 1e4), strict=True):
-            np.testing.assert_allclose(
-                slow.state.fields[field], compiled.state.fields[field],
-                rtol=0, atol=1e-9 * size, err_msg=f"{label} {projection}",
-            )  # fmt: skip
-
-
 @each("formulation", [*FORMULATIONS[:-1], "augmented-lagrangian penalty=1e5"])
 def test_the_kernel_computes_in_single_precision(formulation):
     """Float32: the same motion to single rounding, and not to double.

@@ -85,31 +85,6 @@ def test_order_two_with_every_formulation_and_projection(formulation, projection
     assert np.all(errors[-1] < 3e-6)
 
 
-def test_accelerations_fed_back_as_they_are_cost_an_order():
-    """a = v' = the index-1 acceleration: order 1 of generalized-α; a changed like v': order 2."""
-    subject = subject_of("thrown")
-    index_1, dissipative = Index1(subject), GeneralizedAlpha(0.5)
-    errors = []
-    for h in (1e-2, 5e-3, 2.5e-3):
-        march = March(
-            subject, scheme_of("index-3", "a-lambda", h, dissipative, projection="velocity")
-        )
-        places = march.scheme.relations.advance
-        for _ in range(round(1 / h)):
-            march.advance(1)
-            fields = march.state.fields
-            fields[2] = fields[3] = index_1.accelerations(march.t, fields[0], fields[1])[0]
-            march.state.past[:] = fields[places]
-        errors.append(np.abs(march.state.fields[0] - thrown_at(1.0)[0]).max())
-    naive = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(naive, 1.0, atol=0.15)
-    shipped = thrown_errors(
-        (5e-3, 2.5e-3), "index-3", dissipative, projection="velocity accelerations"
-    )
-    assert np.log2(shipped[0, 0] / shipped[1, 0]) == pytest.approx(2.0, abs=0.05)
-    assert shipped[1, 0] < errors[-1] / 5
-
-
 @each("integrator", [DAMPED, HHT(0.1), BDF2()])
 def test_the_total_reaction_is_of_order_two_where_lambda_is_not(integrator):
     """Velocities projected: λ has order 1, λ and what the projection did order 2.

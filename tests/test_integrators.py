@@ -10,7 +10,7 @@ import textbook
 from covering import covering
 from damped import DAMPING, MASS, STIFFNESS, damped
 from each import each
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from marching import INTEGRATORS, march
 from mpmath import mp, mpf
@@ -42,9 +42,6 @@ from newmark_cli.report.judging.fits import power_law
 from newmark_cli.study.measures import corrections
 
 EVERY = each("integrator", INTEGRATORS)
-EVERY_FORM = each("form", FORMS.values())
-
-
 # Labels and parameters
 
 
@@ -96,56 +93,6 @@ def test_refusals(label, words):
 
 
 # Relations against the textbook
-
-
-def polynomials(degree):
-    """A motion of this degree with no special coefficients, and its derivatives."""
-    position = np.polynomial.Polynomial([0.7, -1.3, 2.1, -0.6][: degree + 1])
-    return position, position.deriv(), position.deriv(2)
-
-
-#: Where the scheme's a belongs, in steps after the instant of v'.
-def lag(integrator):
-    if isinstance(integrator, GeneralizedAlpha | HHT):
-        _, _, alpha_m, alpha_f = integrator.parameters
-        return alpha_m - alpha_f
-    return 0.0
-
-
-def past_of(integrator, advance, t, h, position, rate, acceleration):
-    """Past vectors at time t of an exact motion; a stands where Arnold and Brüls put it."""
-    w = position(t) - position(t - h) - h * rate(t - h)
-    values = {
-        NEW_U: position(t), NEW_V: rate(t), NEW_A: acceleration(t + lag(integrator) * h),
-        TRUE_ACCELERATION: acceleration(t), NEW_W: w, NEW_NU: rate(t) - rate(t - h),
-    }  # fmt: skip
-    return np.array([values[source] for source in advance])
-
-
-@EVERY
-@settings(max_examples=10)  # of each integrator
-@given(h=st.floats(1e-3, 1), t=st.floats(-1, 1))
-def test_relations_are_exact_for_polynomials(integrator, h, t):
-    """V and row D for the acceleration that the order promises: constant, or linear.
-
-    K for constant ones; implicit Euler, whose u uses the new v, for none at all.
-    """
-    found = integrator.relations(h)
-
-    def residuals(degree):
-        position, rate, acceleration = polynomials(degree)
-        past = past_of(integrator, found.advance, t, h, position, rate, acceleration)
-        a = acceleration(t + h + lag(integrator) * h)
-        return np.array([
-            found.v_from_a * a + found.v_past @ past - rate(t + h),
-            found.u_from_a * a + found.u_past @ past - position(t + h),
-            found.acceleration @ [a, *past] - acceleration(t + h),
-        ])  # fmt: skip
-
-    v, _, dynamics = residuals(integrator.order + 1)
-    assert abs(v) < 1e-13
-    assert abs(dynamics) < 1e-11
-    assert abs(residuals(1 if integrator == BDF1() else 2)[1]) < 1e-13
 
 
 STEPS, H = 2, 0.05
@@ -207,22 +154,6 @@ def test_symbols_are_sensitivities_to_displacement(integrator, h):
     assert gamma / (beta * h) == pytest.approx(found.v_from_a / found.u_from_a, rel=1e-14)
     expected = found.acceleration[0] / found.u_from_a
     assert 1 / (beta * h**2) == pytest.approx(expected, rel=1e-14)
-
-
-@EVERY_FORM
-@each("integrator", [GeneralizedAlpha(1.0), HHT(0.0)])
-def test_undamped_members_are_the_trapezoidal_rule(integrator, form):
-    """ρ∞ = 1 and α = 0 to rounding, which grows undamped: N² eps/h² in a and λ."""
-    subject, states = problem("pendulum"), []
-    for one in (integrator, Newmark()):
-        scheme = Scheme(one, form, named_scaling("optimal", form), 1e-2)
-        states.append(initial_state(subject, scheme))
-        march(compiled_march, subject, scheme, states[-1], 0, 50)
-    found, expected = states
-    for k, tolerance in enumerate((1e-12, 1e-10, 1e-8)):
-        np.testing.assert_allclose(found.fields[k], expected.fields[k], rtol=0, atol=tolerance)
-    np.testing.assert_allclose(found.fields[3], expected.fields[2], rtol=0, atol=1e-8)
-    np.testing.assert_allclose(found.multipliers, expected.multipliers, rtol=0, atol=1e-8)
 
 
 # Damping of what the constraints do not see

@@ -14,7 +14,6 @@ import pytest
 from conftest import (
     ENDINGS,
     LONG,
-    SWING,
     require_ended,
     wait_for_cells,
     wait_until,
@@ -23,22 +22,8 @@ from conftest import (
 from each import each
 from warm import SCRIPT
 
-from newmark_cli.study import config
 from newmark_cli.support import interrupts
 
-#: Cells of compiled code on threads, and of plain Python in processes.
-MIXED = """\
-study: mixed
-preconditioning: [none, left, right, optimal]
-h: [12e-3, 24e-3]
-t_end: 0.6
-cases:
-  - problem: pendulum
-    form: [u-lambda, a-lambda]
-  - problem: {python: "mine.py:swing"}
-    form: u-lambda
-"""
-CELLS = 24
 ONE = """\
 study: one
 problem: {python: "mine.py:swing"}
@@ -207,18 +192,6 @@ def test_a_forced_run_promises_nothing(cli):
     assert run.returncode == 130
 
 
-def test_reproduce_tells_too(cli):
-    """Of all cells of its studies, those kept in an earlier run included."""
-    cli("run", "pendulum-v", "--shard", "1/8")
-    run = cli.start("reproduce", "-q")
-    wait_for_cells(cli.folder / "results", 3)
-    run.send_signal(signal.SIGTERM)
-    _, errors = run.communicate(timeout=60)
-    cells = sum(config.load_shipped(name).count for name in config.REPRODUCED)
-    require_ended(run, signal.SIGTERM, errors, kept(cli), cells)
-    assert errors.count("\n") == 1
-
-
 def test_the_cursor_comes_back(cli):
     """A display that is interrupted stands as it was, and the line of the interrupt below it."""
     cli.write("long.yaml", LONG)
@@ -249,24 +222,3 @@ def test_the_cursor_comes_back(cli):
         f"newmark-study: interrupted; {count} of 24 cells are cached, "
         "run the same command again to continue"
     )
-
-
-def test_interrupted_and_resumed_again_and_again(cli):
-    """Threads and processes together: right codes and lines, no semaphore left, the same bytes."""
-    cli.write("mine.py", SWING)
-    cli.write("mixed.yaml", MIXED)
-    run = ("run", "mixed.yaml", "--allow-code")
-    cli(*run, "--results", "whole")
-    moments = ((signal.SIGTERM, 2), (signal.SIGINT, 8))
-    for ending, count in moments:
-        before = kept(cli) if count > 2 else 0
-        started = cli.start(*run, start_new_session=True)
-        wait_for_cells(cli.folder / "results", max(count, before + 1))
-        os.killpg(started.pid, ending)
-        _, errors = started.communicate(timeout=60)
-        require_ended(started, ending, errors, kept(cli), CELLS)
-        assert errors.count("\n") == 1, errors
-    done = cli(*run).stdout
-    assert re.fullmatch(r"mixed: 24 ok \(\d+ cached\) -> results/mixed.csv\n", done)
-    mine, whole = (cli.folder / name / "mixed.csv" for name in ("results", "whole"))
-    assert mine.read_bytes() == whole.read_bytes()

@@ -119,28 +119,6 @@ def test_where_symmetric(name, form, h):
             )
 
 
-@each(
-    "name, scaled, h",
-    covering(
-        [name for name in SUBJECTS if name not in ("damped", "governor")],
-        [("u-lambda", "optimal"), ("a-lambda", "left"), ("a-lambda", "optimal")],
-        [1e-2, 1e-6],
-    ),
-)
-def test_minres_finds_what_gmres_does(name, scaled, h):
-    """As near as the condition number says."""
-    form, variant = scaled
-    subject, scheme = SUBJECTS[name], scheme_of(form, variant, h)
-    state = in_motion(subject)
-    values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
-    minres, gmres = (
-        systems.system(solver, subject, scheme, Krylov(tolerance=1e-10)).solve(values, rhs)
-        for solver in (choice.MINRES, choice.GMRES)
-    )
-    condition = BalancedJacobian(subject, scheme, 0.0, state).condition()
-    assert np.linalg.norm(minres - gmres) <= 2e-10 * condition * np.linalg.norm(gmres)
-
-
 @each("solver", [choice.GMRES, choice.MINRES])
 def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
     """And without scaling the tolerance is out of reach, whatever the solver makes of it."""

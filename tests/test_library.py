@@ -18,10 +18,7 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.newmark import trajectory
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
-from newmark_cli.newmark.invariants import invariants
 from newmark_cli.problems.fingerprint import of_definition
-
-SCRIPTS = Path(sys.executable).parent
 
 #: Every integrator, in each of its spellings.
 INTEGRATORS = {
@@ -497,20 +494,6 @@ def test_a_projection_is_the_nearest_in_the_metric_of_M():
     push = np.linalg.solve(gradient.T @ inverse @ gradient, gradient.T @ v0)
     assert start.v[0] == pytest.approx(v0 - inverse @ gradient @ push, abs=1e-12)
     assert np.abs(given.constraint_values(0.0, start.u[0])).max() < 1e-15
-
-
-def test_a_projected_mechanism_meets_its_constraints():
-    """Andrews' mechanism, moved by millimetres."""
-    andrews = newmark.problem("andrews")
-    moved = andrews.u0 + 1e-3 * np.sin(np.arange(8))
-    found = newmark.march("andrews", h=1e-5, steps=100, u0=moved, v0=np.ones(8), project=True)
-    assert found.status == "ok"
-    misfits = invariants(found.problem, 0.0, found.state.carried.state._replace(
-        fields=np.array([found.u[0], found.v[0], found.a[0], found.a[0]]),
-        multipliers=found.multipliers[0],
-    ))  # fmt: skip
-    assert misfits["position"].error < 1e-15
-    assert misfits["velocity"].error < 1e-14
 
 
 # -- scalings ---------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """What errors of λ are relative to: Gauss's function, other units and axes, fictitious masses."""
 
-import csv
 import math
 from dataclasses import replace
 
@@ -244,30 +243,3 @@ def test_the_largest_multiplier_of_each_step():
     np.testing.assert_allclose(found.largest(values), np.array([3.0, 1.0, 2.0]) * units[0])
     values[:, :2] = 0
     np.testing.assert_allclose(found.largest(values), np.array([0.0, 0.0, 4.0]) * units[2])
-
-
-def test_measures_are_the_same_in_other_units(tmp_path, cli):
-    """Errors and invariants of a study, and how λ grows along the way."""
-    hoist(tmp_path / "metres.yaml"), hoist(tmp_path / "millimetres.yaml", length=1000.0)
-    path = tmp_path / "units.yaml"
-    path.write_text(
-        "study: units\nproblem: [metres.yaml, millimetres.yaml]\nform: u-lambda\n"
-        "preconditioning: optimal\nintegrator: {method: generalized-alpha, rho: 0.9}\n"
-        "measure: [error, invariant, history]\nh: [1e-2, 5e-3]\nt_end: 0.1\nsamples: 5\n"
-    )
-    cli("run", str(path))
-    with (cli.folder / "results/units.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    found = {
-        (row["problem"], row["h"], row["measure"], row["quantity"]): float(row["max"])
-        for row in rows
-    }
-    compared = 0
-    for (name, h, measure, quantity), value in found.items():
-        if "millimetres" in name or quantity not in ("lambda", "multiplier"):
-            continue
-        other = found[name.replace("metres", "millimetres"), h, measure, quantity]
-        # λ over time is in the unit of the largest, that of the bar: kg/s².
-        assert other == pytest.approx(value, rel=1e-6)
-        compared += 1
-    assert compared == 6

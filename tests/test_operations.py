@@ -203,9 +203,6 @@ def test_corrections_of_positions_are_counted_by_each_engine():
     assert abs(kernel_march.corrections - other.corrections) <= 10
 
 
-# -- Krylov solvers -----------------------------------------------------------------------------
-
-
 # -- studies ------------------------------------------------------------------------------------
 
 

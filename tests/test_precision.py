@@ -15,7 +15,7 @@ from numba import njit
 
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import compiled_march, kernel
+from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS, Formulation, Projection
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
@@ -77,20 +77,6 @@ def test_elements_compute_in_single_precision(everything, seed, t):
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-3 * np.abs(exact).max())
 
 
-@given(st.integers(1, 25), st.integers(0, 2**32 - 1), st.sampled_from([np.float32, np.float64]))
-def test_solver_computes_in_its_precision(size, seed, dtype):
-    """Compiled and interpreted it agrees bit by bit."""
-    random = np.random.default_rng(seed)
-    matrix = random.normal(size=(size, size)) * (random.random((size, size)) > 0.4)
-    matrix += 3 * np.eye(size)[random.permutation(size)]
-    rhs, solutions = random.normal(size=size), []
-    for solve in (kernel.solve_in_place, kernel.solve_in_place.py_func):
-        solutions.append(rhs.astype(dtype))
-        work = np.empty(size, np.uint64), np.empty(size, dtype)
-        assert solve(matrix.astype(dtype), solutions[-1], *work)
-    np.testing.assert_array_equal(*solutions)
-
-
 def require_interpreted_steps(subject, scheme, steps):
     """Compiled and interpreted marches agree bit by bit; the state at the end."""
     ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
@@ -143,9 +129,6 @@ def test_formulations_march_in_their_precision(
         precision=precision, formulation=of, projection=Projection.parse(projection),
     )  # fmt: skip
     require_interpreted_steps(subject, scheme, 2)
-
-
-# Floors
 
 
 # Refusals

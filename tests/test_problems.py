@@ -124,24 +124,6 @@ def double(tmp_path):
     return loading.load(path, "double")
 
 
-def rigid(points, velocities, centre, length):
-    """Mass centre, its velocity and the rate of turn of a two-point body."""
-    along = (points[1] - points[0]) / length
-    spin = ((velocities[1] - velocities[0]) / (1j * (points[1] - points[0]))).real
-    place = points[0] + centre * along
-    return place, velocities[0] + 1j * spin * (place - points[0]), spin
-
-
-def test_kinetic_energy_is_that_of_rigid_bodies(double):
-    """½ vᵀ M v against mass centres and rates of turn."""
-    b, vb, c, vc = 0.3 + 0.4j, -0.8 + 0.6j, 0.3 + 1.4j, -0.8 + 0.6j
-    _, v1, spin1 = rigid((0, b), (0, vb), 0.2 + 0.1j, 0.5)
-    _, v2, spin2 = rigid((b, c), (vb, vc), 0.5 - 0.2j, 1.0)
-    expected = 0.5 * (3 * abs(v1) ** 2 + 0.5 * spin1**2 + 4 * abs(v2) ** 2 + 0.25 * spin2**2)
-    expected += 0.5 * 2 * abs(vc) ** 2
-    assert 0.5 * double.v0 @ double.M @ double.v0 == pytest.approx(expected, rel=1e-14)
-
-
 MISTAKES = [
     ("to: B, length: 0.5", "to: Z, length: 0.5", 6, "unknown point 'Z'"),
     ("length: 0.5,", "length: 0.6,", 6, "start 0.5 m apart, given length 0.6"),

@@ -237,18 +237,6 @@ def test_newmark_converges_to_the_reference(driven):
         assert relative_error(limit, exact) < 1e-2 * errors[2]
 
 
-def test_reference_meets_the_constraints(driven):
-    """Positions and velocities are on the constraints to rounding, λ is theirs."""
-    t = 0.4
-    found = solution(driven, t)
-    terms = driven.evaluate(t, found.u, found.v, found.multipliers)
-    rate, curvature = driven.constraint_derivatives(t, found.u, found.v)
-    np.testing.assert_allclose(terms.phi, 0, atol=3e-15)
-    np.testing.assert_allclose(terms.G.T @ found.v + rate, 0, atol=1e-14)
-    accelerations = np.linalg.solve(driven.M, terms.force)
-    np.testing.assert_allclose(terms.G.T @ accelerations, -curvature, atol=1e-11)
-
-
 def test_driven_crank_is_where_its_law_says(tmp_path):
     """A prescribed angle leaves nothing free: u, v and both multipliers are known."""
     path = tmp_path / "crank.yaml"

@@ -1,30 +1,24 @@
 """Sparse Jacobians and their march against the dense ones."""
 
-import itertools
-
 import numpy as np
 from covering import covering
 from damped import damped
 from each import each
-from marching import EPS, STEP, assert_same_step, copy, in_motion, march, scheme_of, start, states
+from marching import in_motion, scheme_of
 
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import compiled_march, march_data, scipy_march
+from newmark_cli.newmark import march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import scaled_jacobian
 from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.problems import algebra
 
 CHAIN = Sized("chain", (("links", 6),))
 FOUR_BARS = Sized("four-bars", (("windows", 4),))
 SPECS = [*(Shipped(name) for name in PROBLEMS), CHAIN, FOUR_BARS]
-#: Step sizes at which Newton converges well and rounding does not yet drown a.
-STEPS = STEP | {CHAIN.label: 1e-2, FOUR_BARS.label: 1e-2, "damped": 1e-2}
 SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
 
 
@@ -40,28 +34,6 @@ def test_same_jacobian(name, form, variant, h):
     found[system.rows, system.columns] = system.scaled_entries(values)
     expected = scaled_jacobian(scheme, subject.dense(values), subject.M)
     np.testing.assert_array_equal(found, expected)
-
-
-#: Every form in every scaling, every problem in several; each pair is code of its own to compile.
-MARCHES = [
-    (name, form, variant)
-    for name, (form, variant) in zip(
-        itertools.cycle(STEPS), itertools.product(FORMS, VARIANTS), strict=False
-    )
-]
-
-
-@each("name, form, variant", MARCHES)
-def test_marches_agree_per_step(name, form, variant):
-    """Dense kernel and sparse march take the same step, to rounding, along a run."""
-    subject = SUBJECTS[name]
-    scheme = scheme_of(form, variant, STEPS[name])
-    system = SparseSystem(subject, scheme)
-    for first, state in states(subject, Newmark(), scheme.h, count=2):
-        ours, reference = copy(state), copy(state)
-        march(scipy_march, subject, scheme, ours, first, 1, system=system)
-        march(compiled_march, subject, scheme, reference, first, 1)
-        assert_same_step(subject, scheme, ours, reference)
 
 
 @each("form", FORMS)
@@ -105,17 +77,6 @@ def test_condition_estimate(name, form, variant, h):
     found = system.balanced(0.0, state).condition()
     assert exact / 3 <= found <= exact * (1 + 1e-9)
     assert system.balanced(0.0, state).condition() == found
-
-
-@each("name", STEPS)
-def test_consistent_starts_agree(name, monkeypatch):
-    """The sparse index-1 system gives the accelerations and multipliers of the dense one."""
-    subject = SUBJECTS[name]
-    dense = start(subject)
-    monkeypatch.setattr(algebra, "DENSE_UP_TO", 0)
-    sparse = start(subject)
-    for found, expected in ((sparse.fields, dense.fields), (sparse.multipliers, dense.multipliers)):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e3 * EPS * np.abs(expected).max())
 
 
 def test_singular_and_infinite_matrices_end_the_march():
