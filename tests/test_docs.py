@@ -53,14 +53,16 @@ TESTS = "python3 -m venv .venv && .venv/bin/pip install -e '.[test]' && .venv/bi
 COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
 
 
-#: The command, where advice draws less often what rounding does, and a figure is rendered
-#: once, whatever the kinds of its files: no page shows these numbers, or the files.
+#: The command, where advice draws less often what rounding does, marches are timed once, and a
+#: figure is rendered once, whatever the kinds of its files: no page shows these numbers, or files.
 #: Processes for code of the user's import it, too.
 QUICKER = """from newmark_cli.cli import advising
 from newmark_cli.console import main
 from newmark_cli.advice import linearised
 from newmark_cli.report.drawing import style
+from newmark_cli.study import compute
 
+compute._MEASURED = 1e-9
 linearised._SAMPLES, linearised._ROUGHLY = 2, 1
 original = advising._advised
 rendered = style.rendered
@@ -168,7 +170,7 @@ class Reader:
                 continue
             assert program == "newmark-study", command
             script = SCRIPT
-            if rest[0] in ("advise", "draw", "plot"):
+            if rest[0] in ("advise", "draw", "plot") or "--timed" in rest:
                 assert rest[0] != "advise" or not command.shown, command
                 script = self.cli.write("quicker.py", QUICKER)
             done = self.cli.warm.run(rest, self.cli.folder, script)

@@ -650,25 +650,6 @@ def test_importing_takes_no_library():
     assert {module for module in modules if module.startswith("newmark_cli")} == {"newmark_cli"}
 
 
-#: What a user might write, in types; CI checks it against the installed wheel too.
-USER = Path(__file__).with_name("user.py").read_text(encoding="utf-8")
-
-
-def test_mypy_accepts_a_users_script(tmp_path, pytestconfig):
-    """In strict mode, against the package; and refuses one that takes a step for a number."""
-    (tmp_path / "user.py").write_text(USER)
-    (tmp_path / "wrong.py").write_text(USER + 'wrong: int = later.state\nnewmark.march("x")\n')
-    (tmp_path / "mypy.ini").write_text("[mypy]\nstrict = True\n")
-    # What mypy knows of the package and of its libraries from the last time.
-    known = pytestconfig.cache.mkdir("mypy")
-    command = [sys.executable, "-m", "mypy", "--cache-dir", known, "user.py", "wrong.py"]
-    done = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True)
-    errors = [line for line in done.stdout.splitlines() if " error: " in line]
-    last = len(USER.splitlines())
-    expected = [f"wrong.py:{last + 1}:", f"wrong.py:{last + 2}:"]
-    assert [line.partition(" ")[0] for line in errors] == expected
-
-
 MEMORY = """\
 from pathlib import Path
 import newmark_cli as newmark
