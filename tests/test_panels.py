@@ -1,5 +1,6 @@
 """Sheets as data, the one renderer, and a kind of figure that nothing else knows of."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from click.testing import CliRunner
 from each import each
 
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.report.drawing import draw, panels, plot, sheets
+from newmark_cli.report.drawing import draw, panels, plot, sheets, traces
 from newmark_cli.report.drawing.panels import (
     Panel,
     Reference,
@@ -38,6 +39,19 @@ def trace(place, label, slope=1.0, x=H, **given):
 def texts(legend):
     """Entries of a legend, broken lines put together."""
     return [text.get_text().replace("\n", " ") for text in legend.get_texts()]
+
+
+def test_words_and_hollow_markers_agree(committed_results):
+    """`check` says that rounding rules below the step size at which markers become hollow."""
+    counted = Counter()
+    for slope in committed_results("cures").slopes:
+        if slope.record.name == "invariant":
+            continue
+        told = re.search(r"rules (?:below h = ([^;]+)|at every h)", slope.reason)
+        below = float(told[1] or "inf") if told else 0.0
+        assert slope.h[traces.ruled(slope)].tolist() == slope.h[slope.h < below].tolist()
+        counted[bool(told)] += 1
+    assert min(counted.values()) > 10
 
 
 # -- data -----------------------------------------------------------------------------------

@@ -138,14 +138,14 @@ def test_what_speaks_against_a_series_is_far_above_its_rounding():
     """Twins tell rounding to a factor of 10: a tail within it condemns nobody."""
     h, values = [1e-4, 3e-5, 1e-5, 3e-6, 1e-6], [3.4e-2, 3.59e-3, 3.83e-4, 1e-3, 4.2e-3]
     near, far = (part * np.array([0, 2e-5, 1e-4, 1e-3, 4e-3]) for part in (0.2, 1e-5))
-    require(evidence(values, h, near), PASS, "rounding rules below h = 1e-05")
+    require(evidence(values, h, near), PASS, "rounding may rule below h = 1e-05")
     require(evidence(values, h, far), NOT_CONVERGING)
 
 
 def test_rounding_that_is_alike_in_all_steps():
     """Twins do not see it, and in 1e4 steps it is up to a hundred times what they see."""
     values, rounding = [2e-4, 2e-6, 2e-8, 4e-8], [1e-14, 1e-13, 1e-12, 1e-9]
-    require(evidence(values, rounding=rounding), PASS, "rounding rules below h = 0.0001")
+    require(evidence(values, rounding=rounding), PASS, "rounding may rule below h = 0.0001")
     short = {"steps": np.full(4, 100.0)}
     require(evidence(values, rounding=rounding, **short), UNDECIDED)
     rising = [2e-4, 2e-6, 2e-6, 4e-6]

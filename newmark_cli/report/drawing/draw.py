@@ -26,8 +26,9 @@ from newmark_cli.report.drawing.style import NONE, checked, settled
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, visible
 
-#: Least width of a panel with its labels, and least sides of its axes (inch).
-_NARROW, _LEAST = 1.5, 0.4
+#: Least width of a panel with its labels, of one in a grid, whose labels others share, and least
+#: sides of its axes (inch).
+_NARROW, _NARROW_IN_GRID, _LEAST = 1.5, 1.05, 0.4
 #: What a legend or a title may take of the sheet's width.
 _MOST = 0.98
 
@@ -94,7 +95,8 @@ def drawn(
 
 def _columns(sheet: Sheet, width: float) -> int:
     """Panels side by side: as many as there is room for, without a gap in a small grid."""
-    count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / _NARROW)))
+    narrow = _NARROW_IN_GRID if _is_grid(sheet) else _NARROW
+    count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / narrow)))
     return most if most == sheet.columns or count > 4 or count % most == 0 else 1
 
 
@@ -238,31 +240,59 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
         levels[f"predicted: {orders}"] = next(iter(predicted.values()))
     if not (groups or levels):
         return
-    blank = mpl.lines.Line2D([], [], linestyle="none")
-    blocks = list(groups.values()) or [{}]
-    if len(groups) > 1:
-        blocks = [{f"{plain(name)}:": blank, **some} for name, some in groups.items()]
-    blocks[-1] = {**blocks[-1], **levels}
-    tallest = max(map(len, blocks))
+    blocks = [[(f"{plain(name)}:", _BLANK), *some.items()] for name, some in groups.items()]
+    if len(blocks) < 2:
+        blocks = [[*some.items()] for some in groups.values()] or [[]]
+    blocks[-1] += levels.items()
     most = _MOST * drawing.bbox.width
-    balanced = [-(-len(blocks[0]) // rows) for rows in range(1, len(blocks[0]) + 1)]
-    for columns in [len(blocks), 1] if len(blocks) > 1 else balanced:
-        listed = [entry for block in blocks for entry in block.items()]
-        if columns > 1 and len(blocks) > 1:
-            padding = [[("", blank)] * (tallest - len(block)) for block in blocks]
-            listed = [e for b, p in zip(blocks, padding, strict=True) for e in (*b.items(), *p)]
-        texts, handles = zip(*listed, strict=True)
-        legend = drawing.legend(handles, texts, ncols=columns, loc="outside lower center")
-        if legend.get_window_extent().width <= most:
+    for columns in _layouts(blocks):
+        texts, handles = zip(*(entry for column in columns for entry in column), strict=True)
+        legend = drawing.legend(
+            handles, texts, ncols=len(columns), loc="outside lower center",
+            **(_DENSE if len(blocks) > 1 else {}),
+        )  # fmt: skip
+        if legend.get_window_extent().width <= most or len(columns) == 1:
             break
-        if columns > 1:
-            legend.remove()
+        legend.remove()
     room = most - legend.handlelength * 1.5 * _points(mpl.rcParams["legend.fontsize"])
+    headings = {column[0][0] for column in blocks if column[0][1] is _BLANK}
     for entry in legend.get_texts():
+        entry.set_style("italic" if entry.get_text() in headings else "normal")
         entry.set_text(_wrapped(entry, entry.get_text(), room))
     if sheet.heading:
         legend.set_title(" ")
         legend.set_title(_wrapped(legend.get_title(), sheet.heading, most))
+
+
+#: Settings of a legend of several groups.
+_DENSE: Any = {"handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8}
+#: What an entry without a line or marker has for a handle.
+_BLANK = mpl.lines.Line2D([], [], linestyle="none")
+
+
+def _layouts(blocks: Sequence[Sequence[Any]]) -> Iterator[list[list[Any]]]:
+    """Columns of a legend, the lowest first: blocks side by side, then one below the other."""
+    headed = len(blocks) > 1
+    if headed:
+        yield _filled(blocks)
+    tallest = max(len(block) - headed for block in blocks)
+    for count in dict.fromkeys(-(-tallest // rows) for rows in range(1, tallest + 1)):
+        stacked: list[list[Any]] = [[] for _ in range(count)]
+        for block in blocks:
+            parts = np.array_split(np.arange(headed, len(block)), count)
+            split = [[block[i] for i in part] for part in parts]
+            if headed:
+                heads = [block[0], *[("", _BLANK)] * (count - 1)]
+                split = _filled([[head, *part] for head, part in zip(heads, split, strict=True)])
+            for column, part in zip(stacked, split, strict=True):
+                column += part
+        yield stacked
+
+
+def _filled(columns: Sequence[Sequence[Any]]) -> list[list[Any]]:
+    """Columns of the same length."""
+    tallest = max(map(len, columns))
+    return [[*column, *[("", _BLANK)] * (tallest - len(column))] for column in columns]
 
 
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:

@@ -153,17 +153,27 @@ def joined(*parts: str) -> str:
 
 
 def _above(given: Evidence, share: float | Array) -> tuple[Mask, str]:
-    """Points from the coarsest on of which rounding is less than a share, and what is left out."""
+    """Points from the coarsest on of which rounding is less than a share, and what is left out.
+
+    Words and hollow markers have one threshold: rounding rules from half of a value on.  What is
+    left out for a smaller share is what it may rule.
+    """
     usable = np.isfinite(given.values) & (given.values > 0)
     zeros = int(np.count_nonzero(given.values == 0))
     told = f"{zeros} of {len(given.h)} values are exactly 0" if zeros else ""
-    ruled = usable & (given.uncertainty >= share)
-    if given.kind == "rounding" or not ruled.any():
+    cuts: dict[int, str] = {}
+    for word, least in (("may rule", share), ("rules", RULED)):
+        ruled = usable & (given.uncertainty >= least)
+        if ruled.any() and given.kind != "rounding":
+            cuts[int(np.argmax(ruled))] = word
+    if not cuts:
         return usable, told
-    first = int(np.argmax(ruled))
-    where = f"below h = {given.h[first - 1]:g}" if first else "at every h"
-    usable[first:] = False
-    return usable, joined(told, f"rounding rules {where}")
+    usable[min(cuts) :] = False
+    where = (
+        f"{word} below h = {given.h[first - 1]:g}" if first else f"{word} at every h"
+        for first, word in cuts.items()
+    )
+    return usable, joined(told, f"rounding {', '.join(where)}")
 
 
 def _rounding_alone(given: Evidence) -> Judgement:
