@@ -257,7 +257,7 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
     room = most - legend.handlelength * 1.5 * _points(mpl.rcParams["legend.fontsize"])
     headings = {column[0][0] for column in blocks if column[0][1] is _BLANK}
     for entry in legend.get_texts():
-        entry.set_style("italic" if entry.get_text() in headings else "normal")
+        entry.set_fontstyle("italic" if entry.get_text() in headings else "normal")
         entry.set_text(_wrapped(entry, entry.get_text(), room))
     if sheet.heading:
         legend.set_title(" ")
