@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from each import each
+from pydantic import ValidationError
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
@@ -85,6 +86,16 @@ def test_what_is_printed_can_be_typed(axis):
             assert parsed(axis, typed) == value, text
             if axis.name == "integrator":
                 assert integrator.parse(text) == value
+
+
+@each("key", ["form", "integrator", "preconditioning", "formulation", "projection", "start"])
+def test_a_value_under_another_key(key):
+    """The message names the key that has it."""
+    for other in ("form", "preconditioning", "formulation", "precision", "multipliers"):
+        for name in VALUES[other] if other != key else ():
+            if isinstance(name, str) and name not in ("none", *VALUES[key]):
+                with pytest.raises(ValidationError, match=rf"{name}', which is .* key {other};"):
+                    config._Shared.model_validate({key: [name]}, context=None)
 
 
 def test_trapezoidal_everywhere():
@@ -178,12 +189,14 @@ def test_names_without_endings(cli):
     assert "hoist.png" in cli("draw", "hoist").stdout
     assert cli("run", "lift").stdout == "lift: 3 ok -> results/lift.csv\n"
     assert set(pd.read_csv(cli.folder / "results/lift.csv")["problem"]) == {"hoist.yaml"}
-    told = cli("validate", "hoist", "lift", "andrews", "pendulum-u").stdout.splitlines()
+    told = cli("validate", "hoist", "lift", "andrews", "pendulum-u", "chain(links=3)")
+    told = told.stdout.splitlines()
     assert told == [
         "hoist.yaml: mechanism, 2 coordinates, 1 constraints, 1 degree of freedom",
         "lift.yaml: study lift, 3 cells",
         "andrews: mechanism, 8 coordinates, 7 constraints, 1 degree of freedom",
         "pendulum-u: study pendulum-u, 16 cells",
+        "chain(links=3): mechanism, 6 coordinates, 3 constraints, 3 degrees of freedom",
     ]
     assert newmark.march(cli.folder / "hoist.yaml", h=1e-2, steps=1).problem.n == 2
     assert len(cli("check", "lift", "--markdown").stdout.splitlines()) > 2

@@ -85,11 +85,11 @@ def orders(
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
-    FILE may also be the name of a shipped study or problem, or lack its .yaml.  Prints one
-    line for each valid file and one for each mistake in the others.  The line of a mechanism
-    has its degrees of freedom; for a spatial one, further lines have redundant constraints
-    and the inertia of each body.  Warns of sizes that are probably mistakes.  Exits with 2 if
-    a file is not valid.
+    FILE may also be a shipped study, or a problem by name, such as 'chain(links=20)', and
+    may lack its .yaml.  Prints one line for each valid file and one for each mistake in the
+    others.  The line of a mechanism has its degrees of freedom; for a spatial one, further
+    lines have redundant constraints and the inertia of each body.  Warns of sizes that are
+    probably mistakes.  Exits with 2 if a file is not valid.
 
     \b
     Example:

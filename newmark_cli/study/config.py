@@ -669,10 +669,10 @@ class _OneProblem(StrictModel):
 
 
 def describe(name: str, allow_code: bool) -> list[str]:
-    """Contents of a valid config or mechanism file, in a line or a few.
+    """Contents of a valid config or mechanism, in a line or a few.
 
     Args:
-        name: The file, with or without its ending, or the name of a shipped study or problem.
+        name: The file, with or without its ending, a shipped study, or what names a problem.
         allow_code: Whether problems in Python may be loaded.
 
     Raises:
@@ -683,8 +683,10 @@ def describe(name: str, allow_code: bool) -> list[str]:
     elif name in registry.PROBLEMS:
         path = registry.file(name)
     else:
-        name = with_ending(name)
-        path = Path(name)
+        path = Path(with_ending(name))
+        if path.suffix not in (".yaml", ".yml") and not path.exists() and not is_study(name):
+            return _summary(name, problem_named(name, allow_code).load())
+        name = str(path)
     file = documents.fetch(path, name)
     document = file.document()
     if loading.is_mechanism(document.data):
@@ -692,14 +694,17 @@ def describe(name: str, allow_code: bool) -> list[str]:
             problem = ForcedMechanism(file, path.absolute()).load()
         else:
             problem = loading.built(name, document)
-        if loading.is_spatial(document.data):
-            from newmark_cli.mechanisms import spatial_summary
-
-            found = spatial_summary.lines(name, problem)
-        else:
-            free = degrees_of_freedom(problem.n - problem.m)
-            found = [f"{name}: mechanism, {problem.n} coordinates, {problem.m} constraints, {free}"]
         warn(*problem.doubts)
-        return found + loading.assembled(problem)
+        return _summary(name, problem) + loading.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))
     return [f"{name}: study {study.study}, {study.count} cells"]
+
+
+def _summary(name: str, problem: Problem) -> list[str]:
+    if problem.drawing is not None and len(problem.axes) == 3:
+        from newmark_cli.mechanisms import spatial_summary
+
+        return spatial_summary.lines(name, problem)
+    kind = "problem in Python" if problem.drawing is None else "mechanism"
+    free = degrees_of_freedom(problem.n - problem.m)
+    return [f"{name}: {kind}, {problem.n} coordinates, {problem.m} constraints, {free}"]

@@ -156,8 +156,32 @@ class _Known:
         if name not in self.allowed and self.axis:
             name = next((one for one in self.allowed if in_words(self.axis, one) == name), name)
         if name not in self.allowed:
-            raise documents.unknown_name(self.kind, name, self.allowed)
+            raise _unknown(self.kind, name, self.allowed)
         return name
+
+
+#: Key of a config → the names that are its values.
+_NAMES: Mapping[str, Collection[str]] = {
+    "problem": (*PROBLEMS, *FAMILIES),
+    "integrator": (*INTEGRATORS, TRAPEZOIDAL_NAME),
+    "form": FORMS,
+    "preconditioning": VARIANTS,
+    "evaluation": EVALUATIONS,
+    "precision": PRECISIONS,
+    "linear_solver": LINEAR_SOLVERS,
+    "formulation": METHODS,
+    "projection": PROJECTIONS,
+    "multipliers": REPORTED,
+    "start": STARTS,
+    "measure": MEASURES,
+}
+
+
+def _unknown(kind: str, given: Any, allowed: Iterable[str]) -> PydanticCustomError:
+    """Error of a name that is not allowed; says which keys it is a value of."""
+    keys = [key for key, names in _NAMES.items() if isinstance(given, str) and given in names]
+    said = f", which is a value of the key {' or '.join(keys)}" if keys else ""
+    return documents.unknown_name(kind, given, allowed, said)
 
 
 def _name(text: str) -> str:
@@ -504,7 +528,7 @@ def _preconditioning(value: Any) -> Any:
     if isinstance(value, dict):
         return OwnScaling.model_validate(value)
     if not isinstance(value, str) or value not in VARIANTS:
-        raise documents.unknown_name("preconditioning", value, VARIANTS)
+        raise _unknown("preconditioning", value, VARIANTS)
     return value
 
 
@@ -553,7 +577,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         read = partial(_mechanism, path, value, around.allow_code)
         return _read_once(value, loading.label(value), read, around)
     if not isinstance(value, str) or value not in PROBLEMS:
-        raise documents.unknown_name("problem", value, (*PROBLEMS, *FAMILIES))
+        raise _unknown("problem", value, (*PROBLEMS, *FAMILIES))
     return Shipped(value)
 
 

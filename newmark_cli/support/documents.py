@@ -298,12 +298,14 @@ class StrictModel(BaseModel):
         return f"unknown key{nearest(key, cls.keys())}"
 
 
-def unknown_name(kind: str, given: object, allowed: Iterable[str]) -> PydanticCustomError:
-    """Error for a validator: a name that is not among those allowed."""
+def unknown_name(
+    kind: str, given: object, allowed: Iterable[str], said: str = ""
+) -> PydanticCustomError:
+    """Error for a validator: a name that is not among those allowed, and what is said of it."""
     return PydanticCustomError(
         "unknown_name",
-        "unknown {kind} {given}{nearest}",
-        {"kind": kind, "given": _short(given), "nearest": nearest(given, allowed)},
+        "unknown {kind} {given}{said}{nearest}",
+        {"kind": kind, "given": _short(given), "said": said, "nearest": nearest(given, allowed)},
     )
 
 
