@@ -251,7 +251,6 @@ MARKET = "%%MatrixMarket matrix"
 BAD_MARKETS = {
     "not one": "hello\n1 2 3\n",
     "cut off": f"{MARKET} array real general\n2 2\n1.0\n",
-    "complex": f"{MARKET} array complex general\n1 1\n1.0 1.0\n",
     "enormous": f"{MARKET} array real general\n100000 100000\n1.0\n",
     "nan": f"{MARKET} array real general\n2 2\n1\nnan\n1\n1\n",
 }

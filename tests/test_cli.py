@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 
 import click
 import pytest
@@ -18,14 +17,8 @@ from warm import SCRIPT
 from newmark_cli import __version__
 from newmark_cli.cli import running
 from newmark_cli.cli.commands import cli as command_line
-from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import INTEGRATORS
-from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
-from newmark_cli.study.measures import MEASURES
 
 COMMANDS = tuple(command_line.commands)
 
@@ -231,18 +224,6 @@ def test_failed_cells_fail_the_check(cli):
     assert "incomplete" in cli("check", code=1).stdout
 
 
-def test_list_names_everything(cli):
-    """Problems, families, forms, integrators, scalings, measures, configs, figures."""
-    text = cli("list").stdout
-    names = (
-        *PROBLEMS, *FAMILIES, *FORMS, *INTEGRATORS, *VARIANTS, *MEASURES,
-        *config.shipped(), *map(str, FIGURES),
-    )  # fmt: skip
-    for name in names:
-        # Each has a text of its own.
-        assert re.search(rf"\n  {name} +\S+", text), name
-
-
 @each("command", COMMANDS)
 def test_help_has_an_example(cli, command):
     """Every command explains itself; its example is a line of its own, to be copied."""
@@ -403,13 +384,6 @@ def test_plot_draws_what_the_results_are_enough_for(cli, pendulum_results):
     assert "history/history.csv: cannot be read" in cli.refused("plot", "15")
 
 
-def test_figure_6_needs_no_results(cli):
-    """It is drawn from the mechanism; nothing is said about missing CSVs."""
-    assert cli("plot", "6").stdout.split() == [
-        f"results/figures/figure-6.{suffix}" for suffix in ("png", "svg")
-    ]
-
-
 def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):
     """A stray CSV in the folder stops `plot` before it writes."""
     shutil.copytree(pendulum_results, cli.folder / "results")
@@ -436,21 +410,3 @@ def test_commands_from_cold(cli):
     assert (cold.stderr, warm.stderr) == ("", "")
     there, here = (cli.folder / name / "quick.csv" for name in ("results", "warm"))
     assert there.read_bytes() == here.read_bytes()
-
-
-def test_kill_leaves_the_previous_csv_whole(cli):
-    """kill -9 in the middle of a run."""
-    short = QUICK.replace("[1e-1, 1e-2]", "[1e-1]")
-    cli.write("s.yaml", short)
-    cli("run", "s.yaml")
-    before = (cli.folder / "results/quick.csv").read_bytes()
-    cli.write("s.yaml", QUICK.replace("1e-2]", "1e-6]").replace("1.0", "10.0"))
-    process = cli.start("run", "s.yaml", "-v")
-    assert process.stderr.readline().startswith("4 cells on ")
-    time.sleep(0.3)
-    assert process.poll() is None, "the run ended before it could be killed"
-    process.kill()
-    process.communicate()
-    assert (cli.folder / "results/quick.csv").read_bytes() == before
-    warning = "newmark-study: warning: not judged: 6 undecided\n"
-    assert cli("check", code=1).stderr == warning

@@ -32,18 +32,6 @@ def test_shipped_configs_load(name):
     assert study.cells()
 
 
-def test_grid_is_in_the_order_of_the_config(tmp_path):
-    """Problem, form, preconditioning, h: the last varies fastest."""
-    cells = load(tmp_path, QUICK.replace("u-lambda", "[v-lambda, u-lambda]")).cells()
-    assert [(c.form, c.preconditioning.name, c.h) for c in cells[:3]] == [
-        ("v-lambda", "none", 0.1),
-        ("v-lambda", "none", 0.01),
-        ("v-lambda", "optimal", 0.1),
-    ]
-    assert len(cells) == 8
-    assert [c.steps for c in cells[:2]] == [10, 100]
-
-
 def test_cases_inherit(tmp_path):
     """Keys at the top hold for every case that does not set them."""
     text = """
@@ -81,13 +69,6 @@ def test_size_decides_the_solver(tmp_path):
     text = QUICK.replace("pendulum", "{chain: {links: 7000}}") + "linear_solver: dense-lu\n"
     with pytest.raises(InputError, match="21000 unknowns, at most 20000"):
         _ = load(tmp_path, text).cells()[0].solver
-
-
-def test_own_scaling(tmp_path):
-    """A scaling of one's own goes the way of the shipped ones."""
-    text = QUICK.replace("[none, optimal]", "[{name: mine, right: {lambda: 1/h}, left: {D: 2}}]")
-    cell = load(tmp_path, text).cells()[0]
-    assert cell.preconditioning.label == "mine[left D=2; right lambda=1/h]"
 
 
 MISTAKES = [
@@ -239,15 +220,6 @@ def test_references_count_as_what_they_refer_to():
     entries = "".join(f"  k{i}: *a\n" for i in range(20_000))
     with pytest.raises(DocumentError, match="more than 100000 values"):
         documents.parse(f"a: &a {{b: 1, c: 2}}\nd:\n{entries}", "f")
-
-
-def test_what_is_referred_to_is_read_once(monkeypatch):
-    """However often it stands: a thousand digits, 2000 times."""
-    read, plain = [], documents.plain
-    monkeypatch.setattr(documents, "plain", lambda text: read.append(text) or plain(text))
-    found = documents.parse(f"a: &a {'1' * 1_000}\nb: [{'*a, ' * 2000}]", "f").data
-    assert found == {"a": float("inf"), "b": [float("inf")] * 2000}
-    assert sorted(map(len, read)) == [1, 1, 1_000]  # the keys, and the number
 
 
 @given(st.floats(1e-300, 1e300))

@@ -14,7 +14,6 @@ from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import study_slopes
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import cures
-from newmark_cli.study import config
 from newmark_cli.study.reading import read_study
 from newmark_cli.study.results import COLUMNS, csv_text
 from newmark_cli.support.errors import ResultsError
@@ -168,37 +167,6 @@ def test_tables_of_cures(cli):
         assert row in printed.replace(r"\raggedright ", "")
         assert "rate tangent is how the rate G" in printed.replace("\n", " ").replace("  ", " ")
     assert "19 is a table, made by 'newmark-study tables --cures'" in cli.refused("plot", "19")
-
-
-def test_cures_are_cells_of_the_studies():
-    """Every series of Figure 16 is one of the shipped study, on every problem."""
-    keys = set()
-    for cell in config.load_shipped("cures").cells():
-        keys.add(
-            (
-                cell.problem.label,
-                cell.formulation.label,
-                cell.projection.label,
-                cell.reported,
-                cell.start,
-                cell.evaluation,
-                cell.integrator.label,
-                cell.preconditioning.label,
-            )
-        )
-    for curve in FIGURES["16"].curves:
-        assert (
-            curve.problem,
-            curve.formulation,
-            curve.projection,
-            curve.multipliers,
-            curve.start,
-            curve.evaluation,
-            curve.integrator,
-            curve.preconditioning,
-        ) in keys, curve.label
-    groups = [group for group, _ in cures.of_problem("andrews").values()]
-    assert {groups.count(group) for group in groups} == {7}
 
 
 def test_errors_of_every_cure(tmp_path):

@@ -364,17 +364,6 @@ def test_systems_of_a_march_that_ends(cli):
     assert done.stderr.endswith(": stagnated in step 1\n")
 
 
-#: An arm that turns about an axle.
-ARM = """\
-dimensions: 3
-bodies:
-  arm: {position: [1, 0, 0], mass: 2, inertia: [0.1, 0.2, 0.2]}
-joints:
-  axle: {type: revolute, from: ground, to: arm, at: [0, 0, 0], axis: [0, 1, 0]}
-gravity: [0, 0, -9.81]
-"""
-
-
 def test_problems_in_python(cli):
     """Only where they are allowed; their systems come from a process of their own."""
     cli.write("mine.py", SWING)
@@ -386,18 +375,6 @@ def test_problems_in_python(cli):
     for system, (_, matrix, b, *_) in zip(systems, read(cli.folder / "systems"), strict=True):
         assert np.array_equal(matrix.toarray(), system.matrix.toarray())
         assert np.array_equal(b, system.rhs)
-
-
-def test_spatial_mechanisms_without_points(cli):
-    """Their files are those of mechanisms, not of studies."""
-    cli.write("arm.yaml", ARM)
-    cli("export", "arm.yaml", "--h", "1e-3", "--steps", "1", "--preconditioning", "none")
-    systems = newmark.linear_systems(cli.folder / "arm.yaml", h=1e-3, steps=[1], scaling="none")
-    for system, (_, matrix, *_) in zip(systems, read(cli.folder / "systems"), strict=True):
-        assert np.array_equal(matrix.toarray(), system.matrix.toarray())
-    advised = cli("advise", "arm.yaml", "--h", "1e-3", "--integrator", "bdf2", "--json")
-    found = json.loads(advised.stdout)
-    assert (found["n"], found["m"]) == (12, 11)
 
 
 @each(

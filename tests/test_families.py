@@ -10,7 +10,7 @@ from marching import start
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.mechanisms.spec import Shipped, Sized
+from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import March
@@ -214,12 +214,3 @@ def test_static_elimination_takes_nets():
         assert under_way.advance(20).pivoted == 0
         ends.append(under_way.here.fields[0])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-11)
-
-
-def test_specs_are_values():
-    """Equal specs are one problem, built once; labels have no commas."""
-    assert member("chain", 3) == member("chain", 3)
-    assert member("chain", 3).load() is member("chain", 3).load()
-    assert Shipped("andrews").load() is problem("andrews")
-    assert member("chain", 1000).label == "chain(links=1000)"
-    assert not any("," in spec.label for spec in MEMBERS)

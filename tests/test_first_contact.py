@@ -283,13 +283,6 @@ def test_one_step_size(cli):
     assert "undecided: s, 7 series alike: 1 usable step size, an order takes 3" in told
 
 
-def test_history_names_constraints(cli):
-    """As trajectories do."""
-    cli.write("s.yaml", json.dumps(STUDY | {"measure": "history"}))
-    cli("run", "s")
-    assert "lambda[bars.rod]" in pd.read_csv(cli.folder / "results/history/s.csv").columns
-
-
 def test_figures_have_the_title_of_a_mechanism(cli):
     """Its file's, recorded when it was run; its name where it has none."""
     for name, more in (("swing", {"title": "A swing"}), ("plain", {})):

@@ -48,7 +48,7 @@ def python(code, **options):
     )  # fmt: skip
 
 
-@each("module", ["click", "yaml", "numpy", "numba", "newmark_cli.study.config"])
+@each("module", ["click", "numpy", "newmark_cli.study.config"])
 def test_interrupts_while_modules_are_imported(tmp_path, module):
     """From the first import of a command on: one line, and the code of the signal."""
     code = f"""

@@ -47,12 +47,9 @@ def broken(cli, code, *arguments, **variables):
     ("code", "said", "traced"),
     [
         (r"raise ZeroDivisionError('a\nb')", "ZeroDivisionError: a b", "ZeroDivisionError: a\nb"),
-        ("raise MemoryError", "MemoryError", "MemoryError"),
         ("deep()", "RecursionError: maximum recursion depth exceeded", "RecursionError"),
         ("raise SystemExit(1)", "RuntimeError: SystemExit: 1", "SystemExit: 1"),
-        ("raise EOFError", "RuntimeError: EOFError: ", "EOFError"),
         ("raise BrokenPipeError(32, 'x')", "RuntimeError: BrokenPipeError: [Errno 32] x", "Broken"),
-        ("raise OSError(12, 'no memory')", "OSError: [Errno 12] no memory", "no memory"),
         # Not even the text of the error can be made.
         (
             "raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()",

@@ -5,7 +5,6 @@ import pytest
 from each import each
 
 from newmark_cli.mechanisms import planar
-from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
@@ -71,15 +70,6 @@ def test_names_are_as_many_as_numbers_and_all_different(name):
     ):
         assert len(names) == count
         assert len(set(names)) == count
-
-
-def test_members_of_families_are_named():
-    """Names are made when somebody asks for them."""
-    assert len(FAMILIES["chain"].drawing({"links": 20_000}).bars) == 20_000
-    chain = FAMILIES["chain"].problem("chain", {"links": 20_000})
-    assert "coordinate_names" not in vars(chain)
-    assert chain.coordinate_names[-2:] == ("P20000.x", "P20000.y")
-    assert chain.constraint_names[:2] == ("bars.bar1", "bars.bar2")
 
 
 def test_names_of_a_definition():

@@ -55,16 +55,6 @@ def test_a_mechanism_of_ones_own(cli, hoist):
     assert (cli.folder / "results/figures/hoist.png").stat().st_size > 5000
 
 
-def test_mistakes_in_a_mechanism_stop_the_run(cli, hoist):
-    """Named by file and line of the mechanism, before anything runs."""
-    text = (cli.folder / "hoist.yaml").read_text()
-    cli.write("hoist.yaml", text.replace("to: S, length", "to: T, length"))
-    line = cli.refused("run", "mine.yaml")
-    assert "mine.yaml, line 2: problem" in line
-    assert "hoist.yaml, line 21: bars.link.to: unknown point 'T'" in line
-    assert not (cli.folder / "results").exists()
-
-
 def test_validate(cli, hoist):
     """A line for each file, exit 2 when one is not valid, nothing is run."""
     done = cli("validate", "mine.yaml", "hoist.yaml")
@@ -130,10 +120,7 @@ def test_plain_code_runs_through_the_scipy_march(cli):
         ('{python: "car_axis.py:car_axis", arg: {}}', "unknown key 'arg'"),
         ('{python: "car_axis.py:car_axis", args: [1]}', "must be a mapping"),
         ('{python: "car_axis.py:axis"}', "has no function 'axis'"),
-        ('{python: "none.py:axis"}', "cannot be read"),
         ('{python: "raises.py:axis"}', "raises.py, line 2: axis failed: ValueError: not today"),
-        ("missing.yaml", "missing.yaml: cannot be read"),
-        ("{chain: {links: 0}}", "greater than or equal to 1"),
         ("{chian: {links: 3}}", "did you mean 'chain'"),
     ],
 )

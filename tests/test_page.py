@@ -105,22 +105,6 @@ def test_every_claim_with_its_verdict(folder, read):
         assert list(row) in read.rows, row
 
 
-def test_tables_of_verdicts_on_narrow_screens(folder, read):
-    """Nothing sticks over other cells; where a row is a block, each cell has its heading."""
-    assert "sticky" not in read.style
-    kinds = [attributes["class"].split() for attributes in read.attributes("table")
-             if "class" in attributes]  # fmt: skip
-    assert kinds == [["verdicts", "slopes"], ["verdicts", "claims"]]
-    (narrow,) = re.findall(r"@media screen and \(max-width: 48rem\) \{(.*?)\n\}", read.style, re.S)
-    found = slopes.collect(folder)
-    for kind, rows in (
-        ("slopes", check.slope_rows(found)),
-        ("claims", expectations.claim_rows(expectations.judge(folder, found))),
-    ):
-        named = re.findall(rf'\.{kind} td:nth-child\((\d+)\)::before {{ content: "(.*?) "', narrow)
-        assert named == [(str(i), heading) for i, heading in enumerate(rows[0][:-1], 1)]
-
-
 def test_every_figure_is_labelled(read):
     """Title and fitted slopes, for those who do not see it."""
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]

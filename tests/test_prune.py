@@ -7,7 +7,7 @@ import shutil
 import signal
 
 import pytest
-from conftest import LONG, QUICK, SWING, CommandLine, wait_for_cells, write_swings
+from conftest import LONG, QUICK, CommandLine, wait_for_cells
 
 OTHER = QUICK.replace("study: quick", "study: other").replace("u-lambda", "a-lambda")
 ROD = """\
@@ -126,15 +126,6 @@ def test_configs_take_the_place_of_records(cli, two):
     assert cli("run", "quick.yaml", "--dry-run").stdout.endswith("2 of 4 cells to run\n")
 
 
-def test_configs_may_name_problems_in_python(cli):
-    """With --allow-code, as everywhere."""
-    cli.write("mine.py", SWING)
-    write_swings(cli, "")
-    cli("run", "swings.yaml", "--allow-code")
-    assert "--allow-code" in cli.refused("prune", "swings.yaml")
-    assert sizes(cli("prune", "swings.yaml", "--allow-code").stdout)[-1] == "1 cell stays"
-
-
 def test_cells_of_another_core(cli, two):
     """Those that a CSV was made from stay until its study has run again; others go."""
     first, second = sorted(two["quick"])[:2]
@@ -218,17 +209,6 @@ def test_unfinished_studies_keep_their_cells(cli):
     cli("prune")
     assert cells(cli) == files_of(cli, "long") | files_of(cli, "quick")
     assert len(cells(cli)) == 10
-
-
-def test_merged_cells_wait_for_the_others(cli, quick):
-    """Cells of one part of a study stay until the study is whole."""
-    cli("run", "quick.yaml", "--shard", "1/2", "--results", "one")
-    cli("merge", "quick.yaml", "--from", "one", code=1)
-    assert sizes(cli("prune").stdout) == [
-        "nothing to remove",
-        "2 cells stay",
-        "not finished, so that their cells stay: quick",
-    ]
 
 
 #: Files below the results, whether anybody may still write them, and whether they are old.

@@ -159,14 +159,6 @@ TOO_LARGE = "is more than 300 times the other"
             f"points.P1.mass: 12001 kg {TOO_LARGE} masses, 40 kg",
         ),
         (
-            changed("a see-saw with children", "points", "P1", "mass", value=12_000),
-            None,
-        ),
-        (
-            changed("lengths in mm", "bodies", "B2", "inertia", value=2 * 1050**2 / 12 * 1e3),
-            f"bodies.B2.inertia: 1.8375e+08 kg m² {TOO_LARGE} inertias, 160 to 1.225e+04 kg m²",
-        ),
-        (
             changed("a body with a very small inertia", "bodies", "B1", "inertia", value=1e-6),
             f"bodies.B1.inertia: 1e-06 kg m² {TOO_SMALL} inertias, 0.05 to 0.08 kg m²",
         ),
@@ -175,16 +167,8 @@ TOO_LARGE = "is more than 300 times the other"
             f"bodies.B1.mass: 1e-06 kg {TOO_SMALL} masses, 1 to 2 kg (and 1 more like it)",
         ),
         (
-            rods((1e-3, 1), (2, 1)),
-            f"bodies.B2.length: 2 m {TOO_LARGE} lengths, 0.001 m (and 1 more like it)",
-        ),
-        (
             changed("an unbalanced rotor", "body_points", "E", "at", value=(400, 0)),
             f"body_points.E.at: 400 m from the first point of B1 {TOO_LARGE} lengths, 0.4 to 0.5 m",
-        ),
-        (
-            changed("a gyroscope", "bodies", "B2", "mass", value=600),
-            f"bodies.B2.mass: 600 kg {TOO_LARGE} masses, 0.4 kg",
         ),
         (
             changed("thin rods in space", "bodies", "B2", "inertia", value=(20, 30, 30)),
@@ -198,9 +182,6 @@ TOO_LARGE = "is more than 300 times the other"
 )
 def test_what_stands_out_is_named(mechanism, doubt):
     """Its key, its value, and what the others are, in the plane and in space."""
-    if doubt is None:
-        assert newmark.problem(mechanism).doubts == ()
-        return
     with pytest.warns(newmark.NewmarkWarning, match=re.escape(f"mechanism: {doubt}")) as caught:
         found = newmark.problem(mechanism)
     assert [warning.filename for warning in caught] == [__file__] * len(found.doubts)

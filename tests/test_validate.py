@@ -191,25 +191,6 @@ def test_a_thousand_mistakes_are_counted(cli):
         assert last == f"newmark-study: {name}: … and 950 more"
 
 
-@each(
-    "old, key, value",
-    [
-        ("h: [1e-1, 1e-2]", "h", "1e-2, 1e-3"),
-        ("problem: pendulum", "problem", "pendulum, hoist.yaml"),
-        ("t_end: 1.0", "measure", "correction, condition"),
-    ],
-)
-def test_lists_need_brackets(tmp_path, old, key, value):
-    """Commas where a list may stand: the line to write is part of the answer."""
-    text = QUICK.replace(
-        old, f"t_end: 1.0\n{key}: {value}" if "t_end" in old else f"{key}: {value}"
-    )
-    with pytest.raises(DocumentError) as caught:
-        config.parse(documents.parse(text, "c.yaml"), config.Surroundings(tmp_path))
-    assert str(caught.value).endswith(f": {key}: write a list in brackets: {key}: [{value}]")
-    assert len(caught.value.mistakes) == 1
-
-
 def test_a_comma_in_a_file_name(tmp_path):
     """No list is seen in it if there is such a file."""
     (tmp_path / "a, b.yaml").write_text(HOIST)
