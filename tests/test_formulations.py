@@ -496,33 +496,6 @@ def test_each_block_is_recorded_until_it_grows(engine):
     assert (early > 0, grown > 0) == (True, True), (early, grown)
 
 
-@each("formulation", [*FORMULATIONS[:-1], "augmented-lagrangian penalty=1e5"])
-def test_the_kernel_computes_in_single_precision(formulation):
-    """Float32: the same motion to single rounding, and not to double.
-
-    The penalty is one that converges at this step size.  The kernel is run by Python;
-    `test_precision` shows that compiled it computes the same bits.
-    """
-    subject, h = subject_of("thrown"), 0.02
-    for evaluation in EVALUATIONS:
-        for projection in ("none", "position-velocity accelerations"):
-            options = {"projection": projection, "evaluation": evaluation}
-            found = {}
-            for precision in ("float64", "float32"):
-                scheme = scheme_of(formulation, "a-lambda", h, precision=precision, **options)
-                engine = "interpreted" if precision == "float32" else "kernel"
-                march = march_of(subject, scheme, engine)
-                march.advance(10)
-                assert march.ending == COMPLETED
-                assert march.state.fields.dtype == scheme.dtype
-                found[precision] = march.here
-            one, other = found.values()
-            # One unit of rounding of u, and what the integrator makes of it in v.
-            unit = 2.0**-23
-            assert 0 < np.abs(one.fields[0] - other.fields[0]).max() < 30 * unit
-            assert np.abs(one.fields[1] - other.fields[1]).max() < 100 * unit / h
-
-
 @each("formulation", FORMULATIONS)
 def test_steps_end_at_a_tolerance_in_both_engines(formulation):
     """Newton stops at the first correction that meets it; both engines count alike."""

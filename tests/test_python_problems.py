@@ -188,13 +188,8 @@ def test_any_object_with_the_attributes_serves(tmp_path):
             "np.zeros(3)",
             "line 7: force returned an array of shape (3,), expected an array of shape (2,)",
         ),
-        ("np.array([0.0, -1.0])", "None", "line 7: force returned None, expected an array of"),
         ("np.array([0.0, -1.0])", "'down'", "line 7: force returned 'down', expected an array"),
-        ("np.array([0.0, -1.0])", "['0', '-1']", "line 7: force returned a list, expected an"),
-        ("np.array([0.0, -1.0])", "[0, None]", "line 7: force returned a list, expected an"),
         ("np.array([0.0, -1.0])", "[0, [1]]", "line 7: force returned a list, expected an array"),
-        ("np.array([0.0, -1.0])", "[0, -1, 2]", "line 7: force returned a list of shape (3,)"),
-        ("np.array([0.0, -1.0])", "[0, -1j]", "line 7: force returned a list, expected an array"),
         ("np.array([0.0, -1.0])", "1 / 0", "mine.py, line 7: force failed: ZeroDivisionError"),
         (
             "np.array([0.0, -1.0])",
@@ -244,17 +239,9 @@ def test_any_object_with_the_attributes_serves(tmp_path):
         ),
         ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 violates the constraints"),
         ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a number, given None"),
-        ("    u0 =", "    t0 = 'now'\n    u0 =", "t0 must be a number, given 'now'"),
         ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 violates the constraints"),
         ("v0 = np.array([0.0, 0.0])", "v0 = [0, .nan]".replace(".", "np."), "v0 must be finite"),
-        (
-            "v0 = np.array([0.0, 0.0])",
-            "v0 = [0]",
-            "v0 must be an array of shape (2,), given a list",
-        ),
-        ("v0 = np.array([0.0, 0.0])", "v0 = 3", "v0 must be an array of shape (2,), given 3"),
         ("    u0 =", "    energy = 3\n    u0 =", "factory: energy must be a function, given 3"),
-        ("0.0, -1.0])", "0.0, -1.0])[:, None]", "line 7: force returned an array of shape (2, 1)"),
     ],
 )
 def test_mistakes_are_named(tmp_path, old, new, words):

@@ -90,18 +90,6 @@ def test_predictions_of_physical_corrections(tmp_path, form, evaluation, orders)
     assert [s.expected for s in slopes[::4]] == list(orders.values())
 
 
-def test_evaluation_does_not_change_condition_and_sensitivity(tmp_path):
-    """They are properties of J̄, not of how the residual is formed."""
-    for evaluation in ("direct", "compensated"):
-        condition = series(
-            power(-4), quantity="jacobian", measure="condition", evaluation=evaluation
-        )
-        sensitivity = series(
-            power(2), quantity="u", measure="sensitivity", row_block="D", evaluation=evaluation
-        )
-        assert [s.expected for s in found(tmp_path, condition + sensitivity)] == [-4, 2]
-
-
 @each(
     "label, order, damped",
     [

@@ -290,22 +290,6 @@ def test_large_multipliers_are_refused(tmp_path, solve):
         assert solve(system.sources(values), rhs, *system.tables) == code, part
 
 
-def test_halts_do_not_change_a_march(toppling):
-    """Whole or in pieces it takes the same steps, counts and records the same."""
-    scheme = scheme_of("u-lambda", "optimal", 0.02)
-    whole, pieces = March(toppling, scheme, STATIC), March(toppling, scheme, STATIC)
-    looks = [1, 3, 4, 8]
-    one = whole.advance(8, looks)
-    parts = [pieces.advance(3, [1, 3]), pieces.advance(1, [4]), pieces.advance(4, [8])]
-    np.testing.assert_array_equal(one.norms, np.concatenate([part.norms for part in parts]))
-    np.testing.assert_array_equal(
-        one.record.fields, np.concatenate([part.record.fields for part in parts])
-    )
-    assert one.pivoted == sum(part.pivoted for part in parts) > 0
-    for ours, theirs in zip(whole.state, pieces.state, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-
-
 def test_large_matrices_are_pivoted_step_by_step(monkeypatch):
     """Too large for a dense matrix, a step that is refused is that of the sparse march."""
     subject = Sized("random-chain", (("links", 120),)).load()
