@@ -7,7 +7,6 @@ import numpy as np
 import oracles
 import pytest
 from each import each
-from examples import car_axis
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
@@ -156,22 +155,6 @@ def test_known_solutions_are_of_shipped_problems(name):
     found = solution(problem(name), 0.03)
     true, _ = true_errors(found, [getattr(known, part) for part in PARTS])
     assert np.all(true <= 1e-14 + np.array([known.u_error, known.v_error, known.multipliers_error]))
-
-
-def test_car_axis_against_the_published_reference():
-    """Φ(u, t) in Python, its derivatives by differences: IVP test set, t = 3."""
-    found = solution(car_axis(compiled=True), 3.0)
-    exact = [
-        np.array([0.493455784275402809122e-1, 0.496989460230171153861,
-                  0.104174252488542151681e1, 0.373911027265361256927]),
-        np.array([-0.770583684040972357970e-1, 0.744686658723778553466e-2,
-                  0.175568157537232222276e-1, 0.770341043779251976443]),
-        np.array([-0.473688659084893324729e-2, -0.110468033125734368808e-2]),
-    ]  # fmt: skip
-    true, estimated = true_errors(found, exact)
-    assert np.all(true <= estimated)
-    assert np.all(true <= [1e-12, 2e-11, 3e-12])
-    assert np.all(estimated <= [1e-11, 2e-10, 1e-10])
 
 
 DRIVEN = (

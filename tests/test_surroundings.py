@@ -67,7 +67,7 @@ cases:
   - problem: [andrews, spatial-slider-crank, {chain: {links: 3}}]
     form: [u-lambda, u-v-a-lambda]
     preconditioning: [none, optimal]
-    h: [1e-3, 5e-4]
+    h: 1e-3
     t_end: 0.002
     measure: [correction, condition, sensitivity, error, invariant, floor]
   - problem: governor
