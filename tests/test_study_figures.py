@@ -312,7 +312,7 @@ def test_panels_of_one_quantity_share_their_ordinate(tmp_path):
     assert direct.y_limits[0] < 1e-8
     assert direct.y_limits[1] > 1e6 * 2e-2
     assert {trace.fit for trace in direct.traces} == {"2.00 ± 0.01"}
-    assert sheet.note == ""
+    assert sheet.note == "above panels: fitted slopes, in this order"
     drawing = draw.drawn(sheet)
     assert [axes.get_ylim() for axes in drawing.axes] == [pytest.approx(direct.y_limits)] * 2
 

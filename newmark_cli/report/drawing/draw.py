@@ -26,9 +26,9 @@ from newmark_cli.report.drawing.style import NONE, checked, settled
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, visible
 
-#: Least width of a panel with its labels, of one in a grid, whose labels others share, and least
-#: sides of its axes (inch).
-_NARROW, _NARROW_IN_GRID, _LEAST = 1.5, 1.05, 0.4
+#: Least width of a panel with its labels, of one whose ordinate is that of its row, and least sides
+#: of its axes (inch).
+_NARROW, _NARROW_IN_ROW, _LEAST = 1.5, 0.8, 0.4
 #: What a legend or a title may take of the sheet's width.
 _MOST = 0.98
 
@@ -95,8 +95,9 @@ def drawn(
 
 def _columns(sheet: Sheet, width: float) -> int:
     """Panels side by side: as many as there is room for, without a gap in a small grid."""
-    narrow = _NARROW_IN_GRID if _is_grid(sheet) else _NARROW
-    count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / narrow)))
+    if sheet.columns * _NARROW_IN_ROW <= width and _is_grid(sheet) and _rows_share(sheet):
+        return sheet.columns
+    count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / _NARROW)))
     return most if most == sheet.columns or count > 4 or count % most == 0 else 1
 
 
@@ -118,7 +119,11 @@ def _draw(axes: Any, panel: Panel, cycle: Sequence[Mapping[str, Any]]) -> Iterat
             yield ("", handle.get_label()), handle
         return
     axes.set_xscale(panel.x_scale)
-    scale = {"linthresh": panel.linthresh} if panel.y_scale == "symlog" else {}
+    scale = {}
+    if panel.y_scale == "symlog":
+        # Room for the names of ticks on either side of 0.
+        decades = math.log10(max(map(abs, panel.y_limits or (1.0,))) / panel.linthresh)
+        scale = {"linthresh": panel.linthresh, "linscale": max(1.0, 0.35 * decades)}
     axes.set_yscale(panel.y_scale, **scale)
     single = not panel.titles
     for trace in panel.traces:
@@ -201,7 +206,16 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
         if not sheet.minor_ticks:
             axis.set_minor_locator(NullLocator())
     if panel.y_scale == "log" and panel.empty:
-        axes.set_yticks([])
+        axes.yaxis.set_major_locator(NullLocator())
+        axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _rows_share(sheet: Sheet) -> bool:
+    panels = sheet.panels
+    return all(
+        _same_ordinate(panel, panels[place - place % sheet.columns])
+        for place, panel in enumerate(panels)
+    )
 
 
 def _same_ordinate(one: Panel, other: Panel) -> bool:
@@ -378,11 +392,8 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
         title = panel.titles[1] if place < columns else ""
         last = place % columns == columns - 1
         beside = panel.titles[0] if last else ""
-    fits = [
-        f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}"
-        for t in panel.traces
-        if t.fit and panel.titles
-    ]
+    fitted = [t for t in panel.traces if t.fit and panel.titles]
+    fits = [f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}" for t in fitted]
     zeros = sum(trace.zeros for trace in panel.traces)
     if zeros and panel.tell_zeros and panel.y_scale == "log":
         fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
@@ -392,7 +403,12 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
             "", (0.5, 1), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
             ha="center", va="bottom", fontsize=size, color="0.3", label="title",
         )  # fmt: skip
-        text.set_text(_wrapped(text, ", ".join(fits), width))
+        lines = _wrapped(text, ", ".join(fits), width)
+        if lines.count("\n") > 1:  # names take too much room
+            short = [t.fit.replace(" ", _FIXED) for t in fitted]
+            short += [f"{zeros} zeros"] * (len(fits) - len(fitted))
+            lines = _wrapped(text, ", ".join(short), width)
+        text.set_text(lines)
         above = text.get_window_extent().height * 72 / axes.figure.dpi
     axes.set_title(" ", pad=4 + above + (3 if above else 0))
     axes.title.set_text(_wrapped(axes.title, plain(title), width))
@@ -477,7 +493,7 @@ def _write_orders(axes: Any, panel: Panel) -> None:
         for place in _places(axes.transData.transform(np.column_stack([line.x, line.y])), half):
             near = np.all(np.abs(obstacles - place) < half + 3, axis=1)
             if not near.any() and np.all(
-                (place - half > inside.min + 1) & (place + half < inside.max - 1)
+                (place - half > inside.min + 3) & (place + half < inside.max - 3)
             ):
                 text.set_position(axes.transData.inverted().transform(place))
                 taken.append(place + half * np.array([[-1, 0], [0, 0], [1, 0]]))

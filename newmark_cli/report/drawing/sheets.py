@@ -15,7 +15,7 @@ import numpy as np
 from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, power, spread
 from newmark_cli.report.drawing.work import COSTS, costed, ends
-from newmark_cli.report.reading.curves import floor_of
+from newmark_cli.report.reading.curves import Curve, floor_of
 from newmark_cli.report.reading.figures import Figure, Part
 from newmark_cli.report.reading.history import read_drifts, read_histories
 from newmark_cli.report.reading.words import quantity
@@ -46,6 +46,21 @@ class Results:
         """The series by what a `Curve` finds them by."""
         return {slope.key: slope for slope in self.slopes}
 
+    def settled(self, figure: "Figure") -> "Figure":
+        """A figure with the linear solvers that `auto` has chosen, where it names none."""
+        parts = (
+            replace(part, curves=tuple(map(self._settled, part.curves))) for part in figure.parts
+        )
+        return replace(figure, parts=tuple(parts))
+
+    def _settled(self, curve: Curve) -> Curve:
+        axis, named = "linear_solver", curve.key.named()
+        if axis in curve.named or curve.key in self.by_key:
+            return curve
+        every = (slope.key.named() for slope in self.slopes)
+        chosen = [each for each in every if each | {axis: named[axis]} == named]
+        return Curve(curve.label, **chosen[0]) if len(chosen) == 1 else curve
+
     def series(self, figure: "Figure") -> dict[SeriesKey, "Slope"]:
         """Series of a figure, in the order of its curves.
 
@@ -73,6 +88,7 @@ def require(figure: Figure, results: Results) -> None:
     Raises:
         ResultsError: When the results are not enough; says what is missing.
     """
+    figure = results.settled(figure)
     if figure.kind == "mechanism":
         _require_mechanism(figure, results)
     elif figure.kind in ("history", "drift"):
@@ -89,7 +105,7 @@ def sheet(figure: Figure, results: Results) -> Sheet:
     Raises:
         ResultsError: When the results lack what it draws.
     """
-    return _SHEETS[figure.kind](figure, results)
+    return _SHEETS[figure.kind](results.settled(figure), results)
 
 
 # -- series against the step size, errors against work ------------------------------------------
@@ -161,8 +177,8 @@ def _orders(figure: Figure, results: Results) -> Sheet:
         drawn += _floors(part, results.by_key)
         panels.append(traces.panel(own, drawn, _titles(figure, part), alike))
     fitted = any(trace.fit for panel in panels for trace in panel.traces)
-    note = figure.note or ("fitted slope" if fitted and len(panels) == 1 else "")
-    return _sheet(figure, panels, note)
+    note = "fitted slope" if len(panels) == 1 else "above panels: fitted slopes, in this order"
+    return _sheet(figure, panels, figure.note or (note if fitted else ""))
 
 
 def _titles(figure: Figure, part: Part) -> tuple[str, ...]:
@@ -179,7 +195,7 @@ def _sheet(figure: Figure, panels: Sequence[Panel], note: str) -> Sheet:
 
 def _same(slope: "Slope") -> tuple[str, ...]:
     """What series have in common whose panels can share an ordinate."""
-    return slope.problem, slope.quantity, slope.measure, slope.row_block
+    return slope.problem, slope.quantity, slope.measure
 
 
 def _floors(part: Part, slopes: Mapping[SeriesKey, "Slope"]) -> list[Trace]:
@@ -262,14 +278,25 @@ def _time_look(place: int) -> Look:
     return Look(look(place).color, linewidth=0.9, linestyle=look(place).linestyle)
 
 
+def _history_look(place: int, count: int) -> Look:
+    """Of more curves than three the first are thin, and the last two those of `_OVER_TIME`."""
+    if count <= len(_OVER_TIME) or place == 0:
+        return _OVER_TIME[place]
+    last = place - count + len(_OVER_TIME)
+    return _OVER_TIME[last] if last > 0 else replace(_OVER_TIME[0], color=look(place + 2).color)
+
+
 def _history(figure: Figure, results: Results) -> Sheet:
     """A multiplier, in the range of the last curve; below it as far as any goes, if farther.
 
-    Of the multipliers the one is drawn that is largest in the last curve.
+    Of the multipliers the one of a joint is drawn that is largest in the last curve.
     """
     found = _over_time(figure, results)
     histories = [found[curve.key] for curve in figure.curves]
-    component = int(np.argmax(np.max(np.abs(histories[-1].multipliers), axis=0)))
+    # What keeps a body of directors rigid is no reaction.
+    reaction = np.array(["·" not in name for name in histories[-1].names])
+    largest = np.max(np.abs(histories[-1].multipliers), axis=0)
+    component = int(np.argmax(np.where(reaction, largest, -1.0)))
     name = histories[-1].names[component]
     of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name}"
     series = tuple(
@@ -277,12 +304,12 @@ def _history(figure: Figure, results: Results) -> Sheet:
             curve.label,
             history.t,
             history.multipliers[:, component],
-            _OVER_TIME[place] if place < len(_OVER_TIME) else _time_look(place),
+            _history_look(place, len(histories)),
             said=f"{curve.label}: |λ| up to {np.max(np.abs(history.multipliers)):.3g}",
         )
         for place, (curve, history) in enumerate(zip(figure.curves, histories, strict=True))
     )
-    span = float(np.ptp(series[-1].y))
+    span, most = float(np.ptp(series[-1].y)), float(np.max(np.abs(series[-1].y)))
     zoomed = Panel(
         series,
         "time $t$ (s)",
@@ -296,7 +323,7 @@ def _history(figure: Figure, results: Results) -> Sheet:
         traces=tuple(replace(trace, said="") for trace in series),
         y_scale="symlog",
         y_limits=_around(series, 0.05),
-        linthresh=10.0 ** math.floor(math.log10(span)) if span > 0 else 1.0,
+        linthresh=10.0 ** math.floor(math.log10(most)) if most > 0 else 1.0,
     )
     h = figure.h or results.by_key[figure.curves[0].key].h.min()
     note = f"$h$ = {step(float(h))} s; pairs of successive steps"

@@ -15,6 +15,7 @@ class Curve:
 
     Attributes:
         label: Name in a legend and in claims.
+        named: Further axes that were named.
         key: What finds the series.
     """
 
@@ -32,7 +33,7 @@ class Curve:
             "study": study, "problem": problem, "quantity": quantity, "measure": measure,
             "form": "u-lambda", "preconditioning": "none",
         }  # fmt: skip
-        self.label = label
+        self.label, self.named = label, frozenset(axes)
         self.key = SeriesKey.of(named | axes)
 
     def __getattr__(self, name: str) -> str:
