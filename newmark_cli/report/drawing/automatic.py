@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from newmark_cli.newmark.linear.choice import SPARSE, STATIC
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
@@ -41,6 +42,8 @@ _FIRST = ("correction", "condition", "error", WORK_PRECISION)
 LAST = ("physical_correction", "floor", "physical_floor")
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
+#: Axis → its value that goes without saying.
+_USUAL = {axis.name: axis.usual for axis in axes.series_axes()}
 
 
 # -- which figures ------------------------------------------------------------------------------
@@ -145,7 +148,10 @@ def _defined(
         parts = tuple(
             Part(
                 tuple(spelled_by(definition, a, where[a]) for a in grid.panels if where[a]),
-                tuple(curve_of(definition, grid.series, s.key.named()) for s in several),
+                tuple(
+                    curve_of(definition, _told_apart(grid, definition, s), s.key.named())
+                    for s in several
+                ),
             )
             for where, several in grid.parts
         )
@@ -158,6 +164,19 @@ def _defined(
         )  # fmt: skip
         found.append(figure)
     return found
+
+
+def _told_apart(grid: "_Grid", definition: Definition, slope: "Slope") -> list[str]:
+    """Axes that a legend names of a series: of what was gathered not what goes without saying."""
+    names = list(grid.series)
+    if definition.series is not None or len(names) == 1:
+        return names
+    every = [each for _, several in grid.parts for each in several]
+    shorter = [axis for axis in names if axis != "linear_solver"]
+    if len({_at(each, shorter) for each in every}) == len({_at(each, names) for each in every}):
+        names = shorter
+    spared = [axis for axis in names[1:] if axis != "integrator"]
+    return [axis for axis in names if axis not in spared or getattr(slope, axis) != _USUAL[axis]]
 
 
 def _place(values: Sequence[str], value: str) -> int:
@@ -268,11 +287,12 @@ def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str
         scaling = common["preconditioning"]
         name = spelled("preconditioning", scaling)
         told.append("no scaling" if scaling == "none" else f"{name} scaling")
-    usual = {each.name: each.usual for each in axes.series_axes()}
     for axis in COMPARABLE:
         if axis in (*varied, "problem", "form", "preconditioning", "quantity"):
             continue
-        if common[axis] and common[axis] != usual[axis]:
+        if axis not in where and common[axis] in (STATIC, SPARSE):
+            continue  # `auto` has chosen it
+        if common[axis] and common[axis] != _USUAL[axis]:
             told.append(spelled(axis, common[axis]))
     told += [spelled("initial", common["initial"])] if common["initial"] else []
     return f"{', '.join(told)}: {_subject(where, kind)}"

@@ -29,8 +29,8 @@ from newmark_cli.support.errors import InputError, visible
 #: Least width of a panel with its labels, of one whose ordinate is that of its row, and least sides
 #: of its axes (inch).
 _NARROW, _NARROW_IN_ROW, _LEAST = 1.5, 0.8, 0.4
-#: What a legend or a title may take of the sheet's width.
-_MOST = 0.98
+#: What a legend or a title may take of the sheet's width: files of more dots have wider letters.
+_MOST = 0.94
 
 
 def drawn(
@@ -405,7 +405,7 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
         )  # fmt: skip
         lines = _wrapped(text, ", ".join(fits), width)
         if lines.count("\n") > 1:  # names take too much room
-            short = [t.fit.replace(" ", _FIXED) for t in fitted]
+            short = [t.fit.replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
             short += [f"{zeros} zeros"] * (len(fits) - len(fitted))
             lines = _wrapped(text, ", ".join(short), width)
         text.set_text(lines)

@@ -354,6 +354,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
             own = _time_look(labels.index(curve.label))
             drawn.append(Trace(curve.label, drift.t, shown, own, said=said))
         most = max(np.nanmax(trace.y, initial=_LEAST_DRIFT) for trace in drawn)
+        least = min(np.nanmin(trace.y, initial=float(most)) for trace in drawn)
         panels.append(
             Panel(
                 tuple(drawn),
@@ -361,7 +362,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
                 _DRIFTS[part.curves[0].quantity],
                 _titles(figure, part),
                 x_scale="linear",
-                y_limits=(0.1 * _LEAST_DRIFT, 10 * float(most)),
+                y_limits=(0.1 * float(least), 10 * float(most)),
                 tell_zeros=False,
             )
         )
