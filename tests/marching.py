@@ -12,7 +12,7 @@ from newmark_cli.newmark.linear.written.specialised import unspecialised
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State, recording
 from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import DIRECT, Scheme
+from newmark_cli.newmark.scheme import Scheme
 
 EPS = np.finfo(float).eps
 #: Step sizes at which Newton converges well and rounding does not yet drown a.
@@ -103,20 +103,16 @@ def interpreted_march(
 
 def start(subject, integrator=None, h=1e-2):
     """The consistent initial state."""
-    form = FORMS["u-lambda"]
-    scheme = Scheme(integrator or Newmark(), form, named_scaling("none", form), h)
-    return initial_state(subject, scheme)
+    return initial_state(subject, scheme_of("u-lambda", "none", h, integrator))
 
 
-def states(subject, integrator, h, count=6, apart=25, evaluation=DIRECT):
-    """States along a run of the (u, λ) form."""
-    form = FORMS["u-lambda"]
-    scaling = named_scaling("optimal", form)
-    scheme = Scheme(integrator, form, scaling, h, evaluation=evaluation)
+def states(subject, integrator, h, count):
+    """States along a run of the (u, λ) form, 25 steps apart."""
+    scheme = scheme_of("u-lambda", "optimal", h, integrator)
     state = initial_state(subject, scheme)
     for k in range(count):
-        yield k * apart, copy(state)
-        march(compiled_march, subject, scheme, state, k * apart, apart)
+        yield 25 * k, copy(state)
+        march(compiled_march, subject, scheme, state, 25 * k, 25)
 
 
 def assert_same_step(subject, scheme, first, second):

@@ -10,17 +10,12 @@ from each import each
 from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.mechanisms.spec import PythonFactory, Shipped
-from newmark_cli.newmark import compiled_march, march_data
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import algebra, multipliers, python_problem, reference
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
@@ -193,25 +188,13 @@ def driven(tmp_path_factory):
     return loading.load(path, "driven")
 
 
-def march(subject, h, t_end):
-    """Coordinates and velocities of the trapezoidal rule."""
-    form, integrator = FORMS["u-lambda"], Newmark()
-    scheme = Scheme(integrator, form, named_scaling("optimal", form), h)
-    state = initial_state(subject, scheme)
-    steps = round(t_end / h)
-    ending = compiled_march.march(
-        subject, scheme, state, 0, np.zeros((steps, 2)), np.zeros(steps, np.int64)
-    )
-    assert ending == (march_data.COMPLETED, steps)
-    return state.fields[:2]
-
-
 def test_newmark_converges_to_the_reference(driven):
     """Another method, other code: order 2, and the limit is the reference."""
     found = solution(driven, 0.4)
     assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-10
     h = np.array([4e-3, 2e-3, 1e-3])
-    ends = [march(driven, step, 0.4) for step in h]
+    marches = [newmark.march(driven, h=step, t_end=0.4, every=0) for step in h]
+    ends = [(one.u[-1], one.v[-1]) for one in marches]
     for part, exact in enumerate((found.u, found.v)):
         errors = [relative_error(end[part], exact) for end in ends]
         assert np.polyfit(np.log(h), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.05)

@@ -1,6 +1,7 @@
 """What reaches a terminal, a figure, a table or a page of names that somebody made to harm."""
 
 import ast
+import csv
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -8,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tampering
 from click.shell_completion import CompletionItem
 from each import each
 from test_show import on_a_terminal
@@ -21,6 +21,7 @@ from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
 from newmark_cli.report.tables.table import markdown_table
+from newmark_cli.study.results import csv_text
 from newmark_cli.support.errors import one_line, visible, visible_lines
 
 #: Moves the cursor, sets a title, rings; begins and ends lines; turns writing around.
@@ -233,10 +234,10 @@ def test_markdown_takes_names_as_text():
 def test_the_page_shows_names_as_text(cli, committed_folder):
     """Neither markup nor a script, in texts, attributes and figures."""
     name = '"><script>alert(1)</script>' + "{{7*7}}"
-    columns, rows = tampering.read(committed_folder / "pendulum-u.csv")
-    rows = [row for row in rows if row["measure"] == "condition"]
-    rows = tampering.given(rows, problem=name, study="mine")
-    tampering.write(cli.folder / "results/mine.csv", columns, rows)
+    with (committed_folder / "pendulum-u.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["measure"] == "condition"]
+    rows = [row | {"problem": name, "study": "mine"} for row in rows]
+    cli.write("results/mine.csv", csv_text([*rows[0]], rows))
     cli("report")
     page = (cli.folder / "results/report.html").read_text()
     assert "<script" not in page
