@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice, advise
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
+    from newmark_cli.external.judging import Judged, judge
     from newmark_cli.library.marching import Steps, march, steps
     from newmark_cli.library.problems import problem
     from newmark_cli.library.scalings import Factors, scaling
@@ -45,6 +46,7 @@ _HOMES = {
     "InputError": "support.errors",
     "IntegratorError": "newmark.integrator",
     "JacobianAdvice": "advice.jacobians",
+    "Judged": "external.judging",
     "NewmarkError": "support.errors",
     "NewmarkWarning": "support.errors",
     "NewtonSystem": "newmark.newton_systems",
@@ -57,6 +59,7 @@ _HOMES = {
     "advise": "advice.advising",
     "advise_jacobian": "advice.jacobians",
     "floor": "advice.floors",
+    "judge": "external.judging",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
@@ -79,6 +82,7 @@ __all__ = [
     "InputError",
     "IntegratorError",
     "JacobianAdvice",
+    "Judged",
     "NewmarkError",
     "NewmarkWarning",
     "NewtonSystem",
@@ -92,6 +96,7 @@ __all__ = [
     "advise",
     "advise_jacobian",
     "floor",
+    "judge",
     "linear_systems",
     "march",
     "plot",

@@ -146,18 +146,27 @@ def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
         ours = {slope.key: slope for slope in slopes if slope.study == study}
         for expectation in given:
             place = _place(record, expectation.number)
-            found += _expected(study, expectation, ours, path, place)
+            found += expected(study, expectation, ours, path, place)
         found += _floors(study, ours)
     return found
 
 
-def _expected(
+def expected(
     study: str,
     wanted: Expectation,
     ours: Mapping[SeriesKey, Slope],
     path: Path,
-    place: tuple[str, int],
+    place: tuple[str, int] = ("", 0),
 ) -> Iterator[Expected]:
+    """What an expectation comes to for each series that it matches, or that it matches none.
+
+    Args:
+        study: Name of the study.
+        wanted: The expectation.
+        ours: Key → series, of those that it may be about.
+        path: How errors name the results.
+        place: File and line of the expectation.
+    """
     matched = [slope for slope in ours.values() if wanted.matches(slope.key)]
     if wanted.h is not None and not wanted.figure:
         matched = [slope for slope in matched if _at(slope, wanted.h).any()]

@@ -1,0 +1,123 @@
+"""The command that judges what another code computed."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from newmark_cli.cli import screen
+from newmark_cli.cli.completion import complete
+from newmark_cli.cli.options import (
+    allow_code_option,
+    as_json_text,
+    axis_option,
+    formulation_option,
+)
+from newmark_cli.support.errors import InputError
+
+if TYPE_CHECKING:
+    from newmark_cli.external.judging import Judged
+
+
+@click.command()
+@click.argument("table", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--problem",
+    metavar="PROBLEM",
+    shell_complete=complete("problems", files=True),
+    help="What was solved: a problem, a mechanism file, a member of a family, a Python problem.",
+)
+@click.option(
+    "--template",
+    metavar="PROBLEM",
+    shell_complete=complete("problems", files=True),
+    help="Print the header of a table for PROBLEM and its start, and judge nothing.",
+)
+@axis_option(
+    "integrator",
+    "METHOD",
+    "The code's integrator, 'generalized-alpha rho=0.9' by default.",
+    "integrators",
+)
+@formulation_option
+@click.option("--projection", metavar="METHOD", help="The code's projection; none by default.")
+@click.option(
+    "--columns",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="YAML with other names, signs and units: 'lambda[bars.rod]: -2 * force'.",
+)
+@click.option(
+    "--expect",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="YAML with the key 'expect' of a study: orders and levels that you expect.",
+)
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw the errors next to those of this tool: .png, .svg, .pdf or .pgf.",
+)
+@click.option("--strict", is_flag=True, help="Fail where a verdict is undecided, too.")
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@allow_code_option
+def judge(
+    table: Path | None,
+    problem: str | None,
+    template: str | None,
+    plot: Path | None,
+    strict: bool,
+    as_json: bool,
+    allow_code: bool,
+    **options: Any,
+) -> int:
+    """Judge what another code computed: errors, orders, and what is wrong.
+
+    TABLE is a CSV or Parquet file with a row for each run and time: h, t, and the
+    state under the names of the problem, as --template prints them.  Exits with 1 if
+    a fault is found or an order is missed.
+
+    \b
+    Example:
+      newmark-study judge --template andrews > mine.csv
+      newmark-study judge mine.csv --problem andrews
+    """
+    from newmark_cli.external import judging
+    from newmark_cli.study import config
+
+    if template is not None:
+        if table is not None or problem is not None:
+            raise click.UsageError("--template goes without a table")
+        screen.lines(_apart(config.problem_named(template, allow_code), judging.template))
+        screen.note(f"Write {judging.ROWS}, with 17 digits (%.17g).")
+        return 0
+    if table is None or problem is None:
+        raise click.UsageError("give TABLE and --problem, or --template")
+    given = {name: value for name, value in options.items() if value is not None}
+    found: Judged = _apart(
+        config.problem_named(problem, allow_code), judging.of_files, table, given
+    )
+    if plot is not None:
+        from newmark_cli.external import drawing
+
+        drawing.write(found, plot)
+    screen.lines(as_json_text(found.to_dict()) if as_json else str(found))
+    return 1 if found.fails(strict) else 0
+
+
+def _apart(spec: Any, function: Any, *arguments: Any) -> Any:
+    """A function of a problem; one with code of the user's is loaded in a separate process."""
+    from newmark_cli.mechanisms.spec import Code
+    from newmark_cli.support import apart
+
+    if not isinstance(spec, Code):
+        return function(spec.load(), *arguments)
+    try:
+        return apart.call(_loaded, (spec.pinned(), function, arguments))
+    except apart.ApartError as error:
+        raise InputError(f"{spec.named}: {error}") from None
+
+
+def _loaded(spec: Any, function: Any, arguments: tuple[Any, ...]) -> Any:
+    return function(spec.load(), *arguments)

@@ -1,0 +1,1 @@
+"""Results of other codes: read, measured, judged and explained."""

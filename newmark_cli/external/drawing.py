@@ -1,0 +1,85 @@
+"""Figures of another code's errors, next to those of this tool's march."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from newmark_cli.external.judging import Judged
+from newmark_cli.external.measuring import Measured, roundings
+from newmark_cli.external.reading import STEP_SIZE
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look
+from newmark_cli.report.drawing.rendering import rendered
+from newmark_cli.support import files
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import ArgumentError
+
+#: Look of this tool's own march.
+_OURS = Look("0.6", "", linestyle="--", linewidth=1.5)
+_ENDINGS = (".png", ".svg", ".pdf", ".pgf")
+#: Rounding over value from which on rounding rules a point.
+_RULED = 0.5
+#: What work is counted by, the first that a table has, and how axes name it.
+_WORK = {"calls": "calls", "seconds": "time (s)"}
+_LABELS = {"u": "$u$", "v": "$v$", "lambda": r"$\lambda$"}
+
+
+def sheet(found: Judged) -> Sheet:
+    """Errors of u, v and λ over the step size or tolerance; λ over work, if it was counted."""
+    present = [q for q in _LABELS if any(("error", q) in each.errors for each in found.measured)]
+    label = "step size $h$ (s)" if found.abscissa == STEP_SIZE else "tolerance"
+    panels = [
+        Panel(tuple(_traces(found, quantity)), label, f"error of {_LABELS[quantity]}")
+        for quantity in present
+    ]
+    counted = {name for each in found.measured for name in each.run.numbers}
+    work = next((name for name in _WORK if name in counted), None)
+    if work is not None and present:
+        panels.append(Panel(tuple(_traces(found, present[-1], work)), _WORK[work],
+                            f"error of {_LABELS[present[-1]]}"))  # fmt: skip
+    return Sheet(
+        f"{found.problem}: errors",
+        tuple(panels),
+        columns=len(panels) if len(panels) < 4 else 2,
+        share_x=work is None,
+    )
+
+
+def _traces(found: Judged, quantity: str, work: str = "") -> list[Trace]:
+    traces, ours = [], False
+    for place, label in enumerate(dict.fromkeys(each.run.series for each in found.measured)):
+        own = [each for each in found.measured if each.run.series == label]
+        of = [each for each in own if ("error", quantity) in each.errors]
+        if not of:
+            continue
+        values = np.array([each.errors["error", quantity].statistics.last for each in of])
+        bars = roundings(of, ("error", quantity))
+        x = _abscissa(of, work)
+        traces.append(Trace(label, x, values, look(place), place, bars=bars,
+                            ruled=np.nan_to_num(bars) > _RULED * values))  # fmt: skip
+        known = [each for each in of if each.ours]
+        if known and not work:
+            y = np.array([each.ours["error", quantity].statistics.last for each in known])
+            name = "newmark-study" if not ours else f"newmark-study, as {label}"
+            traces.append(Trace(name, _abscissa(known, ""), y, _OURS))
+            ours = True
+    return traces
+
+
+def _abscissa(found: Sequence[Measured], work: str) -> Array:
+    if not work:
+        return np.array([each.run.size for each in found])
+    return np.array([float(each.run.numbers.get(work, np.array([np.nan]))[-1]) for each in found])
+
+
+def write(found: Judged, path: Path) -> None:
+    """Draw the errors into a file.
+
+    Raises:
+        ArgumentError: When its ending is none of a figure's.
+    """
+    if path.suffix not in _ENDINGS:
+        raise ArgumentError(f"{path}: a figure ends in {', '.join(_ENDINGS)}")
+    kind = path.suffix[1:]
+    (drawn,) = rendered([sheet(found)], [kind], None, {})
+    files.write_output(path, drawn[kind])

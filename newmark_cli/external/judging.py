@@ -1,0 +1,266 @@
+"""`judge`: what another code computed, measured, judged and explained."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from newmark_cli.external import options as options_of
+from newmark_cli.external.diagnosing import Finding, diagnosed
+from newmark_cli.external.matching import matched
+from newmark_cli.external.measuring import Measured, Motion, measured, method, slopes
+from newmark_cli.external.reading import STEP_SIZE, UNNAMED, names_of, read
+from newmark_cli.library.problems import problem as problem_of
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.problem import Problem
+from newmark_cli.report.judging.expectations import Expected, expected
+from newmark_cli.report.judging.fits import format_fit, format_order
+from newmark_cli.report.judging.slopes import Slope
+from newmark_cli.report.judging.text import text_table, wrapped
+from newmark_cli.report.judging.verdicts import FAILING, UNDECIDED
+from newmark_cli.study.measures import symbol
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Axes that say which method a code has.
+METHOD = ("integrator", "formulation", "projection", "multipliers", "start")
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What there is to say of another code's runs; ``print`` shows it.
+
+    Attributes:
+        problem: Name of the problem.
+        findings: What is wrong, or a limit of the method, with evidence.
+        notes: What was taken for granted.
+        slopes: Series with fits and verdicts, as `check` has them.
+        expected: What the caller expects of them, judged.
+        measured: The runs with their errors, and those of this tool's own marches.
+        abscissa: ``"h"`` or ``"tolerance"``.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> frames = []
+        >>> for h in (1e-2, 3e-3, 1e-3):
+        ...     swing = newmark.march("pendulum", h=h, t_end=0.9, integrator="bdf2").to_frame()
+        ...     frames.append(swing.assign(h=h))
+        >>> import pandas as pd
+        >>> judged = newmark.judge(pd.concat(frames), "pendulum", integrator="bdf2")
+        >>> judged.faults, judged.slopes[0].quantity, judged.slopes[0].verdict
+        ((), 'u', 'pass')
+    """
+
+    problem: str
+    findings: Sequence[Finding]
+    notes: Sequence[str]
+    slopes: Sequence[Slope]
+    expected: Sequence[Expected] = ()
+    measured: Sequence[Measured] = field(default=(), repr=False)
+    abscissa: str = STEP_SIZE
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """Findings that are faults of the code, not limits of its method."""
+        return tuple(one for one in self.findings if one.fault)
+
+    @property
+    def series(self) -> tuple[str, ...]:
+        """Labels of the series."""
+        return tuple(dict.fromkeys(one.study for one in self.slopes))
+
+    def fails(self, strict: bool = False) -> bool:
+        """Whether there is a fault, an order that is missed or an expectation that fails."""
+        bad = (*FAILING, UNDECIDED) if strict else FAILING
+        judged = [one.verdict for one in self.slopes] + [one.verdict for one in self.expected]
+        return bool(self.faults) or any(verdict in bad for verdict in judged)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """A row for each run and quantity: value, rounding, and the same of this tool's march."""
+        import pandas as pd
+
+        rows = []
+        for each in self.measured:
+            for (measure, quantity), row in each.errors.items():
+                ours = each.ours.get((measure, quantity))
+                rows.append({
+                    "series": each.run.series, self.abscissa: each.run.size,
+                    "t": float(each.run.t[-1]), "measure": measure, "quantity": quantity,
+                    "value": row.statistics.max, "rounding": row.statistics.rounding,
+                    "newmark_study": math.nan if ours is None else ours.statistics.max,
+                })  # fmt: skip
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "problem": self.problem,
+            "series": [_plain(one.row()) for one in self.slopes],
+            "findings": [_plain(asdict(one)) for one in self.findings],
+            "expected": [_plain(one.row()) for one in self.expected],
+            "notes": [*self.notes],
+            "runs": json.loads(self.to_frame().to_json(orient="records", double_precision=15)),
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterable[str]:
+        rows: list[tuple[str, ...]] = [
+            ("quantity", "order", "expected", f"over {self.abscissa}", "least", "verdict")
+        ]
+        for label in self.series:
+            rows += [("",), (label,)] if label != UNNAMED or len(self.series) > 1 else []
+            rows += [_row(one, self.abscissa) for one in self.slopes if one.study == label]
+        yield f"{self.problem}: errors and invariants\n"
+        yield text_table(rows, indent=2)
+        reasons = [(one, one.reason) for one in self.slopes if one.reason]
+        if reasons:
+            yield ""
+            for one, reason in reasons:
+                yield wrapped(f"{_named(one, self.series)}: {reason}", 2)
+        for each in self.expected:
+            yield wrapped(f"{each.verdict}: {each.name}, {each.label}: {each.said}: "
+                          f"{each.measured or each.reason}", 2)  # fmt: skip
+        if self.notes:
+            yield "\nTaken for granted:"
+            yield from (wrapped(f"- {note}", 2) for note in self.notes)
+        yield "\nFindings:" if self.findings else "\nNothing wrong was found."
+        for finding in self.findings:
+            label = f"{finding.series}: " if len(self.series) > 1 else ""
+            kind = "" if finding.fault else " (a limit of the method)"
+            yield wrapped(f"- {label}{finding.name}{kind}: {finding.text}", 2)
+
+
+def _named(one: Slope, series: Sequence[str]) -> str:
+    label = f"{one.study}, " if len(series) > 1 else ""
+    return f"{label}{_quantity(one)}"
+
+
+def _quantity(one: Slope) -> str:
+    if one.measure == "invariant":
+        return {"position": "Φ", "velocity": "Gᵀv + Φ_t", "multiplier": "λ of u, v"}.get(
+            one.quantity, one.quantity
+        )
+    return symbol(one.quantity)
+
+
+def _row(one: Slope, abscissa: str) -> tuple[str, ...]:
+    used = one.h[one.fitted]
+    over = f"{used.max():g} … {used.min():g}" if len(used) > 1 else "–"
+    place = int(np.nanargmin(np.where(np.isfinite(one.values), one.values, np.inf)))
+    least = f"{one.values[place]:.2g} at {one.h[place]:g}"
+    fit = format_fit(one.fit) if len(used) > 1 else "–"
+    return (_quantity(one), fit, format_order(one.expected) or "–", over, least, one.verdict)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def judge(
+    table: Any,
+    problem: Any,
+    *,
+    integrator: Any = None,
+    formulation: Any = None,
+    projection: Any = None,
+    multipliers: str | None = None,
+    start: str | None = None,
+    columns: Mapping[str, Any] | str | Path | None = None,
+    expect: Sequence[Mapping[str, Any]] | str | Path | None = None,
+) -> Judged:
+    """Say what is right and wrong with what another code computed.
+
+    Args:
+        table: A DataFrame, or the path of a CSV or Parquet file: a row for each run and time,
+            with ``h``, ``tolerance`` or ``steps``, ``t``, and the state under the names of
+            `Trajectory.to_frame`; see docs/judge.md.
+        problem: What was solved: what `problem` takes.
+        integrator, formulation, projection, multipliers, start: The code's method, as of
+            `march`, which says what orders to expect; generalized-α with ρ∞ = 0.9 and index 3
+            where nothing is said.  Columns of these names go before.
+        columns: Column of this tool → column of the table, with a factor if need be:
+            ``{"lambda[bars.rod]": "-2 * force"}``; or a YAML file of it.
+        expect: Entries as of the key ``expect`` of a study, which may name a ``series``; or a
+            YAML file with that key.
+
+    Returns:
+        Orders of errors and invariants with verdicts, and findings: what is wrong, by which
+        evidence, and what to do.
+
+    Raises:
+        ArgumentError: When the table cannot be used, or the motion has no reference.
+        ProblemError, DocumentError: When the problem cannot be used.
+        IntegratorError, FormulationError: For an unknown method.
+    """
+    given = problem_of(problem)
+    options = {
+        name: value
+        for name, value in zip(
+            METHOD, (integrator, formulation, projection, multipliers, start), strict=True
+        )
+        if value is not None
+    }
+    method(options)
+    wanted = options_of.expected(expect)
+    runs = read(table, given, options_of.columns(columns))
+    for run in runs.runs:
+        method(run.method)
+    motion = Motion(given, {})
+    runs, factors = matched(runs, motion)
+    found = measured(runs, motion, options)
+    judged = slopes(found, runs, motion, options) if found else []
+    return Judged(
+        given.name,
+        diagnosed(runs, found, motion, options, factors),
+        runs.notes,
+        [one for one in judged if one.quantity != "energy"],
+        [
+            each
+            for one_wanted in wanted
+            for each in expected(
+                "", one_wanted, {one.key: one for one in judged}, Path("the table")
+            )
+        ],
+        found,
+        runs.abscissa,
+    )
+
+
+def of_files(problem: Problem, table: Path, options: Mapping[str, Any]) -> Judged:
+    """`judge`, of a problem that has been loaded."""
+    return judge(table, problem, **options)
+
+
+#: Rows that a template asks for.
+ROWS = (
+    "a row at t = 0, after each of the first two steps and each of the last three, for each of "
+    "four step sizes or more; every step will do"
+)
+
+
+def template(problem: Problem) -> str:
+    """Header of a table, and its first row: the start that the code must use.
+
+    Args:
+        problem: What is to be solved.
+    """
+    _, multipliers = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
+    names = [name for name, size in names_of(problem).items() if size and name != "output"]
+    parts = {"u": problem.u0, "v": problem.v0, "lambda": multipliers}
+    header = [f"{part}[{name}]" for part in names for name in names_of(problem)[part]]
+    values = [repr(float(value)) for part in names for value in parts[part]]
+    start = ["1e-3", repr(problem.t0), *values]
+    return f"{','.join([STEP_SIZE, 't', *header])}\n{','.join(start)}"

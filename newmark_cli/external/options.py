@@ -1,0 +1,65 @@
+"""Files with which a table is judged: other names of its columns, and what is expected of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import Field, RootModel
+
+from newmark_cli.study.expectations import Expectation, expectations
+from newmark_cli.study.expecting import ExpectConfig
+from newmark_cli.study.keys import OneLine, Recorded
+from newmark_cli.support import documents
+from newmark_cli.support.documents import Document, StrictModel
+
+
+class _Columns(RootModel[dict[str, str]]):
+    pass
+
+
+if TYPE_CHECKING:
+    _Expected = ExpectConfig
+else:
+
+    class _Expected(ExpectConfig):
+        """A slope or a level that series of a table must have."""
+
+        measure: Recorded = Field("error", description="error or invariant")
+        series: OneLine | None = Field(None, description="label of the series; any when omitted")
+
+
+class _File(StrictModel):
+    expect: tuple[_Expected, ...]
+
+
+def columns(given: Any) -> Mapping[str, Any]:
+    """Names of columns from a YAML file, or the mapping as it is.
+
+    Raises:
+        DocumentError: When the file cannot be used.
+    """
+    if not isinstance(given, str | Path):
+        return dict(given or {})
+    return documents.validate(documents.read(Path(given)), _Columns).root
+
+
+def expected(given: Any) -> list[Expectation]:
+    """Expectations from a YAML file with the key ``expect``, or from a list of mappings.
+
+    Raises:
+        DocumentError: For every mistake.
+    """
+    if given is None:
+        return []
+    document = (
+        documents.read(Path(given)) if isinstance(given, str | Path)
+        else Document.of("expect", {"expect": given})
+    )  # fmt: skip
+    read = documents.validate(document, _File).expect
+    plain: Sequence[Mapping[str, Any]] = [each.model_dump(mode="json") for each in read]
+    found = expectations({"expect": plain})
+    return [
+        replace(one, choice={**one.choice, "study": (each["series"],)}) if each["series"] else one
+        for one, each in zip(found, plain, strict=True)
+    ]

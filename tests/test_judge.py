@@ -1,0 +1,219 @@
+"""What another code computed, judged: a textbook code with and without faults, and bad tables."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import textbook
+from each import each
+from pages import ROOT
+
+import newmark_cli as newmark
+
+THROWN = str(ROOT / "docs/examples/thrown-pendulum.yaml")
+#: Problem → step sizes, end, and a tolerance on λ that the last step size cannot meet.
+RUNS = {
+    THROWN: ([0.05, 0.02, 0.01, 0.005, 0.0025], 0.5, 1e-12, 5e-4),
+    "slider-crank": ([3e-3, 1e-3, 5e-4, 2.5e-4], 0.15, 1e-11, 1.25e-4),
+    "spatial-slider-crank": ([5e-3, 2e-3, 1e-3, 5e-4], 0.05, 1e-10, 5e-5),
+}
+
+
+def judged(table, problem, **options):
+    with np.errstate(all="ignore"):
+        return newmark.judge(table, problem, **options)
+
+
+def swings(sizes=(0.02, 0.01, 0.005, 0.0025), integrator="generalized-alpha rho=0.9", rows=None):
+    """A table of the thrown pendulum, by this tool's own march."""
+    found = []
+    for h in sizes:
+        march = newmark.march(THROWN, h=h, t_end=0.5, integrator=integrator)
+        frame = march.to_frame().assign(h=h)
+        kept = [name for name in frame if name[0] in "htuvl"]
+        found.append(frame[kept] if rows is None else frame[kept].iloc[rows])
+    return pd.concat(found, ignore_index=True)
+
+
+@each("fault", ["", *textbook.FAULTS])
+@each("subject", list(RUNS))
+def test_a_fault_of_a_textbook_code_is_named_and_a_sound_one_has_none(fault, subject):
+    problem = newmark.problem(subject)
+    sizes, t_end, tolerance, small = RUNS[subject]
+    if fault == "tolerance on λ":
+        sizes = [*sizes[:2], small]
+    table = textbook.table(problem, sizes, t_end, fault, True, tolerance)
+    found = judged(table, problem)
+    names = {one.name for one in found.faults}
+    if fault:
+        assert textbook.FAULTS[fault] in names
+        assert found.fails()
+    else:
+        assert not names
+        assert not found.fails()
+
+
+def test_mistakes_are_explained_by_numbers():
+    """A mass of 1.1 that does not weigh more, λ of another Φ, and when it drifts like t²."""
+    problem = newmark.problem(THROWN)
+    sizes, t_end, *_ = RUNS[THROWN]
+    (mass,) = judged(textbook.table(problem, sizes, t_end, "mass of one point"), problem).faults
+    assert "the inertia, but not the weight, of P were 1.1 times the mechanism's" in mass.text
+    (factor,) = judged(textbook.table(problem, sizes, t_end, "λ of |Δ|² − L²"), problem).faults
+    assert factor.evidence["factor"] == 0.5
+    long = newmark.march(THROWN, h=1e-3, t_end=2.0, formulation="index-1", integrator="bdf2")
+    (drift,) = judged(long.to_frame().assign(h=1e-3), problem, integrator="bdf2").faults
+    assert drift.name == "drift"
+
+
+@each(
+    "integrator, alternates",
+    [("trapezoidal", True), ("bdf2", False), ("hht alpha=0.1", False)],
+)
+def test_a_multiplier_alternates_under_an_undamped_integrator_only(integrator, alternates):
+    table = swings((0.02, 0.01, 0.005), integrator, rows=slice(-3, None))
+    names = [one.name for one in judged(table, THROWN).faults]
+    assert ("alternation" in names) == alternates
+    # Of an integrator that is known not to damp it is a limit.
+    told = judged(table, THROWN, integrator=integrator)
+    assert not told.faults
+
+
+def test_orders_are_those_of_the_theory_and_verdicts_those_of_check(cli):
+    cli.write(
+        "own.yaml",
+        "study: own\nproblem: [double-pendulum, heavy-top]\nform: u-lambda\n"
+        "preconditioning: optimal\nmeasure: error\nt_end: 0.05\nh: [1e-3, 5e-4, 2e-4, 1e-4]\n"
+        "integrator: [{method: bdf2}, {method: bdf1}, {method: hht, alpha: 0.1}, trapezoidal]\n",
+    )
+    cli("run", "own.yaml")
+    checked = newmark.slopes(pd.read_csv(cli.folder / "results/own.csv"))
+    for problem in ("double-pendulum", "heavy-top"):
+        tables = []
+        for method in ("bdf2", "bdf1", "hht alpha=0.1", "trapezoidal"):
+            for h in (1e-3, 5e-4, 2e-4, 1e-4):
+                march = newmark.march(problem, h=h, t_end=0.05, integrator=method, every=0, twins=3)
+                for number, one in enumerate((march, *march.twins)):
+                    frame = one.to_frame()
+                    kept = [name for name in frame if name[:2] in ("t", "u[", "v[", "la", "ou")]
+                    tables.append(
+                        frame[kept].assign(h=h, twin=number, series=method, integrator=method)
+                    )
+        found = judged(pd.concat(tables, ignore_index=True), problem)
+        errors = [one for one in found.slopes if one.measure == "error"]
+        ours = {(one.integrator, one.quantity): one for one in errors}
+        theirs = checked[checked["problem"] == problem]
+        assert len(theirs) == len(ours) > 10
+        for row in theirs.itertuples():
+            one = ours[row.integrator, row.quantity]
+            assert one.verdict == row.verdict, row
+            assert one.fit.slope == pytest.approx(row.slope, abs=1e-6, nan_ok=True)
+
+
+def test_units_names_signs_and_order_are_found_out():
+    table = swings()
+    lam, places = "lambda[bars.rod]", [name for name in table if name[0] in "uv"]
+    usual = {one.quantity: one.fit.slope for one in judged(table, THROWN).slopes}
+    other = table.copy()
+    other[places] *= 1000
+    other[lam] *= -1
+    numbered = dict(zip([*places, lam], ["u1", "u2", "v1", "v2", "lam1"], strict=True))
+    other = other.rename(columns=numbered)
+    found = judged(other, THROWN)
+    assert not found.faults
+    notes = " ".join(found.notes)
+    assert "u is 1000 times as large, and taken to be in mm" in notes
+    assert "the sign of λ is turned, of bars.rod" in notes
+    for one in found.slopes:
+        assert one.fit.slope == pytest.approx(usual[one.quantity], rel=1e-6, nan_ok=True)
+    mapped = judged(
+        other, THROWN,
+        columns={"u[P.x]": "0.001 * u1", "u[P.y]": "0.001*u2", lam: "-lam1"},
+    )  # fmt: skip
+    assert {one.quantity for one in mapped.slopes} == {"u", "v", "lambda", "position",
+                                                      "velocity", "multiplier"}  # fmt: skip
+    crank = newmark.problem("slider-crank")
+    mixed = []
+    for h in (2e-3, 1e-3, 5e-4):
+        frame = newmark.march(crank, h=h, t_end=0.1, integrator="bdf2").to_frame().assign(h=h)
+        multipliers = [name for name in frame if name.startswith("lambda")]
+        kept = frame[[name for name in frame if name[:2] in ("h", "t", "u[", "v[")]].copy()
+        for number, place in enumerate((2, 0, 1), start=1):
+            kept[f"lam{number}"] = frame[multipliers[place]]
+        mixed.append(kept)
+    found = judged(pd.concat(mixed), crank, integrator="bdf2")
+    assert not found.fails()
+    assert "in the order sliders.guide, bodies.crank, bodies.rod" in " ".join(found.notes)
+
+
+def test_a_template_is_where_a_code_begins(cli):
+    header, start = cli("judge", "--template", "slider-crank").stdout.splitlines()
+    crank = newmark.problem("slider-crank")
+    row = dict(zip(header.split(","), map(float, start.split(",")), strict=True))
+    assert [row[f"u[{name}]"] for name in crank.coordinate_names] == crank.u0.tolist()
+    _, *columns = newmark.march("slider-crank", h=1e-3, t_end=1e-3).to_frame().columns
+    assert set(row) - {"h", "t"} == {name for name in columns if name[:2] in ("u[", "v[", "la")}
+    first = newmark.march("slider-crank", h=1e-6, t_end=2e-6, integrator="bdf2")
+    assert row["lambda[bodies.rod]"] == pytest.approx(first.constraint("bodies.rod")[0], rel=1e-9)
+
+
+def test_the_command_judges_draws_and_holds_against_expectations(cli):
+    table = swings((0.02, 0.01, 0.005, 0.002))
+    table.to_csv(cli.folder / "mine.csv", index=False, float_format="%.17g")
+    done = cli("judge", "mine.csv", "--problem", THROWN, "--json", "--plot", "mine.svg")
+    found = json.loads(done.stdout)
+    assert found["findings"] == []
+    orders = {one["quantity"]: one["slope"] for one in found["series"] if one["measure"] == "error"}
+    assert orders["u"] == pytest.approx(2, abs=0.1)
+    assert b"newmark-study" in (cli.folder / "mine.svg").read_bytes()
+    cli.write("orders.yaml", "expect:\n  - {quantity: u, slope: 3, within: 0.1}\n")
+    done = cli("judge", "mine.csv", "--problem", THROWN, "--expect", "orders.yaml", code=1)
+    assert "miss: expect[1]" in done.stdout
+
+
+@each(
+    "change, options, said",
+    [
+        (lambda table: table.rename(columns={"u[P.x]": "u[Q.x]"}), (),
+         "mine.csv: thrown-pendulum.yaml has no u[Q.x]; did you mean 'u[P.x]'?"),
+        (lambda table: table.drop(columns="h"), (), "mine.csv: needs a column h, tolerance or"),
+        (lambda table: table.drop(columns="t"), (), "mine.csv: needs a column t; has"),
+        (lambda table: table[["h", "t"]], (), "no column of thrown-pendulum.yaml, such as u[P.x]"),
+        (lambda table: table.astype(str).replace("0.02", "big"), (),
+         "line 3: not a number, given 'big'"),
+        (lambda table: table.assign(h=-table["h"]), (), "line 2: h must be positive, given -0.02"),
+        (lambda table: pd.concat([table, table]), (), "t = 0 is there twice"),
+        (lambda table: table[:0], (), "mine.csv: no row"),
+        (lambda table: table, ("--integrator", "bdf9"), "unknown method 'bdf9'"),
+        (lambda table: table, ("--columns", "none.yaml"), "none.yaml: cannot be read"),
+        (lambda table: table, ("--plot", "mine.gif"), "mine.gif: a figure ends in .png"),
+    ],
+)  # fmt: skip
+def test_bad_tables_are_refused_in_a_line(cli, change, options, said):
+    change(swings((0.02,))).to_csv(cli.folder / "mine.csv", index=False)
+    done = cli("judge", "mine.csv", "--problem", THROWN, *options, code=2)
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_poor_tables_still_tell_something():
+    table = swings()
+    gaps = table.copy()
+    gaps.loc[gaps["h"] < 0.004, "u[P.x]"] = np.nan
+    (fault,) = judged(gaps, THROWN).faults
+    assert fault.name == "failure"
+    assert "u[P.x]" in fault.text
+    few = judged(table[["h", "t", "u[P.x]"]].groupby("h").tail(1), THROWN)
+    assert [one.quantity for one in few.slopes] == ["u"]
+    one = judged(swings((0.01,)), THROWN)
+    assert {each.verdict for each in one.slopes} <= {"undecided", "shown"}
+    adaptive = table.rename(columns={"h": "tolerance"})
+    assert {each.verdict for each in judged(adaptive, THROWN).slopes} == {"shown"}
+
+
+def test_few_digits_are_said_and_a_long_table_is_read(tmp_path):
+    path = tmp_path / "long.csv"
+    swings((2e-2, 1e-2, 5e-3, 1e-5)).to_csv(path, index=False, float_format="%.7g")
+    found = judged(path, THROWN)
+    assert [one.name for one in found.faults] == ["few digits"]
