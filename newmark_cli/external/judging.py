@@ -204,6 +204,20 @@ def judge(
         ArgumentError: When the table cannot be used, or the motion has no reference.
         ProblemError, DocumentError: When the problem cannot be used.
         IntegratorError, FormulationError: For an unknown method.
+
+    Examples:
+        A code that writes Φ without the half:
+
+        >>> import pandas as pd
+        >>> import newmark_cli as newmark
+        >>> swings = [
+        ...     newmark.march("pendulum", h=h, t_end=0.9, integrator="bdf2").to_frame().assign(h=h)
+        ...     for h in (1e-2, 3e-3, 1e-3)
+        ... ]
+        >>> table = pd.concat(swings)
+        >>> table["lambda[bars.rod]"] /= 2
+        >>> [one.name for one in newmark.judge(table, "pendulum", integrator="bdf2").faults]
+        ['factor of λ']
     """
     given = problem_of(problem)
     options = {
