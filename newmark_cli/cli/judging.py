@@ -80,7 +80,6 @@ def judge(
 
     \b
     Example:
-      newmark-study judge --template andrews > mine.csv
       newmark-study judge mine.csv --problem andrews
     """
     from newmark_cli.external import judging
