@@ -111,6 +111,20 @@ def test_orders_are_those_of_the_theory_and_verdicts_those_of_check(cli):
             assert one.fit.slope == pytest.approx(row.slope, abs=1e-6, nan_ok=True)
 
 
+def test_step_sizes_that_do_not_divide_the_time_are_judged_together():
+    """Each run is held against the solution at its own end."""
+    found = judged(swings((0.03, 0.012, 0.007, 0.003)), THROWN)
+    assert {round(float(each.run.t[-1]), 3) for each in found.measured} == {
+        0.48,
+        0.492,
+        0.497,
+        0.498,
+    }
+    (u,) = (one for one in found.slopes if one.quantity == "u")
+    assert u.verdict == "pass"
+    assert u.fit.slope == pytest.approx(2, abs=0.1)
+
+
 def test_units_names_signs_and_order_are_found_out():
     table = swings()
     lam, places = "lambda[bars.rod]", [name for name in table if name[0] in "uv"]
