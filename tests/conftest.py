@@ -1,5 +1,6 @@
 """Shared fixtures: the command line as a user runs it, and small helpers."""
 
+import csv
 import os
 import re
 import runpy
@@ -298,6 +299,12 @@ def require_failed_alone(told, where):
     assert "failed: its process ended with code 3" in ends
     assert "(what=hang) " in hangs
     assert "failed: took longer than 3 s" in hangs
+
+
+def rows_in(path):
+    """Rows of a CSV: column → text."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def wait_until(holds):

@@ -1,13 +1,12 @@
 """One declaration of what tells cells, rows and series apart."""
 
-import csv
 import json
 import shutil
 import subprocess
 import sys
 
 import pytest
-from conftest import QUICK
+from conftest import QUICK, rows_in
 from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
@@ -47,8 +46,7 @@ def test_cells_come_in_the_order_of_the_csv():
 
 def strip(path, *columns):
     """A CSV as a version wrote it that did not know some columns."""
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_in(path)
     kept = [name for name in rows[0] if name not in columns]
     path.write_text(
         "\n".join([",".join(kept), *(",".join(row[name] for name in kept) for row in rows)]) + "\n"
@@ -247,17 +245,11 @@ def changed(tmp_path_factory, committed_folder):
     return folder, printed
 
 
-def rows_of(path):
-    """Rows of a CSV."""
-    with path.open() as file:
-        return list(csv.DictReader(file))
-
-
 def test_a_new_axis_touches_one_file(cli, changed):
     """Its key, column, series, slopes and lines follow from the declaration."""
     folder, printed = changed
     assert "pendulum u-lambda optimal second h=0.001 steps=100" in printed["axis, run"][1]
-    rows = rows_of(folder / "results/quick.csv")
+    rows = rows_in(folder / "results/quick.csv")
     assert ",".join(rows[0]) == STUDY_COLUMNS + ",repeat,spread"
     assert {row["repeat"] for row in rows} == {"1", "second"}
     record = json.loads((folder / "results/quick.json").read_text())
@@ -275,7 +267,7 @@ def test_a_new_axis_touches_one_file(cli, changed):
 def test_a_new_column_touches_one_file(changed):
     """It stands behind the others, and a CSV that lacks it is read (as "axis, older" was)."""
     folder, printed = changed
-    for row in rows_of(folder / "results/quick.csv"):
+    for row in rows_in(folder / "results/quick.csv"):
         assert float(row["spread"]) == float(row["max"]) / float(row["median"])
     assert json.loads(printed["axis, older"][0])
 
@@ -283,7 +275,7 @@ def test_a_new_column_touches_one_file(changed):
 def test_a_new_measure_touches_one_file(cli, changed):
     """Config, CSV, prediction and verdict follow from its record."""
     folder, printed = changed
-    rows = rows_of(folder / "speed/quick.csv")
+    rows = rows_in(folder / "speed/quick.csv")
     assert {row["measure"] for row in rows} == {"speed"}
     # The pendulum falls by 1 at most: |v| <= √2, and one component by that at the bottom.
     assert all(1.3 < float(row["max"]) < 1.4143 for row in rows)

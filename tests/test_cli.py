@@ -1,6 +1,5 @@
 """The command line through its real entry point, in an empty folder."""
 
-import csv
 import json
 import os
 import re
@@ -10,7 +9,7 @@ import sys
 
 import click
 import pytest
-from conftest import QUICK, CommandLine
+from conftest import QUICK, CommandLine, rows_in
 from each import each
 from warm import SCRIPT
 
@@ -41,11 +40,6 @@ def pendulum_results(tmp_path_factory, warm):
     return cli.folder / "results"
 
 
-def rows(path):
-    with path.open() as file:
-        return list(csv.DictReader(file))
-
-
 def snapshot(folder):
     """Every file below a folder with its bytes."""
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
@@ -56,7 +50,7 @@ def test_run_writes_the_contract(cli, quick):
     done = cli("run", "quick.yaml")
     assert done.stdout == "quick: 4 ok -> results/quick.csv\n"
     assert done.stderr == ""
-    table = rows(cli.folder / "results/quick.csv")
+    table = rows_in(cli.folder / "results/quick.csv")
     assert tuple(table[0]) == results.COLUMNS
     keys = [(r["preconditioning"], r["h"], r["quantity"], r["measure"], r["role"]) for r in table]
     per_cell = [
@@ -92,7 +86,7 @@ def test_shipped_configs_work_from_any_folder(cli):
         (cli.folder / name).mkdir()
     cli("list")
     cli("run", "pendulum-v", "--results", "pendulum-u")
-    assert len(rows(cli.folder / "pendulum-u/pendulum-v.csv")) == 16 * 7
+    assert len(rows_in(cli.folder / "pendulum-u/pendulum-v.csv")) == 16 * 7
 
 
 def test_plot_and_check_read_the_csv_alone(cli, pendulum_results):
@@ -113,7 +107,7 @@ def test_plot_and_check_read_the_csv_alone(cli, pendulum_results):
     assert "12 of 12 slopes as predicted" in done.stdout
     found = json.loads(cli("check", "--json").stdout)
     assert {row["verdict"] for row in found} == {"pass"}
-    in_file = rows(cli.folder / "results/slopes.csv")
+    in_file = rows_in(cli.folder / "results/slopes.csv")
     assert len(in_file) == len(found)
     key = ("preconditioning", "quantity", "measure")
     by_key = {tuple(r[k] for k in key): r for r in found}
@@ -125,7 +119,7 @@ def test_check_fails_on_a_miss(cli, pendulum_results):
     """A CSV whose multipliers grow like 1/h is caught: exit 1, verdict miss."""
     shutil.copytree(pendulum_results, cli.folder / "results")
     path = cli.folder / "results/pendulum-u.csv"
-    table = rows(path)
+    table = rows_in(path)
     for row in table:
         if row["preconditioning"] == "optimal" and row["quantity"] == "lambda":
             row["rms"] = repr(float(row["rms"]) / float(row["h"]))
@@ -156,7 +150,7 @@ def test_newton_capped_at_two(cli):
     cli.write("cap.yaml", QUICK + "iteration_cap: 2\n")
     done = cli("run", "cap.yaml", code=1)
     assert "not_converged" in done.stdout
-    table = rows(cli.folder / "results/quick.csv")
+    table = rows_in(cli.folder / "results/quick.csv")
     assert len(table) == 4 * 7
     capped = [r for r in table if r["status"] == "not_converged"]
     assert capped
@@ -208,8 +202,10 @@ def test_reproduce_keeps_the_slopes_of_other_studies(
     assert code == 1
     assert "incomplete" in told
     assert (tmp_path / "slopes.csv").read_bytes() == written
-    with (tmp_path / "slopes.csv").open() as file:
-        assert {row["study"] for row in csv.DictReader(file)} == {*reproduced, "multipliers"}
+    assert {row["study"] for row in rows_in(tmp_path / "slopes.csv")} == {
+        *reproduced,
+        "multipliers",
+    }
 
 
 def test_failed_cells_fail_the_check(cli):

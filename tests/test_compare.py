@@ -1,11 +1,11 @@
 """Two results folders side by side: what differs, what agrees but for rounding, exit codes."""
 
-import csv
 import json
 import math
 
 import pytest
 import synthetic
+from conftest import rows_in
 from each import each
 
 from newmark_cli.report.reading.figures import FIGURES
@@ -120,8 +120,7 @@ def test_cells_that_are_not_in_both(folders):
 
 def test_series_and_rows_that_are_not_in_both(cli, committed_folder):
     """Of cells in both folders: each row, or the whole series where nothing of it is there."""
-    with (committed_folder / "pendulum-u.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_in(committed_folder / "pendulum-u.csv")
     series = {"quantity": "lambda", "measure": "correction", "preconditioning": "left"}
     single = {"measure": "condition", "h": "0.1", "preconditioning": "none"}
     fewer = [r for r in rows if not (series.items() <= r.items() or single.items() <= r.items())]

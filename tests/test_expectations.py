@@ -7,6 +7,7 @@ import shutil
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
@@ -66,13 +67,12 @@ def rows(done):
 
 def value(folder, measure, quantity, h, column, scaling="none"):
     """A number of the CSV."""
-    with (folder / "swing.csv").open() as file:
-        (row,) = [
-            row
-            for row in csv.DictReader(file)
-            if (row["measure"], row["quantity"], float(row["h"])) == (measure, quantity, h)
-            and row["preconditioning"].partition("[")[0] == scaling
-        ]
+    (row,) = [
+        row
+        for row in rows_in(folder / "swing.csv")
+        if (row["measure"], row["quantity"], float(row["h"])) == (measure, quantity, h)
+        and row["preconditioning"].partition("[")[0] == scaling
+    ]
     return float(row[column])
 
 
@@ -214,8 +214,7 @@ def test_folders_are_compared_by_the_expectations_that_both_have(expecting):
     cli = expecting("{measure: error, quantity: u, slope: 2, within: 0.1}")
     shutil.copytree(cli.folder / "results", cli.folder / "other")
     assert "10 slopes and 2 claims" in cli("compare", "results", "other").stdout
-    with (cli.folder / "other/swing.csv").open() as file:
-        changed = [dict(row) for row in csv.DictReader(file)]
+    changed = [dict(row) for row in rows_in(cli.folder / "other/swing.csv")]
     for row in changed:
         if row["measure"] == "error":
             row["last"] = repr(float(row["last"]) / (float(row["h"]) ** 1.5))

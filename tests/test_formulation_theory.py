@@ -1,13 +1,12 @@
 """Theory of formulations as commands, verdicts and library calls."""
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import test_slopes
-from conftest import QUICK
+from conftest import QUICK, rows_in
 from each import each
 
 import newmark_cli
@@ -162,8 +161,7 @@ def test_tables_of_formulations(cli):
     assert "ggl                           (a, λ)        0    0    −1  −1  0" in done.stdout
     folder = cli.folder / "results/tables"
     assert {f.name for f in folder.iterdir()} == {f"formulations.{s}" for s in ("md", "csv", "tex")}
-    with (folder / "formulations.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_in(folder / "formulations.csv")
     titles = predicted_tables.TITLES
     corrections = [r for r in rows if r["table"] == "corrections"]
     assert len(corrections) == 2 * 7 * (4 * len(titles) + 1)

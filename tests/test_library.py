@@ -1,6 +1,5 @@
 """The Python library: trajectories, stepping, restarts, starts, errors."""
 
-import csv
 import dataclasses
 import math
 import pickle
@@ -13,6 +12,7 @@ import numpy as np
 import oracles
 import pandas as pd
 import pytest
+from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
@@ -85,8 +85,7 @@ def test_a_trajectory_is_what_the_command_line_writes(cli):
         "t_end: 0.02\nmeasure: history\n",
     )
     cli("run", "one.yaml")
-    with (cli.folder / "results/history/one.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_in(cli.folder / "results/history/one.csv")
     found = newmark.march("andrews", h=1e-4, t_end=0.02)
     steps = [int(row["step"]) for row in rows]
     assert len(steps) > 60

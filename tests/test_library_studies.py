@@ -1,10 +1,8 @@
 """Studies in notebooks: the rows, fits and figures of the command line."""
 
-import csv
-
 import pandas as pd
 import pytest
-from conftest import CommandLine
+from conftest import CommandLine, rows_in
 from each import each
 
 import newmark_cli as newmark
@@ -58,8 +56,7 @@ def test_a_dict_a_file_and_the_command_line_agree(ran, frame):
 def test_fits_are_those_of_check(ran, frame):
     """Slopes, expected orders and verdicts of the command line, to the last digit."""
     ran("check")
-    with (ran.folder / "results/slopes.csv").open(newline="") as file:
-        expected = list(csv.DictReader(file))
+    expected = rows_in(ran.folder / "results/slopes.csv")
     found = newmark.slopes(frame)
     assert list(found.columns) == list(expected[0])
     for column in ("form", "preconditioning", "quantity", "measure", "verdict"):

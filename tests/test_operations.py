@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from conftest import QUICK
+from conftest import QUICK, rows_in
 from each import each
 from marching import copy, interpreted_march
 from test_formulations import PROJECTIONS, scheme_of, subject_of
@@ -212,7 +212,10 @@ def test_a_study_records_its_work(cli, quick):
     first = (cli.folder / "results/quick.json").read_bytes()
     parts = operations.work(*_of_pendulum())
     cells = json.loads(first)["cells"]
-    rows = {(row["preconditioning"], float(row["h"])): row for row in _rows(cli.folder / "results")}
+    rows = {
+        (row["preconditioning"], float(row["h"])): row
+        for row in rows_in(cli.folder / "results/quick.csv")
+    }
     for cell in cells:
         row = rows[cell["preconditioning"], cell["h"]]
         corrections = round(float(row["newton_iterations"]) * int(row["steps"]))
@@ -224,13 +227,6 @@ def test_a_study_records_its_work(cli, quick):
 def _of_pendulum():
     subject, scheme = problem("pendulum"), scheme_of("index-3", "u-lambda", integrator=Newmark())
     return subject, scheme, March(subject, scheme, "dense-lu").system
-
-
-def _rows(folder):
-    import csv
-
-    with (folder / "quick.csv").open() as file:
-        return list(csv.DictReader(file))
 
 
 def test_marches_are_timed_when_asked_for(cli):

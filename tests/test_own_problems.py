@@ -1,12 +1,12 @@
 """Problems of one's own, from the command line, in an empty folder."""
 
-import csv
 import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import rows_in
 from each import each
 from matplotlib.axes import Axes
 from PIL import Image
@@ -96,8 +96,7 @@ def test_compiled_code_runs_through_the_kernel(cli):
     # Without scaling, u is recorded by a norm that λ rules, and a few steps in 3000
     # catch it before it is rounding: its own slope is no claim here.
     cli("check")
-    with (cli.folder / "results/slopes.csv").open() as file:
-        found = list(csv.DictReader(file))
+    found = rows_in(cli.folder / "results/slopes.csv")
     chosen = [r for r in found if r["quantity"] != "u" and r["measure"] != "physical_correction"]
     assert len(chosen) == 4
     verdicts = [row["verdict"] for row in chosen]

@@ -1,10 +1,10 @@
 """Verdicts on series: predicted, shown, incomplete; synthetic CSVs with known slopes."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
+from conftest import rows_in
 from each import each
 
 from newmark_cli.newmark.forms import FORMS
@@ -351,8 +351,7 @@ def test_slopes_csv(tmp_path):
     table = series(power(-1), **kinds)
     table += series(power(0), measure="tolerance", quantity="newton", stop="absolute 1e-08", met=7)
     write(tmp_path, found(tmp_path, table))
-    with (tmp_path / "slopes.csv").open() as file:
-        first, second = csv.DictReader(file)
+    first, second = rows_in(tmp_path / "slopes.csv")
     assert {column: first[column] for column in kinds} == kinds
     assert (first["stop"], first["expected"], first["verdict"]) == ("saturation", "-1.0", PASS)
     assert float(first["slope"]) == pytest.approx(-1)

@@ -1,10 +1,8 @@
 """Stopping at a tolerance: who meets it, after how many corrections, and what it says."""
 
-import csv
-
 import numpy as np
 import pytest
-from conftest import QUICK
+from conftest import QUICK, rows_in
 from covering import covering
 from each import each
 from marching import march
@@ -131,8 +129,7 @@ def test_config_mistakes(tmp_path, old, new, line, words):
 
 
 def rows(cli):
-    with (cli.folder / "results/quick.csv").open() as file:
-        return list(csv.DictReader(file))
+    return rows_in(cli.folder / "results/quick.csv")
 
 
 def test_rows_say_what_was_met(cli):

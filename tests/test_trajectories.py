@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
@@ -46,11 +47,6 @@ def same_rows(rows, frame):
         found = {"t": float(row["t"]), **columns_of(row)}
         assert list(found) == list(expected)
         assert [v.hex() for v in found.values()] == [v.hex() for v in expected.values()]
-
-
-def written(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 # -- the rows of the library ------------------------------------------------------------------
@@ -100,10 +96,10 @@ def test_the_error_in_the_csv_is_that_of_the_last_row(cli):
         "t_end: 0.05\nmeasure: [trajectory, error]\ntrajectory: {at: 0.05, keep: [v, lambda]}\n",
     )
     cli("run", "one.yaml")
-    (row,) = written(cli.folder / "results/trajectory/one.csv")
+    (row,) = rows_in(cli.folder / "results/trajectory/one.csv")
     (kept,) = (cli.folder / "results/references").glob("*.json")
     reference = json.loads(kept.read_text())
-    found = {r["quantity"]: r["last"] for r in written(cli.folder / "results/one.csv")
+    found = {r["quantity"]: r["last"] for r in rows_in(cli.folder / "results/one.csv")
              if r["measure"] == "error"}  # fmt: skip
     for kind, scale in (
         ("v", np.abs(reference["v"]).max()),
@@ -124,7 +120,7 @@ def test_what_is_kept_is_what_the_library_keeps(cli, given, how, keep):
     """Every so many steps and the last, or the nearest to times; whole columns or few."""
     cli.write("swing.yaml", STUDY.replace("{every: 30}", given))
     cli("run", "swing.yaml")
-    rows = written(cli.folder / "results/trajectory/swing.csv")
+    rows = rows_in(cli.folder / "results/trajectory/swing.csv")
     for form in ("u-lambda", "v-lambda"):
         for h in ("0.01", "0.005"):
             ours = [row for row in rows if (row["form"], row["h"]) == (form, h)]
@@ -139,7 +135,7 @@ def test_rows_of_the_study_are_the_largest_along_the_way(cli):
     """One for each quantity that is kept; `check` finds nothing to object to in them."""
     cli.write("swing.yaml", STUDY.replace("{every: 30}", "{keep: [v, lambda]}"))
     cli("run", "swing.yaml")
-    rows = [r for r in written(cli.folder / "results/swing.csv") if r["measure"] == "trajectory"]
+    rows = [r for r in rows_in(cli.folder / "results/swing.csv") if r["measure"] == "trajectory"]
     assert [row["quantity"] for row in rows] == ["v", "lambda"] * 4
     march = newmark.march("pendulum", h=1e-2, t_end=1.0)
     for row, field in zip(rows[:2], (march.v, march.multipliers), strict=True):
@@ -176,7 +172,7 @@ def test_a_problem_in_python_is_kept_from_its_own_process(cli):
     config = config.replace("[1e-2, 5e-3]", "1e-2").replace("t_end: 1.0", "steps: 20")
     cli.write("swing.yaml", config.replace("every: 30", "at: [0.1, 0.2]"))
     cli("run", "swing.yaml", "--allow-code")
-    rows = written(cli.folder / "results/trajectory/swing.csv")
+    rows = rows_in(cli.folder / "results/trajectory/swing.csv")
     subject = newmark.problem(f"{cli.folder}/car_axis.py:car_axis", compiled=False)
     march = newmark.march(subject, h=1e-2, at=[0.1, 0.2])
     assert march.numbers.tolist() == [10, 20]
