@@ -295,7 +295,7 @@ def test_unknown_figures_and_options(cli, before):
     assert "unknown figure or study '20'" in cli.refused("plot", "20")
     assert "unknown figure or study 'x'" in cli.refused("plot", "x")
     assert "No such option" in cli.refused("plot", "--resluts", "x")
-    assert "No such command" in cli.refused("polt")
+    assert "No such command 'polt'; did you mean 'plot'? allowed: run" in cli.refused("polt")
     assert "Missing argument" in cli.refused("run")
     assert "--jobs" in cli.refused("run", "quick.yaml", "--jobs", "0")
     assert "--results" in cli.refused("run", "quick.yaml", "--results", "")

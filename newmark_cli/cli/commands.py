@@ -27,6 +27,7 @@ from newmark_cli.cli import (
 from newmark_cli.cli.streams import UNREAD, OutputError
 from newmark_cli.support import compiling
 from newmark_cli.support.errors import ExecutorError, InputError
+from newmark_cli.support.spelling import nearest
 
 
 class _Interrupted(BaseException):
@@ -37,6 +38,11 @@ class _Commands(click.Group):
     def make_context(self, *arguments: Any, **more: Any) -> click.Context:
         with _past_click():
             return super().make_context(*arguments, **more)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if not (ctx.resilient_parsing or args[0].startswith("-") or args[0] in self.commands):
+            raise click.UsageError(f"No such command {args[0]!r}{nearest(args[0], self.commands)}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         with _past_click(), last_resort.watching():
