@@ -1,6 +1,10 @@
-"""A mechanism with every element, for tests that go through all of them."""
+"""A mechanism with every element, and elements as their documentation describes them."""
 
-from newmark_cli.mechanisms import loading
+from fractions import Fraction
+
+import numpy as np
+
+from newmark_cli.mechanisms import elements, loading, timed
 
 #: Two bodies on points A, B and C, and points on them.
 TWO_BODIES = """\
@@ -54,3 +58,49 @@ def everything(folder, driven=True):
     path = folder / "everything.yaml"
     path.write_text(text)
     return loading.load(path, "everything")
+
+
+def complex_terms(problem, t, u, v, multipliers):
+    """f + Gλ and Φ of complex states, from the uncompiled loops."""
+    pattern, ints, reals = problem.pattern, problem.ints, problem.reals
+    sizes = map(len, (pattern.x_rows, pattern.y_rows, pattern.g_rows))
+    force, phi = np.zeros(problem.n, complex), np.zeros(problem.m, complex)
+    last = ints.shape[1]
+    if (ints[0] == timed.LAW).any() and problem.function is elements.evaluate_timed:
+        (last, reals), t = timed.at_time(t, ints, reals), 0.0
+    given = (
+        t, u.astype(complex), v.astype(complex), multipliers, ints, reals, force, phi,
+        *(np.zeros(size, complex) for size in sizes),
+    )  # fmt: skip
+    elements.accumulate.py_func(0, last, *given)
+    elements._accumulate_further.py_func(last, *given)
+    return force, phi
+
+
+def exact_phi(problem, u):
+    """Φ of quadratic constraints in rational arithmetic; u are fractions."""
+    phi, ints, e = [Fraction(0)] * problem.m, problem.ints[0].tolist(), 0
+    numbers = [Fraction(x) for x in problem.reals[0].tolist()]
+    while e < len(ints):
+        header, end = ints[e : e + elements.PLACES], e + ints[e + elements.SIZE]
+        places = iter(ints[e + elements.PLACES : end])
+        e = end
+        square = header[elements.KIND] in (elements.LINK, elements.SQUARE)
+        if not square and header[elements.KIND] != elements.PRODUCT:
+            continue
+        constants = iter(numbers[header[elements.REALS] :])
+        weights = iter(numbers[header[elements.WEIGHTS] :])
+        value = -numbers[header[elements.PARAMETERS]] if header[elements.GIVEN] else 0
+        vectors = []
+        for count in header[elements.FIRST : elements.SINGLE]:
+            vectors.append([next(constants, 0) for _ in range(header[elements.COMPONENTS])])
+            for _ in range(count):
+                place, a = next(places), next(weights)
+                b = next(weights) if header[elements.TURNED] else 0
+                for c in range(header[elements.COMPONENTS]):
+                    turned = (b if c else -b) * u[place + 1 - c] if b else 0
+                    vectors[-1][c] += a * u[place + c] + turned
+        value += sum(x * y for x, y in zip(vectors[0], vectors[0 if square else 1], strict=True))
+        value += sum(next(weights) * u[next(places)] for _ in range(header[elements.SINGLE]))
+        phi[header[elements.ROW]] = value / 2 if square else value
+    return phi

@@ -1,10 +1,6 @@
 """Spatial mechanisms for tests, and what is known of them independently."""
 
-from fractions import Fraction
-
 import numpy as np
-
-from newmark_cli.mechanisms import spatial_elements as elements
 
 #: A mechanism with every joint, every element, and both kinds of laws that are driven.
 EVERYTHING = """\
@@ -109,38 +105,3 @@ def outputs(problem, t, u, v, multipliers):
     found = dict(zip(problem.outputs.names, values, strict=True))
     vectors = {name[:-2] for name in found if name.endswith(".x")}
     return found | {name: np.array([found[f"{name}.{axis}"] for axis in "xyz"]) for name in vectors}
-
-
-def exact_phi(problem, u):
-    """Φ in rational arithmetic, from the tables as their documentation describes them."""
-    phi = [Fraction(0)] * problem.m
-    tables = iter(zip(problem.ints.tolist(), problem.reals.tolist(), strict=True))
-    for ints, reals in tables:
-        kind, first, second, row = ints[0], ints[1], ints[2], ints[elements.ROW]
-        numbers = [Fraction(x) for x in reals]
-        if kind == elements.BODY:
-            d = [u[first + 3 * i : first + 3 * i + 3] for i in range(3)]
-            for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), *elements.PAIRS)):
-                product = sum(a * b for a, b in zip(d[i], d[j], strict=True))
-                phi[row + k] = (product - 1) / 2 if i == j else product
-        if kind in (elements.BODY, elements.LOAD, elements.TORQUE, elements.FOLLOWER):
-            continue
-        sums = []
-        for start, count in ((elements.OFFSET, first), (elements.OTHER, second)):
-            vector = numbers[start : start + 3]
-            for _ in range(count):
-                (_, place, *_), (weight, *_) = next(tables)
-                for c in range(3):
-                    vector[c] += Fraction(weight) * u[place + c]
-            sums.append(vector)
-        one, other = sums
-        if kind == elements.POINT:
-            for c in range(3):
-                if ints[elements.ROW + c] >= 0:
-                    phi[ints[elements.ROW + c]] = one[c]
-        elif kind == elements.DOT:
-            product = sum(a * b for a, b in zip(one, other, strict=True))
-            phi[row] = product - numbers[elements.PARAMETER]
-        elif kind == elements.SQUARE:
-            phi[row] = (sum(a * a for a in one) - numbers[elements.PARAMETER]) / 2
-    return phi

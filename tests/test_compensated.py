@@ -8,7 +8,6 @@ from functools import cache
 import mechanisms
 import numpy as np
 import pytest
-import spatial
 import textbook
 from conftest import QUICK
 from damped import damped
@@ -18,7 +17,6 @@ from hypothesis import strategies as st
 from marching import EPS, STEP, march
 from mpmath import mp, mpf
 
-from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.forms import FORMS
@@ -76,30 +74,6 @@ def test_sums_lose_one_rounding(high, low, increment):
     assert abs(lows[0]) <= np.spacing(abs(total[0])) / 2
 
 
-def exact_phi(subject, u):
-    """Φ in rational arithmetic, from the tables as their documentation describes them."""
-    if subject.axes == "xyz":
-        return spatial.exact_phi(subject, u)
-    phi = [Fraction(0)] * subject.m
-    for ints, reals in zip(subject.ints.tolist(), subject.reals.tolist(), strict=True):
-        if ints[elements.KIND] not in elements.CONSTRAINTS:
-            continue
-        numbers = [Fraction(x) for x in reals]
-        dx, dy = numbers[elements.OFFSET : elements.OFFSET + 2]
-        for k in range(ints[elements.COUNT]):
-            i, (a, b) = ints[elements.DOF + k], numbers[2 * k : 2 * k + 2]
-            dx += a * u[i] - b * u[i + 1]
-            dy += a * u[i + 1] + b * u[i]
-        first, second = numbers[elements.PARAMETER : elements.PARAMETER + 2]
-        square = ints[elements.KIND] in (elements.LINK, elements.BAR)
-        phi[ints[elements.ROW]] = (
-            (dx**2 + dy**2 - first) / 2
-            if square
-            else first * dx + second * dy - numbers[elements.LAW]
-        )
-    return phi
-
-
 def exactly(values):
     return [Fraction(float(x)) for x in values]
 
@@ -120,8 +94,8 @@ def test_increments_of_phi(name, undriven, seed, exponent):
     kernel._increase_phi(
         np.zeros(subject.m), g_old, g_new, pattern.g_rows, pattern.g_columns, shift, phi
     )
-    begin = exact_phi(subject, exactly(u))
-    end = exact_phi(subject, [x + y for x, y in zip(exactly(u), exactly(shift), strict=True)])
+    begin, moved = exactly(u), zip(exactly(u), exactly(shift), strict=True)
+    begin, end = (mechanisms.exact_phi(subject, at) for at in (begin, [x + y for x, y in moved]))
     # G is as large as the coordinates, or 1 in a slider.
     allowed = 20 * EPS * max(size, np.abs(g_old).max()) * np.abs(shift).max()
     for found, one, other in zip(phi, begin, end, strict=True):
@@ -136,10 +110,10 @@ def march_100(subject, engine, h, cap):
         GeneralizedAlpha(0.9), form, scaling, h, iteration_cap=cap, evaluation=COMPENSATED
     )
     state = initial_state(subject, scheme)
-    begin = exact_phi(subject, exactly(state.past[0]))
+    begin = mechanisms.exact_phi(subject, exactly(state.past[0]))
     march(engine, subject, scheme, state, 0, 100)
     high, low = exactly(state.past[0]), exactly(state.lows[0])
-    end = exact_phi(subject, [x + y for x, y in zip(high, low, strict=True)])
+    end = mechanisms.exact_phi(subject, [x + y for x, y in zip(high, low, strict=True)])
     change = np.array([float(b - a) for a, b in zip(begin, end, strict=True)])
     gradient = subject.values(0, *state.fields[:2], state.multipliers).g
     size = max(np.abs(subject.u0).max(), np.abs(gradient).max())

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from each import each
+from mechanisms import complex_terms
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import elements, loading, timed
+from newmark_cli.mechanisms import loading
 from newmark_cli.support.documents import DocumentError, parse
 from newmark_cli.support.errors import ArgumentError
 
@@ -73,20 +74,6 @@ def cart():
     return built(CART)
 
 
-def complex_terms(problem, u, v, multipliers, t):
-    """f + Gλ and Φ for complex coordinates, from the uncompiled element loops."""
-    pattern = problem.pattern
-    force, phi, x, y, g = (
-        np.zeros(size, complex)
-        for size in (problem.n, problem.m, *map(len, (pattern[2], pattern[4], pattern[6])))
-    )
-    ints, reals = timed.at_time(t, problem.ints, problem.reals, elements.LAW)
-    given = 0.0, u, v, multipliers, ints, reals, force, phi, x, y, g
-    elements._accumulate.py_func(0, len(ints), *given)
-    elements._evaluate_further.py_func(*given)
-    return force, phi
-
-
 def differences(function, u, v, size=1e-3):
     """Derivative of a function along v, of fourth order."""
     values = [function(u + k * size * v) for k in (-2, -1, 1, 2)]
@@ -109,10 +96,10 @@ def test_tangents_and_rows_of_every_part(cart):
         return cart.evaluate(t, u, v, 0 * multipliers).G.T @ w + cart.constraint_rows(t, u, v, w)[1]
 
     for j, step in enumerate(1e-30j * np.eye(n)):
-        force, phi = complex_terms(cart, u + step, v.astype(complex), multipliers, t)
+        force, phi = complex_terms(cart, t, u + step, v, multipliers)
         np.testing.assert_allclose(terms.X[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10)
         np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-13)
-        force, _ = complex_terms(cart, u.astype(complex), v + step, multipliers, t)
+        force, _ = complex_terms(cart, t, u, v + step, multipliers)
         np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10)
     assert np.abs(terms.Y).max() > 0.1
     for values, function in ((rows.r, of_rate), (rows.q, of_curvature)):

@@ -67,7 +67,7 @@ def test_elements_compute_in_single_precision(everything, seed, t):
     compiled = evaluated(elements.evaluate, everything, np.float32, t, *state)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(elements, "np", SimpleNamespace(sin=sine, cos=cosine, sqrt=np.sqrt))
-        for name in ("_law", "_accumulate"):
+        for name in ("_law", "_sum", "_spread", "_blocks", "_gradient", "accumulate"):
             patch.setattr(elements, name, getattr(elements, name).py_func)
         interpreted = evaluated(elements.evaluate.py_func, everything, np.float32, t, *state)
     double = evaluated(elements.evaluate, everything, np.float64, t, *state)

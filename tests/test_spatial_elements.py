@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import spatial
 from each import each
+from mechanisms import complex_terms
 
-from newmark_cli.mechanisms import loading, spatial_elements
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.support.documents import parse
@@ -31,19 +32,6 @@ def states(subject, random):
     return u, *random.normal(size=(2, subject.n)), random.normal(size=subject.m)
 
 
-def terms(subject, t, u, v, multipliers):
-    """f + Gλ and Φ of complex states, from the uncompiled loop."""
-    pattern = subject.pattern
-    force, phi = np.zeros(subject.n, complex), np.zeros(subject.m, complex)
-    sizes = map(len, (pattern.x_rows, pattern.y_rows, pattern.g_rows))
-    values = (np.zeros(size, complex) for size in sizes)
-    spatial_elements.evaluate.py_func(
-        t, u.astype(complex), v.astype(complex), multipliers, subject.ints, subject.reals, force,
-        phi, *values,
-    )  # fmt: skip
-    return force, phi
-
-
 def test_sets_have_every_joint():
     """Every kind of joint is among those that are tested."""
     assert {kind for kind in JOINTS if f"type: {kind}," in "".join(spatial.SETS.values())} == set(
@@ -59,13 +47,13 @@ def test_tangents_are_derivatives(joints):
     found = subject.evaluate(T, u, v, multipliers)
     # Whatever a wrong entry is, a random direction sees it.
     for direction in random.normal(size=(3, subject.n)):
-        force, phi = terms(subject, T, u + 1e-30j * direction, v, multipliers)
-        faster, _ = terms(subject, T, u, v + 1e-30j * direction, multipliers)
+        force, phi = complex_terms(subject, T, u + 1e-30j * direction, v, multipliers)
+        faster, _ = complex_terms(subject, T, u, v + 1e-30j * direction, multipliers)
         for matrix, change in ((-found.X, force), (found.G.T, phi), (-found.Y, faster)):
             expected = change.imag / 1e-30
             size = np.abs(expected).max()
             np.testing.assert_allclose(matrix @ direction, expected, rtol=0, atol=1e-10 * size)
-    force, phi = terms(subject, T, u, v, multipliers)
+    force, phi = complex_terms(subject, T, u, v, multipliers)
     np.testing.assert_allclose(found.force, force.real, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.phi, phi.real, rtol=1e-12, atol=1e-12)
 

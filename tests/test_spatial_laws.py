@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from each import each
+from mechanisms import complex_terms
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading, spatial_elements, timed
+from newmark_cli.mechanisms import loading
 from newmark_cli.support.documents import DocumentError, parse
 
 DISSIPATIVE = {"method": "generalized-alpha", "rho": 0.9}
@@ -63,21 +64,14 @@ def bodies():
 def test_tangents_with_laws(bodies):
     """X, Y, G by complex steps, Φ' and Φ'' by differences, away from the constraints."""
     random = np.random.default_rng(3)
-    n, m, pattern, t = bodies.n, bodies.m, bodies.pattern, 0.7
+    n, m, t = bodies.n, bodies.m, 0.7
     u = bodies.u0 + 0.1 * random.normal(size=n)
     v, multipliers = random.normal(size=n), random.normal(size=m)
     terms, rows = bodies.evaluate(t, u, v, multipliers), bodies.constraint_rows(t, u, v, 0 * v)
-    ints, reals = timed.at_time(t, bodies.ints, bodies.reals, spatial_elements.PARAMETER)
-    x = np.zeros((n, n))
-    for j, step in enumerate(1e-30j * np.eye(n)):
-        force, phi, *others = (
-            np.zeros(size, complex)
-            for size in (n, m, *map(len, (pattern.x_rows, pattern.y_rows, pattern.g_rows)))
-        )
-        spatial_elements.evaluate.py_func(
-            0.0, u + step, v.astype(complex), multipliers, ints, reals, force, phi, *others
-        )
-        x[:, j] = -force.imag / 1e-30
+    steps = 1e-30j * np.eye(n)
+    x = np.stack(
+        [-complex_terms(bodies, t, u + step, v, multipliers)[0].imag / 1e-30 for step in steps], 1
+    )
     np.testing.assert_allclose(terms.X, x, rtol=0, atol=1e-10 * np.abs(x).max())
     phi = np.array([bodies.constraint_values(t + k * 1e-3, u + k * 1e-3 * v) for k in range(-3, 4)])
     np.testing.assert_allclose(

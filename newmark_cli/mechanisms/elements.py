@@ -1,55 +1,51 @@
-"""Element loop of the planar mechanism, compiled once for every mechanism.
+"""Element loop of all mechanisms, in the plane and in space, compiled once.
 
-`evaluate` is the loop over the kinds that most mechanisms are made of; `evaluate_all` also
-goes over those from FORCE on.
+A constraint is a row of quadratic data, Φ = ½ (L·L − c) or Φ = L·K + b·u − law(t), with
+combinations of the vectors of the mechanism,
 
-An element acts on one vector in the plane, the difference of two sites,
+    L = L0 + Σ_k C_k V_k,
 
-    Δ = Δ0 + Σ_k (a_k + b_k R) P_k,        k = 1..K, K ≤ 4,
+L0 what the ground contributes.  In space V_k is a position or a director of a body, and C_k a
+weight.  In the plane V_k is the position of a moving point P_k, and C_k = a_k + b_k R with the
+quarter turn R to the left: a body-fixed point is a rotated and stretched combination of the two
+points that carry its body.  The factors are kept, not their products: ½ uᵀQu would round with
+the size of u.  As Φ is quadratic, Φ'' and the tangents of Φ' and Φ'' are Φ and G of the same rows
+without what is constant, at the velocities and at the accelerations.
 
-with P_k the moving points it depends on, R the quarter turn to the left, and
-Δ0 what the fixed points contribute.  A plain point has (a, b) = (1, 0); a
-body-fixed point is a rotated and stretched combination of the two points that
-carry its body.  Writing C_k = a_k + b_k R, a force F conjugate to Δ loads the
-points with C_kᵀ F, and its tangents ∂F/∂Δ, ∂F/∂Δ' enter as C_kᵀ (…) C_l.
+A force F conjugate to L loads the vectors with C_kᵀ F, and its tangents ∂F/∂L, ∂F/∂L' enter as
+C_kᵀ (…) C_l.
 
-Tables, one row per element:
-
-=========  ==================================================================
-``ints``   kind, K, first coordinate of each P_k (4 columns), constraint row,
-           first entry in the X values, in the Y values, in the G values
-``reals``  a_1, b_1, …, a_4, b_4, Δ0 (2 columns), eight parameters
-=========  ==================================================================
-
-A link is a bar between plain points, by far the commonest element: its blocks
-C_kᵀ C_l are multiples of the identity, of which only the diagonal is kept.
+Both tables have one row.  In ``ints`` each element is a header, see the columns below, and the
+places in u of the vectors of its first and its second combination, and of its single coordinates
+(b, angles).  In ``reals`` it has L0, K0 (and P0 of `ANGLE`, `COUPLE`, `HINGE`), parameters, and the
+weights: a and b of each vector where weights are turned, else one; of the first combination of
+`ANGLE` and `HINGE` two, of Q and of P.
 
 ========  ===================================================================
-kind      parameters
+kind      what it is, and its parameters
 ========  ===================================================================
-LINK      L²;  Φ = (|Δ|² − L²)/2
-BAR       L²;  the same for body-fixed points
-LINE      n_x, n_y, law;  Φ = n·Δ − law(t): a slider, a driven coordinate
-ANGLE     –, –, law;  Φ = n·Δ, n = (−sin, cos) of law(t): a driven angle
+LOAD      a constant force on one vector; the force
+LINK      Φ = ½ (L·L − c), L between plain points of the plane: the commonest, in its own loop
+SQUARE    the same of any L: a distance, a director of length 1
+PRODUCT   Φ = L·K + b·u − law(t); the law, or a constant, or nothing
+ANGLE     Φ = (cos θ Q − sin θ P)·K, θ = law(t): a driven angle; the law
 SPRING    stiffness, rest length
-DAMPER    damping of the rate of |Δ|
-TORQUE    torque through the angle of Δ
-LOAD      force, two components, on one point
-FORCE     n_x, n_y, law;  the force n law(t) on a site
-COUPLE    –;  Φ = n(θ)·Δ, n = (−sin θ, cos θ): the angle θ of Δ as a coordinate
-PAIR      D0 (2 columns), law;  Φ = D × Δ + Σ_j w_j θ_j − law(t), see below
-TWIST     angle of rest, stiffness, damping of q = Σ_j w_j θ_j
+DAMPER    damping of the rate of |L|
+TORQUE    of the plane: a torque through the angle of L; the torque
+COUPLE    the same Φ as of `ANGLE`, θ the single coordinate
+FORCE     of the plane: the force n law(t) on L; n, the law
+TWIST     torque on q = b·u: angle of rest, stiffness, damping
+MOMENT    a torque with constant components, on the three directors of a body; these
+FOLLOWER  the same with components in the body's axes
+HINGE     torque, stiffness, angle of rest and damping about the axis of a joint; its angle
+          is φ = atan2(Q·K, P·K), within ±π
 ========  ===================================================================
 
-A pair acts on two vectors, D = D0 + Σ_k (c_k + d_k R) P_k over the same points, and on up to
-four angles.  Its second row, of kind `MORE`, has c_k and d_k where the first has a_k and
-b_k, the coordinates θ_j in place of those of P_k, J in place of K, and w_j as parameters.
-So has `TWIST` its angles and w_j in place of points and a_k, b_k, …; the coordinate θ of
-`COUPLE` stands in the Y column.
-
-Rows of laws of time may stand behind all elements, see `timed`.  The functions ``…_timed`` put
-values of laws into a copy of the table, and call the others.
+Laws of time may stand behind all elements, see `timed`.  The functions ``…_timed`` put values
+of laws into a copy of the table.
 """
+
+from typing import Any
 
 import numpy as np
 
@@ -57,269 +53,551 @@ from newmark_cli.mechanisms import timed
 from newmark_cli.support.cached_code import cached_njit
 
 sine_cosine, at_time, _law_of = timed.sine_cosine, timed.at_time, timed.law
+#: Nothing here is allocated, so references are not counted: that would take longer than a small
+#: mechanism.  numba types no _nrt.
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
+_compile, _compile_allocating = cached_njit(**_OPTIONS, _nrt=False), cached_njit(**_OPTIONS)
 #: A function that becomes a part of its caller: handing on arrays costs time in each call.
-_inline = cached_njit(nogil=True, error_model="numpy", inline="always")
+_inline = cached_njit(**_OPTIONS, _nrt=False, forceinline=True)
 
+#: Kinds; those from `COUPLE` on are left to `_accumulate_further`.
 (
-    LINK, BAR, LINE, ANGLE, SPRING, DAMPER, TORQUE, LOAD, FORCE, COUPLE, PAIR, TWIST, MORE,
-) = range(13)  # fmt: skip
-
+    LOAD, LINK, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT,
+    FOLLOWER, HINGE,
+) = range(14)  # fmt: skip
 #: Kinds that are a constraint, one row each.
-CONSTRAINTS = (LINK, BAR, LINE, ANGLE, COUPLE, PAIR)
+CONSTRAINTS = (LINK, SQUARE, PRODUCT, ANGLE, COUPLE)
 
-#: Columns of the integer and the real table.
-KIND, COUNT, DOF, ROW, X_START, Y_START, G_START, INT_COLUMNS = 0, 1, 2, 6, 7, 8, 9, 10
-OFFSET, PARAMETER, LAW, REAL_COLUMNS = 8, 10, 12, 18
+#: Columns of a header: entries of the element in ``ints``, where its numbers begin in ``reals``,
+#: its parameters and weights, its row, the first entries in the values of X, Y and G, the
+#: components of a vector, whether weights are turned, parameters, and terms of each sum.
+(
+    KIND, SIZE, REALS, PARAMETERS, WEIGHTS, ROW, X_START, Y_START, G_START, COMPONENTS, TURNED,
+    GIVEN, FIRST, SECOND, SINGLE, PLACES,
+) = range(16)  # fmt: skip
+#: Parameters of a law of time.
+LAW = 6
 
-
-@cached_njit(nogil=True, error_model="numpy")
-def _law(t, reals, e, derivative):
-    """The law of an element, or a derivative of it."""
-    return _law_of(t, reals, e, LAW, derivative)
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _vector(u, ints, reals, e, weights):
-    """Σ (a_k + b_k R) P_k of element e, its weights in another row or its own."""
-    x, y = u.dtype.type(0), u.dtype.type(0)
-    for k in range(ints[e, COUNT]):
-        i, a, b = ints[e, DOF + k], reals[weights, 2 * k], reals[weights, 2 * k + 1]
-        x += a * u[i] - b * u[i + 1]
-        y += b * u[i] + a * u[i + 1]
-    return x, y
+#: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
+_WOUND = 0.05
 
 
-@cached_njit(nogil=True, error_model="numpy")
-def _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """What `evaluate` leaves out, for `evaluate_all`: elements that few mechanisms have."""
-    for e in range(ints.shape[0]):
-        if ints[e, KIND] < FORCE:
-            continue
-        kind, count = ints[e, KIND], ints[e, COUNT]
-        row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
-        if kind == FORCE:
-            law = _law(t, reals, e, 0)
-            fx, fy = reals[e, PARAMETER] * law, reals[e, PARAMETER + 1] * law
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                force[i] += a * fx + b * fy
-                force[i + 1] += a * fy - b * fx
-        elif kind == COUPLE:
-            dx, dy = _vector(u, ints, reals, e, e)
-            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
-            j, multiplier = ints[e, Y_START], multipliers[row]
-            sine, cosine = sine_cosine(u[j], u.dtype.type)
-            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-            phi[row] = across
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                gx, gy = b * cosine - a * sine, a * cosine + b * sine
-                g_values[g] = gx
-                g_values[g + 1] = gy
-                force[i] += multiplier * gx
-                force[i + 1] += multiplier * gy
-                # λ C_kᵀ (cos θ, sin θ), in row and column of θ.
-                x_values[x] = x_values[x + 1] = multiplier * gy
-                x_values[x + 2] = x_values[x + 3] = -multiplier * gx
-                x += 4
-                g += 2
-            g_values[g] = -along
-            force[j] -= multiplier * along
-            x_values[x] = multiplier * across
-        elif kind == PAIR:
-            multiplier = multipliers[row]
-            ex, ey = _vector(u, ints, reals, e, e)
-            ex, ey = ex + reals[e, OFFSET], ey + reals[e, OFFSET + 1]
-            dx, dy = _vector(u, ints, reals, e, e + 1)
-            dx, dy = dx + reals[e, PARAMETER], dy + reals[e, PARAMETER + 1]
-            phi[row] = dx * ey - dy * ex - _law(t, reals, e, 0)
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
-                gx = b * dx - a * dy + (c * ey - d * ex)
-                gy = a * dx + b * dy - (c * ex + d * ey)
-                g_values[g] = gx
-                g_values[g + 1] = gy
-                force[i] += multiplier * gx
-                force[i + 1] += multiplier * gy
-                g += 2
-                for j in range(count):
-                    r, s = reals[e, 2 * j], reals[e, 2 * j + 1]
-                    p, q = reals[e + 1, 2 * j], reals[e + 1, 2 * j + 1]
-                    even = -multiplier * (b * p - a * q + c * s - d * r)
-                    odd = -multiplier * (a * p + b * q - c * r - d * s)
-                    x_values[x] = even
-                    x_values[x + 1] = -odd
-                    x_values[x + 2] = odd
-                    x_values[x + 3] = even
-                    x += 4
-            for k in range(ints[e + 1, COUNT]):
-                j, weight = ints[e + 1, DOF + k], reals[e + 1, PARAMETER + k]
-                phi[row] += weight * u[j]
-                g_values[g + k] = weight
-                force[j] += multiplier * weight
-        elif kind == TWIST:
-            wound, turning = u.dtype.type(-reals[e, PARAMETER]), u.dtype.type(0)
-            for k in range(count):
-                wound += reals[e, k] * u[ints[e, DOF + k]]
-                turning += reals[e, k] * v[ints[e, DOF + k]]
-            stiffness, damping = reals[e, PARAMETER + 1], reals[e, PARAMETER + 2]
-            torque = -stiffness * wound - damping * turning
-            y = ints[e, Y_START]
-            for k in range(count):
-                force[ints[e, DOF + k]] += reals[e, k] * torque
-                for j in range(count):
-                    x_values[x] = stiffness * reals[e, k] * reals[e, j]
-                    y_values[y] = damping * reals[e, k] * reals[e, j]
-                    x += 1
-                    y += 1
+@_compile
+def _law(t, reals, first, derivative):
+    """A law of time whose six parameters begin at a place, or a derivative of it."""
+    return _law_of(t, reals, first, derivative)
 
 
 @_inline
-def _accumulate(
-    first, last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-):  # fmt: skip
-    """Do what `evaluate` does for the rows first ≤ e < last; force is added to."""
-    # Constants in the precision of the state: others would raise that of their terms.
-    zero, half, one, two = u.dtype.type(0), u.dtype.type(0.5), u.dtype.type(1), u.dtype.type(2)
-    for e in range(first, last):
-        kind, count = ints[e, KIND], ints[e, COUNT]
-        if kind == LOAD:
-            i = ints[e, DOF]
-            force[i] += reals[e, PARAMETER]
-            force[i + 1] += reals[e, PARAMETER + 1]
-            continue
-        if kind >= FORCE:
-            continue
+def _sum(vector, ints, reals, place, weight, count, components, turned):
+    """Σ C_k V_k of the terms from a place and a weight on."""
+    x, y, z = vector.dtype.type(0), vector.dtype.type(0), vector.dtype.type(0)
+    for k in range(count):
+        i = ints[0, place + k]
+        if turned != 0:
+            a, b = reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
+            dx, dy = a * vector[i] - b * vector[i + 1], b * vector[i] + a * vector[i + 1]
+        else:
+            a = reals[0, weight + k]
+            dx, dy = a * vector[i], a * vector[i + 1]
+            if components == 3:
+                dz = a * vector[i + 2]
+                z = dz if k == 0 else z + dz
+        x, y = (dx, dy) if k == 0 else (x + dx, y + dy)
+    return x, y, z
 
-        dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
+
+@_inline
+def _spread(values, g, reals, weight, components, turned, x, y, z):
+    """C_kᵀ (x, y, z) of a term, as values."""
+    a = reals[0, weight]
+    if turned != 0:
+        b = reals[0, weight + 1]
+        values[g] = a * x + b * y
+        values[g + 1] = a * y - b * x
+    else:
+        values[g] = a * x
+        values[g + 1] = a * y
+        if components == 3:
+            values[g + 2] = a * z
+
+
+@_compile
+def _gradient(vector, whole, cosine, sine, ints, reals, e, values):
+    """Row e at a vector: its products, and its columns of G as values at their places.
+
+    Args:
+        vector: (n,).
+        whole: 1; 0 without what is constant or linear in it.
+        cosine, sine: Of the angle; the first combination is cosine Q − sine P of `ANGLE`, `COUPLE`.
+        ints, reals: Element tables, see the module.
+        e: Where the row begins.
+        values: Entries of G, of which those of the row are overwritten.
+    """
+    kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
+    first, second, single = ints[0, e + FIRST], ints[0, e + SECOND], ints[0, e + SINGLE]
+    r, weight, g = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + G_START]
+    angular = kind in (ANGLE, COUPLE)
+    stride = 1 + (turned != 0 or angular)
+    w = weight + stride * first
+    product = vector.dtype.type(0)
+    if components > 0:
+        if angular:
+            dx, dy, dz = product, product, product
+            for k in range(first):
+                i = ints[0, e + PLACES + k]
+                a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
+                dx += a * vector[i]
+                dy += a * vector[i + 1]
+                dz += a * vector[i + 2]
+            p = r + 2 * components
+            dx += whole * (cosine * reals[0, r] - sine * reals[0, p])
+            dy += whole * (cosine * reals[0, r + 1] - sine * reals[0, p + 1])
+            if components == 3:
+                dz += whole * (cosine * reals[0, r + 2] - sine * reals[0, p + 2])
+        else:
+            dx, dy, dz = _sum(vector, ints, reals, e + PLACES, weight, first, components, turned)
+            dx += whole * reals[0, r]
+            dy += whole * reals[0, r + 1]
+            if components == 3:
+                dz += whole * reals[0, r + 2]
+        if kind in (LINK, SQUARE):
+            ex, ey, ez = dx, dy, dz
+        else:
+            ex, ey, ez = _sum(
+                vector, ints, reals, e + PLACES + first, w, second, components, turned
+            )
+            ex += whole * reals[0, r + components]
+            ey += whole * reals[0, r + components + 1]
+            if components == 3:
+                ez += whole * reals[0, r + 5]
+        product = dx * ex + dy * ey
+        if components == 3:
+            product += dz * ez
+        for k in range(first):
+            if angular:
+                a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
+                values[g], values[g + 1], values[g + 2] = a * ex, a * ey, a * ez
+            else:
+                _spread(values, g, reals, weight + stride * k, components, turned, ex, ey, ez)
+            g += components
+        for k in range(second):
+            _spread(values, g, reals, w + (1 + turned) * k, components, turned, dx, dy, dz)
+            g += components
+    w += (1 + turned) * second
+    if kind == PRODUCT:
+        for k in range(single):
+            i, a = ints[0, e + PLACES + first + second + k], whole * reals[0, w + k]
+            product += a * vector[i]
+            values[g + k] = a
+    return product
+
+
+@_inline
+def _blocks(x_values, x, reals, weight, other, turned, components, multiplier):
+    """−λ C_kᵀ C_l as values, and where they end: the diagonal, or all four of a turned block."""
+    a, p = reals[0, weight], reals[0, other]
+    if turned != 0:
+        b, q = reals[0, weight + 1], reals[0, other + 1]
+        even = -multiplier * (a * p + b * q)
+        odd = -multiplier * (a * q - b * p)
+        x_values[x], x_values[x + 1] = even, -odd
+        x_values[x + 2], x_values[x + 3] = odd, even
+        x += 4
+    else:
+        tangent = -multiplier * a * p
+        for c in range(components):
+            x_values[x + c] = tangent
+        x += components
+    return x
+
+
+@_compile
+def accumulate(
+    first_row, last_row, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
+    g_values,
+):  # fmt: skip
+    """Do what `evaluate` does for elements from one place to another; force is added to."""
+    # Constants in the precision of the state: others would raise that of their terms.
+    real = u.dtype.type
+    zero, half, one, two = real(0), real(0.5), real(1), real(2)
+    e = first_row
+    while e < last_row:
+        kind, r, parameter = ints[0, e + KIND], ints[0, e + REALS], ints[0, e + PARAMETERS]
+        weight, row, first = ints[0, e + WEIGHTS], ints[0, e + ROW], ints[0, e + FIRST]
+        x, g, at = ints[0, e + X_START], ints[0, e + G_START], e + PLACES
         if kind == LINK:
-            row, x, g = ints[e, ROW], ints[e, X_START], ints[e, G_START]
-            multiplier = multipliers[row]
-            for k in range(count):
-                i, a = ints[e, DOF + k], reals[e, 2 * k]
-                dx += a * u[i]
-                dy += a * u[i + 1]
-            phi[row] = half * (dx * dx + dy * dy - reals[e, PARAMETER])
-            for k in range(count):
-                i, a = ints[e, DOF + k], reals[e, 2 * k]
+            e = at + first
+            multiplier, dx, dy = multipliers[row], zero, zero
+            for k in range(first):
+                i, a = ints[0, at + k], reals[0, weight + k]
+                px, py = a * u[i], a * u[i + 1]
+                dx, dy = (px, py) if k == 0 else (dx + px, dy + py)
+            dx += reals[0, r]
+            dy += reals[0, r + 1]
+            phi[row] = half * (dx * dx + dy * dy - reals[0, parameter])
+            for k in range(first):
+                i, a = ints[0, at + k], reals[0, weight + k]
                 g_values[g + 2 * k] = a * dx
                 g_values[g + 2 * k + 1] = a * dy
                 force[i] += multiplier * a * dx
                 force[i + 1] += multiplier * a * dy
-                for j in range(count):
-                    tangent = -multiplier * a * reals[e, 2 * j]
+                for j in range(first):
+                    tangent = -multiplier * a * reals[0, weight + j]
                     x_values[x] = tangent
                     x_values[x + 1] = tangent
                     x += 2
             continue
-
-        for k in range(count):
-            i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-            dx += a * u[i] - b * u[i + 1]
-            dy += b * u[i] + a * u[i + 1]
-
-        if kind in (LINE, ANGLE):
-            # Linear in u: a force along the normal, no tangent.
-            row, g = ints[e, ROW], ints[e, G_START]
-            law = _law(t, reals, e, 0)
-            if kind == LINE:
-                nx, ny = reals[e, PARAMETER], reals[e, PARAMETER + 1]
-                phi[row] = nx * dx + ny * dy - law
-            else:
-                sine, cosine = sine_cosine(law, reals.dtype.type)
-                nx, ny = -sine, cosine
-                phi[row] = nx * dx + ny * dy
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                g_values[g] = a * nx + b * ny
-                g_values[g + 1] = a * ny - b * nx
-                force[i] += multipliers[row] * g_values[g]
-                force[i + 1] += multipliers[row] * g_values[g + 1]
-                g += 2
-            continue
-
-        # (fx, fy) is conjugate to Δ; T = ∂(fx, fy)/∂Δ.
-        square = dx * dx + dy * dy
-        if kind == BAR:
-            row, g = ints[e, ROW], ints[e, G_START]
+        components, turned = ints[0, e + COMPONENTS], ints[0, e + TURNED]
+        second, single = ints[0, e + SECOND], ints[0, e + SINGLE]
+        e += ints[0, e + SIZE]
+        if kind == LOAD:
+            for c in range(components):
+                force[ints[0, at] + c] += reals[0, parameter + c]
+        elif kind == SQUARE:
             multiplier = multipliers[row]
-            phi[row] = half * (square - reals[e, PARAMETER])
-            fx, fy = multiplier * dx, multiplier * dy
-            txx, txy, tyx, tyy = multiplier, zero, zero, multiplier
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                g_values[g] = a * dx + b * dy
-                g_values[g + 1] = a * dy - b * dx
-                g += 2
-        elif kind == SPRING:
-            length = np.sqrt(square)
-            tension_over_length = reals[e, PARAMETER] * (one - reals[e, PARAMETER + 1] / length)
-            fx, fy = -tension_over_length * dx, -tension_over_length * dy
-            rank_one = reals[e, PARAMETER] * reals[e, PARAMETER + 1] / (length * square)
-            txx = -tension_over_length - rank_one * dx * dx
-            txy = -rank_one * dx * dy
-            tyx = txy
-            tyy = -tension_over_length - rank_one * dy * dy
-        elif kind == DAMPER:
-            wx, wy = zero, zero
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                wx += a * v[i] - b * v[i + 1]
-                wy += b * v[i] + a * v[i + 1]
-            damping = reals[e, PARAMETER] / square
-            product = dx * wx + dy * wy
-            fx, fy = -damping * product * dx, -damping * product * dy
-            twice = two * product / square
-            txx = -damping * (dx * wx + product - twice * dx * dx)
-            txy = -damping * (dx * wy - twice * dx * dy)
-            tyx = -damping * (dy * wx - twice * dy * dx)
-            tyy = -damping * (dy * wy + product - twice * dy * dy)
-            # Y: the tangent for Δ' is −damping Δ Δᵀ.
-            y = ints[e, Y_START]
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                px, py = a * dx + b * dy, a * dy - b * dx
-                for j in range(count):
-                    a, b = reals[e, 2 * j], reals[e, 2 * j + 1]
-                    qx, qy = a * dx + b * dy, a * dy - b * dx
-                    y_values[y] = damping * px * qx
-                    y_values[y + 1] = damping * px * qy
-                    y_values[y + 2] = damping * py * qx
-                    y_values[y + 3] = damping * py * qy
-                    y += 4
-        else:  # TORQUE: the virtual work of τ through the angle of Δ
-            torque = reals[e, PARAMETER] / square
-            fx, fy = -torque * dy, torque * dx
-            txx = two * torque * dx * dy / square
-            txy = torque * (dy * dy - dx * dx) / square
-            tyx = txy
-            tyy = -txx
+            dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
+            dx += reals[0, r]
+            dy += reals[0, r + 1]
+            square = dx * dx + dy * dy
+            if components == 3:
+                dz += reals[0, r + 2]
+                square += dz * dz
+            phi[row] = half * (square - reals[0, parameter])
+            for k in range(first):
+                i, w = ints[0, at + k], weight + (1 + turned) * k
+                _spread(g_values, g, reals, w, components, turned, dx, dy, dz)
+                for c in range(components):
+                    force[i + c] += multiplier * g_values[g + c]
+                g += components
+                for j in range(first):
+                    other = weight + (1 + turned) * j
+                    x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
+        elif kind in (PRODUCT, ANGLE):
+            multiplier, law = multipliers[row], reals.dtype.type(0)
+            cosine, sine = reals.dtype.type(1), reals.dtype.type(0)
+            if ints[0, at - PLACES + GIVEN] == LAW:
+                law = _law(t, reals, parameter, 0)
+            elif ints[0, at - PLACES + GIVEN] > 0:
+                law = reals[0, parameter]
+            if kind == ANGLE:
+                sine, cosine = sine_cosine(law, reals.dtype.type)
+                law = reals.dtype.type(0)
+            product = _gradient(u, one, cosine, sine, ints, reals, at - PLACES, g_values)
+            phi[row] = product - law
+            for k in range(first + second):
+                i = ints[0, at + k]
+                for c in range(components):
+                    force[i + c] += multiplier * g_values[g + c]
+                g += components
+            for k in range(single):
+                force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
+            stride = 1 + (turned != 0 or kind == ANGLE)
+            w = weight + stride * first
+            for k in range(first):
+                for j in range(second):
+                    other = w + (1 + turned) * j
+                    if kind == ANGLE:
+                        of_q, of_p = reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
+                        tangent = -multiplier * (cosine * of_q - sine * of_p) * reals[0, other]
+                        for c in range(2 * components):
+                            x_values[x + c] = tangent
+                        x += 2 * components
+                    else:
+                        x = _blocks(
+                            x_values, x, reals, weight + stride * k, other, turned, components,
+                            multiplier,
+                        )  # fmt: skip
+                        x = _blocks(
+                            x_values, x, reals, other, weight + stride * k, turned, components,
+                            multiplier,
+                        )  # fmt: skip
+        elif kind in (SPRING, DAMPER, TORQUE):
+            dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
+            dx += reals[0, r]
+            dy += reals[0, r + 1]
+            square = dx * dx + dy * dy
+            if components == 3:
+                dz += reals[0, r + 2]
+                square += dz * dz
+            # A force −tension L with the tangent −L mᵀ − tension, or a force across L.
+            tension, damping, mx, my, mz = zero, zero, zero, zero, zero
+            if kind == TORQUE:  # the virtual work of τ through the angle of L
+                torque = reals[0, parameter] / square
+                fx, fy = -torque * dy, torque * dx
+                txx = two * torque * dx * dy / square
+                txy = torque * (dy * dy - dx * dx) / square
+                tyx, tyy = txy, -txx
+            else:
+                if kind == SPRING:
+                    length = np.sqrt(square)
+                    tension = reals[0, parameter] * (one - reals[0, parameter + 1] / length)
+                    rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
+                    mx, my, mz = rank * dx, rank * dy, rank * dz
+                else:
+                    wx, wy, wz = _sum(v, ints, reals, at, weight, first, components, turned)
+                    damping = reals[0, parameter] / square
+                    product = dx * wx + dy * wy + dz * wz
+                    tension, twice = damping * product, two * product / square
+                    mx = damping * (wx - twice * dx)
+                    my = damping * (wy - twice * dy)
+                    mz = damping * (wz - twice * dz)
+                fx, fy = -tension * dx, -tension * dy
+                txx, txy, tyx, tyy = -tension - mx * dx, -mx * dy, -mx * dy, -tension - my * dy
+                if kind == DAMPER:
+                    txy, tyx = -dx * my, -dy * mx
+            y = ints[0, at - PLACES + Y_START]
+            for k in range(first):
+                i = ints[0, at + k]
+                if turned != 0:
+                    a, b = reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
+                    force[i] += a * fx + b * fy
+                    force[i + 1] += a * fy - b * fx
+                    # Rows of C_kᵀ T, and C_kᵀ L
+                    sxx, sxy = a * txx + b * tyx, a * txy + b * tyy
+                    syx, syy = a * tyx - b * txx, a * tyy - b * txy
+                    px, py = a * dx + b * dy, a * dy - b * dx
+                    for j in range(first):
+                        a, b = reals[0, weight + 2 * j], reals[0, weight + 2 * j + 1]
+                        x_values[x] = -(sxx * a + sxy * b)
+                        x_values[x + 1] = -(sxy * a - sxx * b)
+                        x_values[x + 2] = -(syx * a + syy * b)
+                        x_values[x + 3] = -(syy * a - syx * b)
+                        x += 4
+                        if kind == DAMPER:  # the tangent for L' is −damping L Lᵀ
+                            qx, qy = a * dx + b * dy, a * dy - b * dx
+                            y_values[y] = damping * px * qx
+                            y_values[y + 1] = damping * px * qy
+                            y_values[y + 2] = damping * py * qx
+                            y_values[y + 3] = damping * py * qy
+                            y += 4
+                    continue
+                a = reals[0, weight + k]
+                force[i] -= a * tension * dx
+                force[i + 1] -= a * tension * dy
+                force[i + 2] -= a * tension * dz
+                for j in range(first):
+                    both = a * reals[0, weight + j]
+                    x_values[x] = both * (dx * mx + tension)
+                    x_values[x + 1], x_values[x + 2] = both * dx * my, both * dx * mz
+                    x_values[x + 3], x_values[x + 5] = both * dy * mx, both * dy * mz
+                    x_values[x + 4] = both * (dy * my + tension)
+                    x_values[x + 6], x_values[x + 7] = both * dz * mx, both * dz * my
+                    x_values[x + 8] = both * (dz * mz + tension)
+                    x += 9
+                    if kind == DAMPER:
+                        both = both * reals[0, parameter] / square
+                        y_values[y] = both * dx * dx
+                        y_values[y + 1], y_values[y + 2] = both * dx * dy, both * dx * dz
+                        y_values[y + 3], y_values[y + 5] = both * dy * dx, both * dy * dz
+                        y_values[y + 4] = both * dy * dy
+                        y_values[y + 6], y_values[y + 7] = both * dz * dx, both * dz * dy
+                        y_values[y + 8] = both * dz * dz
+                        y += 9
 
-        x = ints[e, X_START]
-        for k in range(count):
-            i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-            force[i] += a * fx + b * fy
-            force[i + 1] += a * fy - b * fx
-            # Rows of C_kᵀ T
-            sxx, sxy = a * txx + b * tyx, a * txy + b * tyy
-            syx, syy = a * tyx - b * txx, a * tyy - b * txy
-            for j in range(count):
-                a, b = reals[e, 2 * j], reals[e, 2 * j + 1]
-                x_values[x] = -(sxx * a + sxy * b)
-                x_values[x + 1] = -(sxy * a - sxx * b)
-                x_values[x + 2] = -(syx * a + syy * b)
-                x_values[x + 3] = -(syy * a - syx * b)
-                x += 4
+
+@_compile
+def _along(vector, ints, reals, e, values):
+    """Gᵀ times a vector (n,), of the row at e, without its single coordinates."""
+    total, g, components = vector.dtype.type(0), ints[0, e + G_START], ints[0, e + COMPONENTS]
+    for k in range(ints[0, e + FIRST] + ints[0, e + SECOND]):
+        for c in range(components):
+            total += values[g + c] * vector[ints[0, e + PLACES + k] + c]
+        g += components
+    return total
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_compile
+def _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+    """The angle of a vector as a coordinate."""
+    one, g, x = u.dtype.type(1), ints[0, e + G_START], ints[0, e + X_START]
+    entries = 2 * ints[0, e + SECOND]
+    place, row = ints[0, e + PLACES + ints[0, e + SECOND]], ints[0, e + ROW]
+    multiplier = multipliers[row]
+    sine, cosine = sine_cosine(u[place], u.dtype.type)
+    turned = _gradient(u, one, -sine, cosine, ints, reals, e, g_values)
+    for k in range(entries):  # in row and column of the angle
+        x_values[x + 2 * k] = x_values[x + 2 * k + 1] = -multiplier * g_values[g + k]
+    phi[row] = _gradient(u, one, cosine, sine, ints, reals, e, g_values)
+    for k in range(entries):
+        force[ints[0, e + PLACES + k // 2] + k % 2] += multiplier * g_values[g + k]
+    g_values[g + entries] = turned
+    force[place] += multiplier * turned
+    x_values[x + 2 * entries] = multiplier * phi[row]
+
+
+@_compile
+def _twist(u, v, ints, reals, e, force, x_values, y_values):
+    """A torque on a sum of angles."""
+    count, w, parameter = ints[0, e + SINGLE], ints[0, e + WEIGHTS], ints[0, e + PARAMETERS]
+    wound, turning = u.dtype.type(-reals[0, parameter]), u.dtype.type(0)
+    for k in range(count):
+        wound += reals[0, w + k] * u[ints[0, e + PLACES + k]]
+        turning += reals[0, w + k] * v[ints[0, e + PLACES + k]]
+    stiffness, damping = reals[0, parameter + 1], reals[0, parameter + 2]
+    torque = -stiffness * wound - damping * turning
+    x, y = ints[0, e + X_START], ints[0, e + Y_START]
+    for k in range(count):
+        force[ints[0, e + PLACES + k]] += reals[0, w + k] * torque
+        for j in range(count):
+            x_values[x] = stiffness * reals[0, w + k] * reals[0, w + j]
+            y_values[y] = damping * reals[0, w + k] * reals[0, w + j]
+            x += 1
+            y += 1
+
+
+@_compile_allocating
+def _moment(u, ints, reals, e, force, x_values):
+    """A torque τ on a body: ½ τ × d_i on each director, τ in global axes or in its own."""
+    p, place, x = ints[0, e + PARAMETERS], ints[0, e + PLACES], ints[0, e + X_START]
+    follows, half = ints[0, e + KIND] == FOLLOWER, u.dtype.type(0.5)
+    torque = np.zeros(3, u.dtype)
+    for c in range(3):
+        for j in range(3):
+            if follows:
+                torque[c] += half * reals[0, p + j] * u[place + 3 * j + c]
+        if not follows:
+            torque[c] += half * reals[0, p + c]
+    for i in range(3):
+        for c in range(3):
+            d, f = (c + 1) % 3, (c + 2) % 3
+            force[place + 3 * i + c] += (
+                torque[d] * u[place + 3 * i + f] - torque[f] * u[place + 3 * i + d]
+            )
+        for j in range(3):
+            if follows or i == j:
+                for c in range(3):  # −∂(τ × d_i)/∂d_j is [τ_j d_i]×, and −[τ]× where i = j
+                    turning = u.dtype.type(0)
+                    if follows:
+                        turning += half * reals[0, p + j] * u[place + 3 * i + c]
+                    if i == j:
+                        turning -= torque[c]
+                    # Places (c + 1, c + 2) and (c + 2, c + 1) of [r]×.
+                    x_values[x] = -turning
+                    x_values[x + 1] = turning
+                    x += 2
+
+
+@_compile_allocating
+def _angle(u, ints, reals, e):
+    """Sine and cosine of the angle of a hinge, times what they have in common; Q, P and K."""
+    first, components = ints[0, e + FIRST], ints[0, e + COMPONENTS]
+    r, w = ints[0, e + REALS], ints[0, e + WEIGHTS]
+    q, b, p = np.empty(3, u.dtype), np.empty(3, u.dtype), np.empty(3, u.dtype)
+    sine, cosine = u.dtype.type(0), u.dtype.type(0)
+    for c in range(components):
+        q[c], b[c], p[c] = reals[0, r + c], reals[0, r + 3 + c], reals[0, r + 6 + c]
+        for k in range(first):
+            i = ints[0, e + PLACES + k]
+            q[c] += reals[0, w + 2 * k] * u[i + c]
+            p[c] += reals[0, w + 2 * k + 1] * u[i + c]
+        for k in range(ints[0, e + SECOND]):
+            b[c] += reals[0, w + 2 * first + k] * u[ints[0, e + PLACES + first + k] + c]
+        sine += q[c] * b[c]
+        cosine += p[c] * b[c]
+    return sine, cosine, q, p, b
+
+
+@_compile_allocating
+def _hinge(u, v, ints, reals, e, force, x_values, y_values):
+    """A hinge: the force Q g on both bodies, g = ∂φ/∂u, and its tangents."""
+    two = u.dtype.type(2)
+    first, weight = ints[0, e + FIRST], ints[0, e + WEIGHTS]
+    count = first + ints[0, e + SECOND]
+    sine, cosine, q, p, b = _angle(u, ints, reals, e)
+    square = sine * sine + cosine * cosine
+    of_sine, of_cosine = np.empty((count, 3), u.dtype), np.empty((count, 3), u.dtype)
+    g, turned = np.empty((count, 3), u.dtype), np.zeros((count, 3), u.dtype)
+    rate = u.dtype.type(0)
+    for k in range(count):
+        for c in range(3):
+            if k < first:
+                of_sine[k, c] = reals[0, weight + 2 * k] * b[c]
+                of_cosine[k, c] = reals[0, weight + 2 * k + 1] * b[c]
+            else:
+                of_sine[k, c] = reals[0, weight + first + k] * q[c]
+                of_cosine[k, c] = reals[0, weight + first + k] * p[c]
+            g[k, c] = (cosine * of_sine[k, c] - sine * of_cosine[k, c]) / square
+            rate += g[k, c] * v[ints[0, e + PLACES + k] + c]
+    parameter = ints[0, e + PARAMETERS]
+    stiffness, damping = reals[0, parameter + 1], reals[0, parameter + 3]
+    torque = reals[0, parameter] - damping * rate
+    if stiffness != 0:
+        angle = np.arctan2(sine.real, cosine.real)
+        if np.abs(angle) > np.pi - _WOUND:
+            torque = torque + u.dtype.type(np.nan)  # wound further than the angle can tell
+        # The derivative of atan2, for what is differentiated by complex steps.
+        small = (cosine.real * sine - sine.real * cosine) / (
+            cosine.real * cosine + sine.real * sine
+        )
+        angle = u.dtype.type(angle) + (small - small.real)
+        torque = torque - stiffness * (angle - reals[0, parameter + 2])
+    hessian = np.empty((count, 3, count, 3), u.dtype)
+    for k in range(count):
+        for j in range(count):
+            mixed = u.dtype.type(0)
+            if (k < first) != (j < first):
+                of_first, other = 2 * min(k, j), reals[0, weight + first + max(k, j)]
+                mixed = other * (
+                    cosine * reals[0, weight + of_first] - sine * reals[0, weight + of_first + 1]
+                )
+            for c in range(3):
+                for d in range(3):
+                    entry = of_sine[k, c] * of_cosine[j, d] - of_cosine[k, c] * of_sine[j, d]
+                    if c == d:
+                        entry += mixed
+                    along = cosine * of_cosine[j, d] + sine * of_sine[j, d]
+                    hessian[k, c, j, d] = (entry - two * g[k, c] * along) / square
+                    turned[k, c] += hessian[k, c, j, d] * v[ints[0, e + PLACES + j] + d]
+    x, y = ints[0, e + X_START], ints[0, e + Y_START]
+    for k in range(count):
+        i = ints[0, e + PLACES + k]
+        for c in range(3):
+            force[i + c] += torque * g[k, c]
+        for j in range(count):
+            for c in range(3):
+                for d in range(3):
+                    change = stiffness * g[j, d] + damping * turned[j, d]
+                    x_values[x] = g[k, c] * change - torque * hessian[k, c, j, d]
+                    y_values[y] = damping * g[k, c] * g[j, d]
+                    x += 1
+                    y += 1
+
+
+@_compile_allocating
+def _accumulate_further(
+    last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+):
+    """What `accumulate` leaves out, up to a place: elements that few mechanisms have."""
+    e = 0
+    while e < last:
+        kind = ints[0, e + KIND]
+        if kind == COUPLE:
+            _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values)
+        elif kind == FORCE:
+            p, w = ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
+            law = _law(t, reals, p + 2, 0)
+            fx, fy = reals[0, p] * law, reals[0, p + 1] * law
+            for k in range(ints[0, e + FIRST]):
+                i, a, b = ints[0, e + PLACES + k], reals[0, w + 2 * k], reals[0, w + 2 * k + 1]
+                force[i] += a * fx + b * fy
+                force[i + 1] += a * fy - b * fx
+        elif kind == TWIST:
+            _twist(u, v, ints, reals, e, force, x_values, y_values)
+        elif kind in (MOMENT, FOLLOWER):
+            _moment(u, ints, reals, e, force, x_values)
+        elif kind == HINGE:
+            _hinge(u, v, ints, reals, e, force, x_values, y_values)
+        e += ints[0, e + SIZE]
+
+
+@_compile
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before FORCE.
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before `COUPLE`.
 
     Args:
         t: Time (s).
-        u, v: (n,) coordinates (m) and velocities (m/s) of the moving points.
+        u, v: (n,) coordinates (m, directors without unit) and their rates.
         multipliers: (m,) λ.
         ints, reals: Element tables, see the module.
         force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
@@ -329,87 +607,114 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         g_values: Overwritten with the entries of G = Φ_uᵀ.
     """
     force[:] = 0
-    _accumulate(
-        0, ints.shape[0], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
+    accumulate(
+        0, ints.shape[1], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
         g_values,
     )  # fmt: skip
 
 
-#: By itself, for `newmark_cli.newmark.linear.written.specialised`.
-accumulate = cached_njit(nogil=True, error_model="numpy")(
-    getattr(_accumulate, "py_func", _accumulate)
-)
+@_compile_allocating
+def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """The same as `evaluate`, of all kinds of elements."""
+    evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
+    _accumulate_further(
+        ints.shape[1], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+    )
 
 
-@cached_njit(nogil=True, error_model="numpy")
-def _differentiate_further(
-    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+@_compile_allocating
+def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """The same as `evaluate_all`, of a table with laws behind its elements."""
+    last, frozen = at_time(t, ints, reals)
+    now = reals.dtype.type(0)
+    force[:] = 0
+    accumulate(
+        0, last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
+    )
+    _accumulate_further(
+        last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
+    )
+
+
+@_compile_allocating
+def _differentiate_angular(
+    u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values, acceleration_values
 ):
-    """What `constraint_derivatives` leaves out: elements that few mechanisms have."""
-    zero, two = u.dtype.type(0), u.dtype.type(2)
-    for e in range(ints.shape[0]):
-        kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
-        if kind == COUPLE:
-            dx, dy = _vector(u, ints, reals, e, e)
-            dx, dy = dx + reals[e, OFFSET], dy + reals[e, OFFSET + 1]
-            wx, wy = _vector(v, ints, reals, e, e)
-            ax, ay = _vector(w, ints, reals, e, e)
-            j = ints[e, Y_START]
-            sine, cosine = sine_cosine(u[j], u.dtype.type)
-            turn, faster = v[j], w[j]
-            along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-            with_v, against_v = cosine * wx + sine * wy, cosine * wy - sine * wx
-            with_w = cosine * ax + sine * ay
-            rate[row] = zero
-            curvature[row] = -two * turn * with_v - turn * turn * across
-            # n' and n'' of n = (−sin θ, cos θ).
-            nx, ny = -turn * cosine, -turn * sine
-            mx, my = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                rate_values[g] = a * nx + b * ny
-                rate_values[g + 1] = a * ny - b * nx
-                acceleration_values[g] = a * mx + b * my
-                acceleration_values[g + 1] = a * my - b * mx
-                g += 2
-            rate_values[g] = -with_v - turn * across
-            acceleration_values[g] = (
-                -with_w - faster * across - two * turn * against_v + turn * turn * along
-            )
-        elif kind == PAIR:
-            # Bilinear: Gᵀ w changes with u as Gᵀ u with w.
-            rx, ry = _vector(v, ints, reals, e, e)
-            px, py = _vector(v, ints, reals, e, e + 1)
-            ax, ay = _vector(w, ints, reals, e, e)
-            bx, by = _vector(w, ints, reals, e, e + 1)
-            rate[row] = -_law(t, reals, e, 1)
-            curvature[row] = two * (px * ry - py * rx) - _law(t, reals, e, 2)
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                c, d = reals[e + 1, 2 * k], reals[e + 1, 2 * k + 1]
-                rate_values[g] = b * px - a * py + (c * ry - d * rx)
-                rate_values[g + 1] = a * px + b * py - (c * rx + d * ry)
-                acceleration_values[g] = b * bx - a * by + (c * ay - d * ax)
-                acceleration_values[g + 1] = a * bx + b * by - (c * ax + d * ay)
-                g += 2
-            for k in range(ints[e + 1, COUNT]):
-                rate_values[g + k] = zero
-                acceleration_values[g + k] = zero
+    """Rows whose first combination turns: N = cos θ Q − sin θ P, with N', N'' by the angle."""
+    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
+    row, g = ints[0, e + ROW], ints[0, e + G_START]
+    entries = ints[0, e + COMPONENTS] * (ints[0, e + FIRST] + ints[0, e + SECOND])
+    sine, cosine = sine_cosine(angle, u.dtype.type)
+    values = np.empty(g + entries, u.dtype)
+    further = np.empty(g + entries, u.dtype)
+    moving = _gradient(v, zero, cosine, sine, ints, reals, e, rate_values)
+    _gradient(w, zero, cosine, sine, ints, reals, e, acceleration_values)
+    # θ' N', and θ'' N' + θ'² N'', besides what moves.
+    by_angle = _gradient(u, one, -sine, cosine, ints, reals, e, values)
+    mixed, pushed = _along(v, ints, reals, e, values), _along(w, ints, reals, e, values)
+    again = _gradient(u, one, -cosine, -sine, ints, reals, e, further)
+    bent = _along(v, ints, reals, e, further)
+    for k in range(g, g + entries):
+        rate_values[k] += turn * values[k]
+        acceleration_values[k] += faster * values[k] + turn * turn * further[k]
+    turned = _gradient(v, zero, -sine, cosine, ints, reals, e, values)
+    for k in range(g, g + entries):
+        acceleration_values[k] += two * turn * values[k]
+    rate[row] = turn * by_angle
+    curvature[row] = two * moving + two * turn * mixed + turn * turn * again
+    if ints[0, e + KIND] == ANGLE:
+        curvature[row] += faster * by_angle
+    else:  # the angle is a coordinate, with a column of its own
+        rate[row] = zero
+        rate_values[g + entries] = mixed + turn * again
+        acceleration_values[g + entries] = (
+            pushed + faster * again + two * turned + two * turn * bent - turn * turn * by_angle
+        )
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_compile_allocating
+def _differentiate(
+    last, t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """Do what `constraint_derivatives` does for elements up to a place."""
+    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
+    e = 0
+    while e < last:
+        kind, row, p = ints[0, e + KIND], ints[0, e + ROW], ints[0, e + PARAMETERS]
+        timed = ints[0, e + GIVEN] == LAW
+        if kind in (LINK, SQUARE, PRODUCT):
+            # Quadratic: Φ'' and the tangents are Φ and G of v and w.
+            product = _gradient(v, zero, one, zero, ints, reals, e, rate_values)
+            _gradient(w, zero, one, zero, ints, reals, e, acceleration_values)
+            rate[row], curvature[row] = zero, two * product if kind == PRODUCT else product
+            if timed:
+                rate[row] = -_law(t, reals, p, 1)
+                curvature[row] -= _law(t, reals, p, 2)
+        elif kind in (ANGLE, COUPLE):
+            angle, turn, faster = zero, zero, zero
+            if kind == ANGLE:
+                angle += _law(t, reals, p, 0)
+                turn += _law(t, reals, p, 1)
+                faster += _law(t, reals, p, 2)
+            else:
+                place = ints[0, e + PLACES + ints[0, e + SECOND]]
+                angle, turn, faster = u[place], v[place], w[place]
+            _differentiate_angular(
+                u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values,
+                acceleration_values,
+            )  # fmt: skip
+        e += ints[0, e + SIZE]
+
+
+@_compile_allocating
 def constraint_derivatives(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
     """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ u'', and the tangents of both to u.
 
-    An element's columns of G are C_kᵀ Δ, or C_kᵀ n with a normal n(t).  Along a motion
-    with u' = v that is C_kᵀ Δ' and C_kᵀ n'; Gᵀ w and Φ'' change with u by C_kᵀ W, with
-    W = Σ C_k w_k, and by C_kᵀ n''.
-
     Args:
         t: Time (s).
-        u, v, w: (n,) coordinates (m), velocities (m/s) and accelerations (m/s²).
+        u, v, w: (n,) coordinates, velocities and accelerations.
         ints, reals: Element tables, see the module.
         rate: (m,) overwritten; Φ' = Gᵀ v + rate.
         curvature: (m,) overwritten; Φ'' = Gᵀ u'' + curvature.
@@ -417,134 +722,74 @@ def constraint_derivatives(
             the places of those of G.
         acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
     """
-    zero, two = u.dtype.type(0), u.dtype.type(2)
-    for e in range(ints.shape[0]):
-        kind, count, row, g = ints[e, KIND], ints[e, COUNT], ints[e, ROW], ints[e, G_START]
-        if kind == LINE:
-            rate[row] = -_law(t, reals, e, 1)
-            curvature[row] = -_law(t, reals, e, 2)
-            for k in range(2 * count):
-                rate_values[g + k] = zero
-                acceleration_values[g + k] = zero
-        elif kind in (LINK, BAR, ANGLE):
-            dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
-            wx, wy = zero, zero
-            ax, ay = zero, zero
-            for k in range(count):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                dx += a * u[i] - b * u[i + 1]
-                dy += b * u[i] + a * u[i + 1]
-                wx += a * v[i] - b * v[i + 1]
-                wy += b * v[i] + a * v[i + 1]
-                ax += a * w[i] - b * w[i + 1]
-                ay += b * w[i] + a * w[i + 1]
-            if kind == ANGLE:
-                angle, turn = _law(t, reals, e, 0), _law(t, reals, e, 1)
-                faster = _law(t, reals, e, 2)
-                sine, cosine = sine_cosine(angle, reals.dtype.type)
-                along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
-                rate[row] = -turn * along
-                curvature[row] = (
-                    -faster * along - turn * turn * across - two * turn * (cosine * wx + sine * wy)
-                )
-                # n' and n'' of n = (−sin, cos).
-                wx, wy = -turn * cosine, -turn * sine
-                ax, ay = turn * turn * sine - faster * cosine, -turn * turn * cosine - faster * sine
-            else:
-                rate[row] = zero
-                curvature[row] = wx * wx + wy * wy
-            for k in range(count):
-                a, b = reals[e, 2 * k], reals[e, 2 * k + 1]
-                rate_values[g] = a * wx + b * wy
-                rate_values[g + 1] = a * wy - b * wx
-                acceleration_values[g] = a * ax + b * ay
-                acceleration_values[g + 1] = a * ay - b * ax
-                g += 2
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """The same as `evaluate`, of all kinds of elements.
-
-    Not for mechanisms that `evaluate` serves: handing arrays on counts references to them,
-    which takes longer than a small mechanism.
-    """
-    evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-    _evaluate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def all_constraint_derivatives(
-    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-):
-    """The same as `constraint_derivatives`, of all kinds of elements."""
-    constraint_derivatives(
-        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-    )
-    _differentiate_further(
-        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+    _differentiate(
+        ints.shape[1], t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
     )
 
 
-@cached_njit(nogil=True, error_model="numpy")
-def potential(t, u, v, ints, reals):
-    """Potential energy of springs and loads (J): ½ k (|Δ| − L)², ½ k q² and −F·P.
-
-    Args:
-        t: Time (s); not used, as v is.
-        u, v: (n,) coordinates (m) and velocities (m/s).
-        ints, reals: Element tables, see the module.
-    """
-    energy = 0.0
-    for e in range(ints.shape[0]):
-        kind = ints[e, KIND]
-        if kind == LOAD:
-            i = ints[e, DOF]
-            energy -= reals[e, PARAMETER] * u[i] + reals[e, PARAMETER + 1] * u[i + 1]
-        elif kind == SPRING:
-            dx, dy = reals[e, OFFSET], reals[e, OFFSET + 1]
-            for k in range(ints[e, COUNT]):
-                i, a, b = ints[e, DOF + k], reals[e, 2 * k], reals[e, 2 * k + 1]
-                dx += a * u[i] - b * u[i + 1]
-                dy += b * u[i] + a * u[i + 1]
-            stretch = np.sqrt(dx * dx + dy * dy) - reals[e, PARAMETER + 1]
-            energy += reals[e, PARAMETER] * stretch * stretch / 2
-        elif kind == FORCE:
-            x, y = _vector(u, ints, reals, e, e)
-            law = _law(t, reals, e, 0)
-            energy -= (reals[e, PARAMETER] * x + reals[e, PARAMETER + 1] * y) * law
-        elif kind == TWIST:
-            wound = -reals[e, PARAMETER]
-            for k in range(ints[e, COUNT]):
-                wound += reals[e, k] * u[ints[e, DOF + k]]
-            energy += reals[e, PARAMETER + 1] * wound * wound / 2
-    return energy
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """The same as `evaluate_all`, of a table with rows of laws."""
-    own, frozen = at_time(t, ints, reals, LAW)
-    evaluate_all(
-        reals.dtype.type(0), u, v, multipliers, own, frozen, force, phi, x_values, y_values,
-        g_values,
-    )  # fmt: skip
-
-
-@cached_njit(nogil=True, error_model="numpy")
+@_compile_allocating
 def timed_constraint_derivatives(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
-    """The same as `all_constraint_derivatives`, of a table with rows of laws."""
-    own, frozen = at_time(t, ints, reals, LAW)
-    all_constraint_derivatives(
-        reals.dtype.type(0), u, v, w, own, frozen, rate, curvature, rate_values,
+    """The same of a table with laws behind its elements."""
+    last, frozen = at_time(t, ints, reals)
+    _differentiate(
+        last, reals.dtype.type(0), u, v, w, ints, frozen, rate, curvature, rate_values,
         acceleration_values,
     )  # fmt: skip
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_compile_allocating
+def _potential(last, t, u, ints, reals):
+    """Potential energy of elements up to a place (J)."""
+    energy, e = 0.0, 0
+    while e < last:
+        kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
+        r, p, at = ints[0, e + REALS], ints[0, e + PARAMETERS], e + PLACES
+        weight, count = ints[0, e + WEIGHTS], ints[0, e + FIRST]
+        if kind == LOAD:
+            work = 0.0
+            for c in range(components):
+                work += reals[0, p + c] * u[ints[0, at] + c]
+            energy -= work
+        elif kind in (SPRING, FORCE):
+            x, y, z = _sum(u, ints, reals, at, weight, count, components, turned)
+            if kind == SPRING:
+                x += reals[0, r]
+                y += reals[0, r + 1]
+                if components == 3:
+                    z += reals[0, r + 2]
+                stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
+                energy += reals[0, p] * stretch * stretch / 2
+            else:
+                energy -= (reals[0, p] * x + reals[0, p + 1] * y) * _law(t, reals, p + 2, 0)
+        elif kind == TWIST:
+            wound = -reals[0, p]
+            for k in range(ints[0, e + SINGLE]):
+                wound += reals[0, weight + k] * u[ints[0, at + k]]
+            energy += reals[0, p + 1] * wound * wound / 2
+        elif kind == HINGE:
+            sine, cosine, _q, _p, _b = _angle(u, ints, reals, e)
+            wound = np.arctan2(sine, cosine) - reals[0, p + 2]
+            energy += reals[0, p + 1] * wound * wound / 2
+        e += ints[0, e + SIZE]
+    return energy
+
+
+@_compile
+def potential(t, u, v, ints, reals):
+    """Potential energy of springs, torsion springs and loads (J): ½ k (|L| − l)², −F·P.
+
+    Args:
+        t: Time (s); not used, as v is.
+        u, v: (n,) coordinates and velocities.
+        ints, reals: Element tables, see the module.
+    """
+    return _potential(ints.shape[1], t, u, ints, reals)
+
+
+@_compile_allocating
 def timed_potential(t, u, v, ints, reals):
-    """The same as `potential`, of a table with rows of laws."""
-    own, frozen = at_time(t, ints, reals, LAW)
-    return potential(reals.dtype.type(0), u, v, own, frozen)
+    """The same as `potential`, of a table with laws behind its elements."""
+    last, frozen = at_time(t, ints, reals)
+    return _potential(last, reals.dtype.type(0), u, ints, frozen)

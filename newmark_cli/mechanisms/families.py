@@ -17,9 +17,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, Strict
 
-from newmark_cli.mechanisms.linked import Linked, Made, Masses
+from newmark_cli.mechanisms.linked import Bars, Linked, Made, Masses
 from newmark_cli.mechanisms.sines import sine_cosine
-from newmark_cli.mechanisms.spatial_linked import Bars
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.documents import WHOLE, StrictModel
 

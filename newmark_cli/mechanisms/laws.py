@@ -8,14 +8,14 @@ import numpy as np
 
 from newmark_cli.mechanisms.models import Law, Table
 
-#: Kinds, which no element has, and columns.
+#: Kinds, which no element has, and their columns behind those that all have: kind, size, and
+#: where their numbers begin.
 LAW, LAW_TERM = 100, 101
-TARGET, COLUMN, MORE = 1, 2, 3
+TARGET, DRIVES, MORE = 3, 4, 5
+WHAT, COUNT, REPEATS, ANOTHER = 3, 4, 5, 6
+#: Place of the weight behind the six parameters.
 WEIGHT = 6
-WHAT, SIZE, REPEATS, ANOTHER = 1, 2, 3, 4
 POWERS, SINE, SPLINE = range(3)
-#: Column of a law that drives its element.
-DRIVES = -1
 
 
 class Term(NamedTuple):
@@ -25,27 +25,27 @@ class Term(NamedTuple):
         what: `POWERS`, `SINE` or `SPLINE`.
         size: Coefficients of a polynomial, or intervals of a spline.
         repeats: Whether a spline repeats itself.
-        rows: What the real table has in its row, and of a spline in those behind it.
+        numbers: See `timed`.
     """
 
     what: int
     size: int
     repeats: bool
-    rows: list[list[float]]
+    numbers: list[float]
 
 
 def terms(law: Law) -> list[Term]:
     """The terms of a law besides its six parameters."""
     found = []
     if law.powers:
-        found.append(Term(POWERS, len(law.powers), False, [list(law.powers)]))
-    for sine in law.sines:
-        row = [sine.amplitude, sine.frequency, sine.phase]
-        found.append(Term(SINE, 1, False, [row]))
+        found.append(Term(POWERS, len(law.powers), False, list(law.powers)))
+    found += [
+        Term(SINE, 1, False, [sine.amplitude, sine.frequency, sine.phase]) for sine in law.sines
+    ]
     if law.table is not None:
-        table = law.table
-        rows = [[table.times[0], table.times[-1]], *_intervals(table)]
-        found.append(Term(SPLINE, len(rows) - 1, table.ends == "periodic", rows))
+        times, intervals = law.table.times, _intervals(law.table)
+        numbers = [times[0], times[-1], *(number for row in intervals for number in row)]
+        found.append(Term(SPLINE, len(intervals), law.table.ends == "periodic", numbers))
     return found
 
 
@@ -67,15 +67,15 @@ def begin(law: Law, value: float) -> float:
     """
     start = value + law.amplitude * math.sin(law.phase)
     for term in terms(law):
-        first = term.rows[0]
+        first = term.numbers
         if term.what == POWERS:
             start += first[0]
         elif term.what == SINE:
             start += first[0] * math.sin(first[2])
         else:
-            here = [row for row in term.rows[1:] if row[0] <= 0][-1]
-            x = -here[0]
-            start += ((here[1] * x + here[2]) * x + here[3]) * x + here[4]
+            begins = [k for k in range(2, len(first), 5) if first[k] <= 0][-1]
+            x, a, b, c, d = first[begins : begins + 5]
+            start += ((a * -x + b) * -x + c) * -x + d
     return start
 
 
@@ -90,37 +90,32 @@ class Timed(NamedTuple):
     """A law of time of an element.
 
     Attributes:
-        column: Column of the real table that it is added to, or `DRIVES`.
         law: The law.
         parameters: Its six.
+        target: Which parameter of the element it is added to; None where it drives it.
         weight: Its factor.
     """
 
-    column: int
     law: Law
     parameters: Sequence[float]
+    target: int | None = None
     weight: float = 1.0
 
 
-def rows(laws: Sequence[tuple[int, Timed]]) -> Iterator[tuple[list[int], Sequence[float]]]:
-    """Rows of both tables behind all elements, see `timed`.
+def chunks(laws: Sequence[tuple[int, Timed]]) -> Iterator[tuple[list[int], Sequence[float]]]:
+    """What stands behind all elements, see `timed`: columns after the first three, and numbers.
 
-    None where the six parameters of driven elements, which stand in their rows, say it all;
-    otherwise every law has some.
+    Nothing where the six parameters of driven elements say it all; otherwise every law.
 
     Args:
-        laws: Row of an element, and a law that it has.
+        laws: Place in ``reals`` of what a law acts on, and the law.
     """
-    if all(one.column == DRIVES and not terms(one.law) for _, one in laws):
+    if all(one.target is None and not terms(one.law) for _, one in laws):
         return
     for target, one in laws:
         further = terms(one.law)
-        yield (
-            [LAW, target, one.column, int(bool(further))],
-            [*one.parameters, one.weight],
-        )
-        for number, term in enumerate(further):
-            another = int(number < len(further) - 1)
-            own = [LAW_TERM, term.what, term.size, int(term.repeats), another]
-            for place, reals in enumerate(term.rows):
-                yield (own if place == 0 else [LAW_TERM]), reals
+        drives = int(one.target is None)
+        yield [LAW, target, drives, int(bool(further))], [*one.parameters, one.weight]
+        for number, term in enumerate(further, 1):
+            another = int(number < len(further))
+            yield [LAW_TERM, term.what, term.size, int(term.repeats), another], term.numbers

@@ -1,19 +1,23 @@
-"""Mechanisms of plain points and links as arrays: what `planar.build` makes, at any size.
+"""Links in the plane and bars in space as arrays: what builders make, at any size.
 
-`planar` looks at a mechanism part by part, because it is somebody's file and may be wrong
+A builder looks at a mechanism part by part, because it is somebody's file and may be wrong
 in every part.  A member of a family is right by construction and may have a million parts.
-Here its tables are made with a few NumPy operations, equal to those of `planar` to the last
+Here its elements are arrays from the beginning, equal to those of the builder to the last
 bit: sums run in the same order.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import numpy as np
 
-from newmark_cli.problems.problem import Elements, Pattern, Problem
+from newmark_cli.problems.algebra import product
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
+
+if TYPE_CHECKING:
+    from newmark_cli.mechanisms import table
 
 _Item = TypeVar("_Item")
 
@@ -79,80 +83,36 @@ class Linked:
             drawing: Makes what figures of it are drawn from.
         """
         # Loads it, and with it what compiles.
-        from newmark_cli.mechanisms import elements
+        from newmark_cli.mechanisms import elements, table
 
-        ints, reals = self._tables(elements)
+        m = len(self.ends)
         loads = self.masses.loads(len(self.u0) // 2)
         loaded = np.flatnonzero(loads.any(axis=1))
-        load_ints = np.zeros((len(loaded), elements.INT_COLUMNS), np.int64)
-        load_ints[:, elements.KIND], load_ints[:, elements.COUNT] = elements.LOAD, 1
-        load_ints[:, elements.DOF] = 2 * loaded
-        load_reals = np.zeros((len(loaded), elements.REAL_COLUMNS))
-        load_reals[:, elements.PARAMETER : elements.PARAMETER + 2] = loads[loaded]
-        (mass_rows, mass_columns), mass_values = self.masses.entries(len(self.u0))
-        (x_rows, x_columns), (g_rows, g_columns) = self._x_places(), self._g_places()
-        nowhere = np.zeros(0, np.int64)
+        groups = [table.loads(m + np.arange(len(loaded)), 2 * loaded, loads[loaded])]
+        for both in (False, True):
+            links = np.flatnonzero((self.starts >= 0) == both)
+            shape = table.Shape(elements.LINK, 2, False, 2, 1, 1 + both, 0, 0)
+            points = np.stack([self.starts, self.ends][not both :], axis=1)[links]
+            weights = np.tile([-1.0, 1.0][not both :], (len(links), 1))
+            numbers = 0.0 - self.anchors[links], self.squares[links, None], weights
+            groups.append(table.Group(shape, links, links, 2 * points, np.hstack(numbers)))
+        tables = table.tables(groups)
+        mass_places, mass_values = self.masses.entries(len(self.u0))
         return Problem(
             name=name,
             u0=self.u0,
             v0=self.v0,
             t0=0.0,
-            constraints=len(self.ends),
-            function=elements.evaluate,
-            elements=Elements(elements.accumulate, np.arange(len(ints) + len(load_ints))),
-            derivatives=elements.constraint_derivatives,
-            ints=np.concatenate([ints, load_ints]),
-            reals=np.concatenate([reals, load_reals]),
-            pattern=Pattern(
-                mass_rows, mass_columns, x_rows, x_columns, nowhere, nowhere, g_rows, g_columns
-            ),
+            constraints=m,
+            **tables.functions(conservative=True),
+            pattern=tables.pattern(np.stack(mass_places)),
             mass_values=mass_values,
             drawing_given=drawing,
             points_given=self.points,
             quadratic=True,
             single=True,
-            potential=elements.potential,
             constraints_given=self.links,
         )
-
-    def _tables(self, elements: Any) -> tuple[IndexArray, Array]:
-        """Rows of the links in both tables."""
-        m, both = len(self.ends), self.starts >= 0
-        count = 1 + both
-        ints = np.zeros((m, elements.INT_COLUMNS), np.int64)
-        ints[:, elements.KIND], ints[:, elements.COUNT] = elements.LINK, count
-        ints[:, elements.DOF] = 2 * np.where(both, self.starts, self.ends)
-        ints[both, elements.DOF + 1] = 2 * self.ends[both]
-        ints[:, elements.ROW] = np.arange(m)
-        # What the links before it have taken.
-        ints[1:, elements.X_START] = np.cumsum(2 * count[:-1] ** 2)
-        ints[1:, elements.G_START] = np.cumsum(2 * count[:-1])
-        reals = np.zeros((m, elements.REAL_COLUMNS))
-        reals[:, 0] = np.where(both, -1.0, 1.0)
-        reals[both, 2] = 1.0
-        reals[:, elements.OFFSET : elements.OFFSET + 2] = 0.0 - self.anchors
-        reals[:, elements.PARAMETER] = self.squares
-        return ints, reals
-
-    def _coordinates(self) -> tuple[IndexArray, Any]:
-        """(m, 2, 2) coordinates of both ends, and (m, 2) whether an end has any."""
-        points = np.stack([self.starts, self.ends], axis=1)
-        return 2 * points[:, :, None] + np.arange(2), points >= 0
-
-    def _x_places(self) -> tuple[IndexArray, IndexArray]:
-        """Rows and columns of the entries of X: for each two ends a multiple of identity."""
-        places, moves = self._coordinates()
-        shape = (len(self.ends), 2, 2, 2)
-        taken = moves[:, :, None] & moves[:, None, :]
-        rows = np.broadcast_to(places[:, :, None, :], shape)[taken]
-        columns = np.broadcast_to(places[:, None, :, :], shape)[taken]
-        return rows.reshape(-1), columns.reshape(-1)
-
-    def _g_places(self) -> tuple[IndexArray, IndexArray]:
-        """Coordinates and constraints of the entries of G."""
-        places, moves = self._coordinates()
-        links = np.broadcast_to(np.arange(len(self.ends))[:, None, None], places.shape)
-        return places[moves].reshape(-1), links[moves].reshape(-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,3 +145,219 @@ class Masses:
         places, slots = np.unique((rows * n + columns).reshape(-1), return_inverse=True)
         values = np.bincount(slots.reshape(-1), np.repeat(self.values[on], 2), len(places))
         return (places // n, places % n), np.asarray(values, float)
+
+
+#: Coordinates and internal constraints of a body.
+_PER_BODY, _INTERNAL = 12, 6
+#: Mass (kg) and edges (m) of every bar.
+MASS, BOX = 1.0, (1.0, 0.2, 0.1)
+GRAVITY = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """Equal homogeneous bars, and the spherical joints between them; all at rest.
+
+    Attributes:
+        title: One line.
+        names: (b,) of the bars.
+        places: (b,) centres (m).
+        along: (k,) directions of bars, and one across each.
+        kinds: (b,) which of these directions a bar has.
+        joints: (j,) names of the joints.
+        starts, ends: (j,) bars that each goes from and to; −1 for the ground.
+        at: (j,) where each is (m).
+    """
+
+    title: str
+    names: Sequence[str]
+    places: Sequence[tuple[float, float, float]]
+    along: Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
+    kinds: Sequence[int]
+    joints: Sequence[str]
+    starts: Sequence[int]
+    ends: Sequence[int]
+    at: Sequence[tuple[float, float, float]]
+
+    def data(self) -> dict[str, Any]:
+        """The mechanism as a file would have it."""
+        bodies = {
+            name: {
+                "position": place,
+                "axes": {"x": self.along[kind][0], "y": self.along[kind][1]},
+                "mass": MASS,
+                "box": BOX,
+            }
+            for name, place, kind in zip(self.names, self.places, self.kinds, strict=True)
+        }
+        called = ("ground", *self.names)
+        joints = {
+            name: {"type": "spherical", "from": called[a + 1], "to": called[b + 1], "at": at}
+            for name, a, b, at in zip(self.joints, self.starts, self.ends, self.at, strict=True)
+        }
+        return {
+            "title": self.title, "dimensions": 3, "bodies": bodies, "joints": joints,
+            "gravity": GRAVITY,
+        }  # fmt: skip
+
+    def problem(self, name: str, drawing: Callable[[], Any]) -> Problem:
+        """The problem of this name.
+
+        Args:
+            name: Name of the problem.
+            drawing: Makes what figures of it are drawn from.
+        """
+        # Loads it, and with it what compiles.
+        from newmark_cli.mechanisms import spatial, table
+        from newmark_cli.mechanisms.spatial_model import SpatialMechanism
+        from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
+
+        model = SpatialMechanism.model_validate(
+            {
+                "dimensions": 3,
+                "bodies": {
+                    str(k): {
+                        "position": (0.0, 0.0, 0.0),
+                        "axes": {"x": x, "y": y},
+                        "mass": MASS,
+                        "box": BOX,
+                    }
+                    for k, (x, y) in enumerate(self.along)
+                },
+                "gravity": GRAVITY,
+            }
+        )
+        kinds = list(model.bodies.values())
+        frames = [body.directors for body in kinds]
+        inertia = spatial.mass_of(kinds[0])
+        bars, count = len(self.names), len(self.joints)
+        n, m = _PER_BODY * bars, _INTERNAL * bars + 3 * count
+        places = [np.array(place) for place in self.places]
+
+        # One by one: sums of a few numbers, in the order in which `spatial` has them.
+        def side(body: int, place: Array) -> Side:
+            point = place if body < 0 else product(frames[self.kinds[body]].T, place - places[body])
+            return Side(body, point, {})
+
+        sides = [
+            (side(a, np.array(at)), side(b, np.array(at)))
+            for a, b, at in zip(self.starts, self.ends, self.at, strict=True)
+        ]
+        loads = np.outer(inertia[0], np.array(GRAVITY))
+        pulled = np.flatnonzero(np.any(loads != 0, axis=1))
+        at = _PER_BODY * np.arange(bars)[:, None] + 3 * pulled
+        tables = table.tables(
+            [
+                *_rigid(bars),
+                *_joined(bars, *_terms(sides)),
+                table.loads(
+                    m + np.arange(at.size), at.reshape(-1), np.tile(loads[pulled], (bars, 1))
+                ),
+            ]
+        )
+        mass_rows, mass_columns = np.nonzero(inertia)
+        within = np.concatenate([3 * np.array([mass_rows, mass_columns]) + c for c in range(3)], 1)
+        masses = np.tile(inertia[mass_rows, mass_columns], 3 * bars)
+        in_bar = (_PER_BODY * np.arange(bars)[:, None, None] + within[None]).transpose(1, 0, 2)
+        directors = np.array([frame.T.ravel() for frame in frames])
+        still = np.array(
+            [
+                product(frame.T, spatial.turning_rate(body).T).ravel()
+                for body, frame in zip(kinds, frames, strict=True)
+            ]
+        )
+        chosen = np.array(self.kinds)
+        origins = np.array(self.places, float)
+        outputs = SpatialOutputs(
+            tuple(self.names),
+            {
+                joint: Connection("spherical", both)
+                for joint, both in zip(self.joints, sides, strict=True)
+            },
+            (
+                *([""] * (_INTERNAL * bars)),
+                *(joint for joint in self.joints for _ in "xyz"),
+            ),
+        )
+        return Problem(
+            name=name,
+            u0=np.concatenate([origins, directors[chosen]], axis=1).reshape(-1),
+            v0=np.concatenate([0.0 * np.abs(origins), still[chosen]], axis=1).reshape(-1),
+            t0=0.0,
+            constraints=m,
+            **tables.functions(conservative=True),
+            pattern=tables.pattern(in_bar.reshape(2, -1)),
+            mass_values=masses,
+            drawing_given=lambda: spatial.SpatialModel(
+                drawing(),
+                tuple(self.names),
+                outputs.joints,
+                {},
+                freedom=n - m,
+                mass_rank=n,
+            ),
+            points_given=tuple(f"{bar}.{part}" for bar in self.names for part in spatial.VECTORS),
+            axes="xyz",
+            quadratic=True,
+            single=True,
+            constraints_given=(
+                *((bar, row) for bar in self.names for row in spatial.INTERNAL),
+                *((joint, row) for joint in self.joints for row in "xyz"),
+            ),
+            outputs=outputs,
+        )
+
+
+def _rigid(bars: int) -> "Iterator[table.Group]":
+    """What keeps bars rigid: products of their directors."""
+    from newmark_cli.mechanisms import elements, spatial, table
+
+    first = _PER_BODY * np.arange(bars)[:, None] + 3
+    for k, (i, j) in enumerate(spatial.DIRECTORS):
+        rows = _INTERNAL * np.arange(bars) + k
+        if i == j:
+            shape, places = table.Shape(elements.SQUARE, 3, False, 3, 1, 1, 0, 0), [3 * i]
+            reals = [0.0, 0.0, 0.0, 1.0, 1.0]
+        else:
+            shape, places = table.Shape(elements.PRODUCT, 3, False, 6, 0, 1, 1, 0), [3 * i, 3 * j]
+            reals = [*[0.0] * 6, 1.0, 1.0]
+        yield table.Group(shape, rows, rows, first + places, np.tile(reals, (bars, 1)))
+
+
+def _joined(
+    bars: int, weights: Array, bodies: IndexArray, offsets: Array
+) -> "Iterator[table.Group]":
+    """Rows of joints, by how many terms they have."""
+    from newmark_cli.mechanisms import elements, table
+
+    weights, there = weights.reshape(len(weights), -1), ~np.isnan(weights.reshape(len(weights), -1))
+    places = (_PER_BODY * bodies[:, :, None] + 3 * np.arange(4)).reshape(len(bodies), -1)
+    counts = there.sum(axis=1)
+    for count in np.unique(counts).tolist():
+        joints = np.flatnonzero(counts == count)
+        at = places[joints][there[joints]].reshape(-1, count)
+        w = weights[joints][there[joints]].reshape(-1, count)
+        shape = table.Shape(elements.PRODUCT, 0, False, 0, 1, 0, 0, count)
+        for c in range(3):
+            rows = _INTERNAL * bars + 3 * joints + c
+            reals = np.hstack([0.0 - offsets[joints, c, None], w])
+            yield table.Group(shape, rows, rows, at + c, reals)
+
+
+def _terms(sides: Sequence[tuple[Any, Any]]) -> tuple[Array, IndexArray, Array]:
+    """Of each joint: (j, 2, 4) weights, of `to` and then of `from` reversed; NaN for none.
+
+    Further (j, 2) the bodies, and (j, 3) what is constant.
+    """
+    weights = np.full((len(sides), 2, 4), np.nan)
+    bodies = np.full((len(sides), 2), -1, np.int64)
+    offsets = np.zeros((len(sides), 3))
+    for k, (first, second) in enumerate(sides):
+        for i, (side, sign) in enumerate(((second, 1.0), (first, -1.0))):
+            bodies[k, i] = side.body
+            if side.body < 0:
+                offsets[k] = offsets[k] - side.point
+            else:
+                weights[k, i, 0] = sign
+                weights[k, i, 1:] = np.where(side.point != 0, sign * side.point, np.nan)
+    return weights, bodies, offsets

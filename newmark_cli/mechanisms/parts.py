@@ -55,11 +55,6 @@ UNIT = "\0"
 MISFIT = 1e-12
 
 
-def _constant(value: float) -> tuple[float, ...]:
-    """Parameters of a law that is constant."""
-    return (value, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
 def _always(part: Any) -> bool:
     return True
 
@@ -111,7 +106,7 @@ def _bar_sketch(scene: Scene, bar: Bar) -> tuple[Mark, ...]:
 
 def _spring(builder: "Builder", spring: Spring, path: "KeyPath") -> None:
     difference = builder.difference(spring.from_, spring.to, path)
-    builder.element("SPRING", difference, (spring.stiffness, spring.rest_length))
+    builder.on_vector("SPRING", difference, (spring.stiffness, spring.rest_length))
 
 
 def _spring_sketch(scene: Scene, spring: Spring) -> tuple[Mark, ...]:
@@ -120,7 +115,7 @@ def _spring_sketch(scene: Scene, spring: Spring) -> tuple[Mark, ...]:
 
 def _damper(builder: "Builder", damper: Damper, path: "KeyPath") -> None:
     difference = builder.difference(damper.from_, damper.to, path)
-    builder.element("DAMPER", difference, (damper.damping,))
+    builder.on_vector("DAMPER", difference, (damper.damping,))
 
 
 def _damper_sketch(scene: Scene, damper: Damper) -> tuple[Mark, ...]:
@@ -148,8 +143,7 @@ def _slider(builder: "Builder", slider: Slider, path: "KeyPath") -> None:
     level = (normal.conjugate() * through).real
     away = (normal.conjugate() * builder.vector(site)).real - level
     builder.require_on_line(slider.point, away, abs(through), path)
-    law = (level, 0.0, 0.0, 0.0, 0.0, 0.0)
-    builder.element("LINE", site, (normal.real, normal.imag, *law), constraint=path)
+    builder.line(site, normal, path, (level,))
 
 
 def _slider_sketch(scene: Scene, slider: Slider) -> tuple[Mark, ...]:
@@ -173,13 +167,12 @@ def _motion(builder: "Builder", motion: Motion, path: "KeyPath") -> None:
     if motion.point is not None:
         site = builder.moving_site(motion.point, (*path, "point"))
         place = builder.vector(site)
-        for key, law, normal in (("x", motion.x, (1.0, 0.0)), ("y", motion.y, (0.0, 1.0))):
+        for key, law, normal in (("x", motion.x, 1 + 0j), ("y", motion.y, 1j)):
             if law is not None:
                 now = place.real if key == "x" else place.imag
                 with builder.checked():
                     parameters = builder.fitting(law, now, (*path, key))
-                    row = (*normal, *parameters)
-                    builder.element("LINE", site, row, constraint=(*path, key), law=law)
+                    builder.line(site, normal, (*path, key), parameters, law)
     elif motion.slider is not None:
         assert motion.distance is not None
         sliders = builder.mechanism.sliders
@@ -213,8 +206,8 @@ def _motion(builder: "Builder", motion: Motion, path: "KeyPath") -> None:
         vector = builder.vector(difference)
         now = math.atan2(vector.imag, vector.real)
         parameters = builder.fitting(motion.angle, now, driven, 2 * math.pi)
-        row = (0.0, 0.0, *parameters)
-        builder.element("ANGLE", difference, row, constraint=driven, law=motion.angle)
+        timed = (laws.Timed(motion.angle, parameters),)
+        builder.angular("ANGLE", difference, driven, parameters=parameters, timed=timed)
 
 
 def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
@@ -228,9 +221,10 @@ def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
             body = builder.body(name, (*path, key))
             difference = builder.difference(body.from_, body.to, path)
             if isinstance(torque.torque, Law):
-                builder.element("TORQUE", difference, (0.0,), law=torque.torque, weight=sign)
+                timed = laws.Timed(torque.torque, torque.torque.parameters(), 0, sign)
+                builder.on_vector("TORQUE", difference, (0.0,), (timed,))
             else:
-                builder.element("TORQUE", difference, (sign * torque.torque,))
+                builder.on_vector("TORQUE", difference, (sign * torque.torque,))
 
 
 def _torque_sketch(scene: Scene, torque: Torque) -> tuple[Mark, ...]:
@@ -248,7 +242,8 @@ def _force(builder: "Builder", force: Force, path: "KeyPath") -> None:
         force.amounts, force.force, ((1.0, 0.0), (0.0, 1.0)), strict=True
     ):
         if given != 0:
-            builder.element("FORCE", site, (*normal, *law.parameters()), law=law)
+            six = law.parameters()
+            builder.on_vector("FORCE", site, (*normal, *six), (laws.Timed(law, six),))
 
 
 def _force_sketch(scene: Scene, force: Force) -> tuple[Mark, ...]:
@@ -312,7 +307,7 @@ def _gear(builder: "Builder", gear: Gear, path: "KeyPath") -> None:
     # Relative to a carrier that turns by ψ: θ_b − ψ = ratio (θ_a − ψ), Willis' equation.
     if gear.on is not None and gear.ratio != 1:
         found.append((builder.angle(gear.on, (*path, "on")), gear.ratio - 1.0))
-    builder.pair({}, {}, tuple(found), path, _constant(builder.sum_of(tuple(found))))
+    builder.pair({}, {}, tuple(found), path, (builder.sum_of(tuple(found)),))
 
 
 def _gear_sketch(scene: Scene, gear: Gear) -> tuple[Mark, ...]:
@@ -341,14 +336,14 @@ def _rolling(builder: "Builder", rolling: Rolling, path: "KeyPath") -> None:
         off = (start.conjugate() * arm).imag
         side = math.copysign(1.0, off)
         builder.require_contact(rolling.wheel, abs(off), radius, abs(arm), path)
-        builder.pair(along, away, (), (*path, "contact"), _constant(side * radius))
+        builder.pair(along, away, (), (*path, "contact"), (side * radius,))
         # The place along the line and the turn relative to it: no slip on either side of it.
         angles = [(builder.angle(rolling.wheel, (*path, "wheel")), side * radius)]
         if rolling.line.on is not None:
             angles.append((builder.angle(rolling.line.on, (*path, "line", "on")), -side * radius))
         turned = {name: -1j * weight for name, weight in along.items()}
         now = (start.conjugate() * arm).real + builder.sum_of(tuple(angles))
-        builder.pair(turned, away, tuple(angles), (*path, "rolling"), _constant(now))
+        builder.pair(turned, away, tuple(angles), (*path, "rolling"), (now,))
         return
     circle = rolling.circle
     assert circle is not None
@@ -366,7 +361,7 @@ def _rolling(builder: "Builder", rolling: Rolling, path: "KeyPath") -> None:
     if circle.body is not None:
         angles.append((builder.angle(circle.body, (*path, "circle", "body")), -circle.radius))
     now = builder.sum_of(tuple(angles))
-    builder.pair({}, {}, tuple(angles), (*path, "rolling"), _constant(now))
+    builder.pair({}, {}, tuple(angles), (*path, "rolling"), (now,))
 
 
 def _rolling_sketch(scene: Scene, rolling: Rolling) -> tuple[Mark, ...]:

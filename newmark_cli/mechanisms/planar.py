@@ -13,15 +13,17 @@ on angles is linear in them.  Other bodies keep to points.
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, elements, laws, start
+from newmark_cli.mechanisms import builder, elements, laws, start, table
 from newmark_cli.mechanisms.builder import Follows
 from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
 from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
+from newmark_cli.mechanisms.table import Element, Term
 from newmark_cli.problems.algebra import product
-from newmark_cli.problems.problem import Elements, Pattern, Problem, Push
+from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import Document, DocumentError, KeyPath
@@ -168,17 +170,11 @@ class Builder(builder.Builder):
                 z = complex(*on_body.at) / body.length
                 self.sites[point] = Site({body.from_: 1 - z, body.to: z})
         self.fixed[UNIT] = 1 + 0j
-        self.ints: list[list[int]] = []
-        self.reals: list[list[float]] = []
-        self.x_entries: list[tuple[int, int]] = []
-        self.y_entries: list[tuple[int, int]] = []
-        self.g_entries: list[tuple[int, int]] = []
+        self.elements: list[Element] = []
         self.mass: dict[tuple[int, int], float] = {}
         #: Angles that are coordinates: name → place in u, and at the start with their rates.
         self.turning: dict[str, int] = {}
         self.start_angles: list[tuple[float, float]] = []
-        #: Laws of time, with the rows that have them.
-        self.laws: list[tuple[int, laws.Timed]] = []
         #: Forces in Python.
         self.pushes: dict[KeyPath, Push] = {}
         self._problem: Problem | None = None
@@ -223,18 +219,10 @@ class Builder(builder.Builder):
             self._add_mass(name, name, complex(point.mass), loads, gravity)
         for i in range(0, 2 * len(self.moving), 2):
             if np.any(loads[i : i + 2]):
-                self.ints.append([elements.LOAD, 1, i] + [0] * (elements.INT_COLUMNS - 3))
-                self._append_reals([], 0j, (loads[i], loads[i + 1]))
-        further = any(row[elements.KIND] >= elements.FORCE for row in self.ints)
-        of_laws = list(laws.rows(self.laws))
-        for ints, reals in of_laws:
-            self.ints.append(ints + [0] * (elements.INT_COLUMNS - len(ints)))
-            self.reals.append([*reals, *[0.0] * (elements.REAL_COLUMNS - len(reals))])
-
-        mass, x, y, g = (
-            np.array(entries, np.int64).reshape(-1, 2).T.copy()
-            for entries in (sorted(self.mass), self.x_entries, self.y_entries, self.g_entries)
-        )
+                load = loads[i : i + 2].tolist()
+                self.elements.append(Element(elements.LOAD, 2, first=((i,),), parameters=load))
+        tables = table.of_elements(self.elements)
+        mass = np.array(sorted(self.mass), np.int64).reshape(-1, 2).T.copy()
         points = [mechanism.points[name] for name in self.moving]
         at = [c for point in points for c in point.at or ()]
         velocity = [c for point in points for c in point.velocity]
@@ -244,29 +232,8 @@ class Builder(builder.Builder):
             v0=np.array(velocity + [rate for _, rate in self.start_angles]),
             t0=0.0,
             constraints=len(self.rows),
-            function=(
-                elements.evaluate_timed
-                if of_laws
-                else elements.evaluate_all
-                if further
-                else elements.evaluate
-            ),
-            derivatives=(
-                elements.timed_constraint_derivatives
-                if of_laws
-                else elements.all_constraint_derivatives
-                if further
-                else elements.constraint_derivatives
-            ),
-            # Laws of time and angles take seconds to write out.
-            elements=(
-                None
-                if further or of_laws
-                else Elements(elements.accumulate, np.arange(len(self.ints)))
-            ),
-            ints=np.array(self.ints, np.int64).reshape(-1, elements.INT_COLUMNS),
-            reals=np.array(self.reals, float).reshape(-1, elements.REAL_COLUMNS),
-            pattern=Pattern(*mass, *x, *y, *g),
+            **tables.functions(conserves(mechanism)),
+            pattern=tables.pattern(mass),
             mass_values=np.array([self.mass[place] for place in sorted(self.mass)]),
             drawing_given=mechanism,
             points_given=tuple(self.moving),
@@ -275,16 +242,9 @@ class Builder(builder.Builder):
             # carried by increments.
             quadratic=not mechanism.motions and not self.turning,
             single=True,
-            potential=(
-                None
-                if not conserves(mechanism)
-                else elements.timed_potential
-                if of_laws
-                else elements.potential
-            ),
             # A motion is named with what it drives: `m.x` may be another's name.
             constraints_given=tuple(row.parts for row in self.rows),
-            until=min((laws.until(one.law) for _, one in self.laws), default=math.inf),
+            until=table.until(self.elements),
         )
 
     def body(self, name: str, path: KeyPath) -> Body:
@@ -343,9 +303,14 @@ class Builder(builder.Builder):
                 f"{start} and {end} start {builder.apart(length, misfit)} m apart, given length "
                 f"{length:.16g}; correct the positions or set 'assemble: true'",
             )
-        plain = all(complex(weight).imag == 0 for weight in difference.values())
-        self.element("LINK" if plain else "BAR", difference, (length * length,), constraint=path)
-        self.squares[len(self.rows) - 1] = length * length
+        square, row = length * length, self.one_row(path)
+        constants, terms = self.combination(difference)
+        turned = any(complex(weight).imag != 0 for weight in difference.values())
+        kind = elements.SQUARE if turned else elements.LINK
+        if not turned:
+            terms = [(place, weight) for place, weight, _ in terms]
+        self.add(kind, terms, constants=constants, parameters=(square,), row=row, turned=turned)
+        self.squares[row] = square
 
     def on_line(
         self, point: str, line: Slider | Line, path: KeyPath, point_path: KeyPath | None = None
@@ -443,13 +408,7 @@ class Builder(builder.Builder):
         rate = sum(w * complex(*velocities[key]) for key, w in difference.items() if key != UNIT)
         turning = (vector.conjugate() * rate).imag / abs(vector) ** 2 if vector else 0.0
         self.start_angles.append((math.atan2(vector.imag, vector.real), turning))
-        dofs = self.element("COUPLE", difference, (), constraint=path)
-        self.ints[-1][elements.Y_START] = place
-        self.x_entries += [
-            entry for dof in dofs for i in (dof, dof + 1) for entry in ((i, place), (place, i))
-        ]
-        self.x_entries.append((place, place))
-        self.g_entries.append((place, self.ints[-1][elements.ROW]))
+        self.angular("COUPLE", difference, path, single=((place, 1.0),))
         return place
 
     def relative(
@@ -468,53 +427,64 @@ class Builder(builder.Builder):
         first = 2 * len(self.moving)
         return math.fsum(weight * self.start_angles[place - first][0] for place, weight in angles)
 
-    # Rows of the tables.
+    # Elements.
 
-    def element(
-        self,
-        kind: str,
-        difference: Mapping[str, complex],
-        parameters: tuple[float, ...],
-        constraint: KeyPath | None = None,
-        law: Law | None = None,
-        weight: float = 1.0,
-    ) -> list[int]:
-        """Add an element of a kind of `newmark_cli.mechanisms.elements`.
+    def combination(self, weights: Mapping[str, complex]) -> tuple[list[float], list[Term]]:
+        """Σ (a + bR) P: what is constant of it, and its terms."""
+        fixed = [
+            weight * self.fixed[name] for name, weight in weights.items() if name in self.fixed
+        ]
+        offset = sum(fixed, 0j)
+        moving = {self.moving[name]: w for name, w in weights.items() if name in self.moving}
+        terms = [(place, complex(w).real, complex(w).imag) for place, w in moving.items()]
+        return [offset.real, offset.imag], terms
 
-        Args:
-            kind: Name of the kind.
-            difference: The vector that it acts on.
-            parameters: Those of the kind.
-            constraint: Name of its constraint, if it is one.
-            law: Law of time: of a torque, or that the last six parameters are of.
-            weight: Its factor, of a torque.
+    def add(self, kind: int, first: Sequence[Term] = (), **given: Any) -> None:
+        """Add an element; its weights are turned unless it says otherwise."""
+        self.elements.append(Element(kind, 2, first=first, **{"turned": True, **given}))
 
-        Returns:
-            Coordinates of the points that it acts on.
-        """
+    def on_vector(
+        self, kind: str, difference: Mapping[str, complex], parameters: Sequence[float],
+        timed: Sequence[laws.Timed] = (),
+    ) -> None:  # fmt: skip
+        """Add a force that acts on a vector."""
+        constants, terms = self.combination(difference)
         number = getattr(elements, kind)
-        offset = sum(
-            (w * self.fixed[name] for name, w in difference.items() if name in self.fixed), 0j
-        )
-        moving = {name: w for name, w in difference.items() if name in self.moving}
-        dofs = [self.moving[name] for name in moving]
-        self._append_ints(number, dofs, constraint)
-        self._append_reals(list(moving.values()), offset, parameters)
-        if law is not None:
-            torque = kind == "TORQUE"
-            column = elements.PARAMETER if torque else laws.DRIVES
-            six = law.parameters() if torque else parameters[-6:]
-            self.laws.append((len(self.ints) - 1, laws.Timed(column, law, six, weight)))
-        blocks = ((0, 0), (1, 1)) if kind == "LINK" else ((0, 0), (0, 1), (1, 0), (1, 1))
-        entries = [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
-        if kind not in ("LINE", "ANGLE", "FORCE", "COUPLE"):
-            self.x_entries += entries
-        if kind == "DAMPER":
-            self.y_entries += entries
-        if constraint:
-            row = self.ints[-1][elements.ROW]
-            self.g_entries += [(i + r, row) for i in dofs for r in (0, 1)]
-        return dofs
+        self.add(number, terms, constants=constants, parameters=parameters, timed=timed)
+
+    def line(
+        self,
+        site: Mapping[str, complex],
+        normal: complex,
+        path: KeyPath,
+        parameters: Sequence[float],
+        law: Law | None = None,
+    ) -> None:
+        """Add the constraint n·P − law(t) = 0, of a site P that is linear in the coordinates."""
+        constants, terms = self.combination(site)
+        nx, ny = normal.real, normal.imag
+        first, *others = parameters
+        parameters = (first - (nx * constants[0] + ny * constants[1]), *others)
+        single = [
+            term
+            for place, a, b in terms
+            for term in ((place, a * nx + b * ny), (place + 1, a * ny - b * nx))
+        ]
+        self.elements.append(
+            Element(
+                elements.PRODUCT, 0, self.one_row(path), single=single, parameters=parameters,
+                timed=() if law is None else (laws.Timed(law, parameters),),
+            )
+        )  # fmt: skip
+
+    def angular(
+        self, kind: str, difference: Mapping[str, complex], path: KeyPath, **given: Any
+    ) -> None:
+        """Add the constraint n·Δ = 0, n = (−sin θ, cos θ)."""
+        constants, terms = self.combination(difference)
+        constants = [0.0, 1.0, *constants, 1.0, 0.0]
+        number, row = getattr(elements, kind), self.one_row(path)
+        self.add(number, second=terms, constants=constants, row=row, **given)
 
     def pair(
         self,
@@ -522,7 +492,7 @@ class Builder(builder.Builder):
         away: Mapping[str, complex],
         angles: Angles,
         constraint: KeyPath,
-        parameters: tuple[float, ...] = (0.0,) * 6,
+        parameters: Sequence[float] = (),
         law: Law | None = None,
     ) -> None:
         """Add the constraint D × Δ + Σ w θ − law(t) = 0.
@@ -532,44 +502,25 @@ class Builder(builder.Builder):
             away: Δ.
             angles: θ and w.
             constraint: Its name.
-            parameters: Six of the law.
+            parameters: A constant, or six of the law.
             law: The law.
         """
-        both = {
-            name: (away.get(name, 0j), along.get(name, 0j))
-            for name in (*away, *along)
-            if name in self.moving
-        }
-        fixed = [
-            sum((w * self.fixed[name] for name, w in of.items() if name in self.fixed), 0j)
-            for of in (away, along)
-        ]
-        dofs = [self.moving[name] for name in both]
-        self._append_ints(elements.PAIR, dofs, constraint)
-        towards = (fixed[1].real, fixed[1].imag, *parameters)
-        self._append_reals([weight for weight, _ in both.values()], fixed[0], towards)
-        if law is not None:
-            self.laws.append((len(self.ints) - 1, laws.Timed(laws.DRIVES, law, parameters)))
-        row = self.ints[-1][elements.ROW]
-        blocks = ((0, 0), (0, 1), (1, 0), (1, 1))
-        self.x_entries += [(i + r, j + c) for i in dofs for j in dofs for r, c in blocks]
-        self.g_entries += [(i + r, row) for i in dofs for r in (0, 1)]
-        self.g_entries += [(place, row) for place, _ in angles]
-        self._append_ints(elements.MORE, [place for place, _ in angles], None)
-        weights = tuple(weight for _, weight in angles)
-        self._append_reals([weight for _, weight in both.values()], 0j, weights)
+        # D × Δ is RD · Δ.
+        one, first = self.combination({name: 1j * weight for name, weight in along.items()})
+        other, second = self.combination(away)
+        products = bool(along or away)
+        self.elements.append(
+            Element(
+                elements.PRODUCT, 2 * products, self.one_row(constraint), first, second, angles,
+                [*one, *other] * products, parameters, products,
+                () if law is None else (laws.Timed(law, parameters),),
+            )
+        )  # fmt: skip
 
     def twist(self, angles: Angles, rest: float, stiffness: float, damping: float) -> None:
         """Add a torque −stiffness (q − rest) − damping q' of q = Σ w θ."""
-        places = [place for place, _ in angles]
-        self._append_ints(elements.TWIST, places, None)
-        weights = [weight for _, weight in angles]
-        weights += [0.0] * (elements.PARAMETER - len(weights))
-        row = [*weights, rest, stiffness, damping]
-        self.reals.append(row + [0.0] * (elements.REAL_COLUMNS - len(row)))
-        entries = [(i, j) for i in places for j in places]
-        self.x_entries += entries
-        self.y_entries += entries
+        parameters = (rest, stiffness, damping)
+        self.elements.append(Element(elements.TWIST, 0, single=angles, parameters=parameters))
 
     def push(self, given: str, points: Sequence[str], path: KeyPath) -> None:
         """Keep a force in Python on points, for what adds it to the problem."""
@@ -597,22 +548,6 @@ class Builder(builder.Builder):
                     weights[2 * k : 2 * k + 2, j : j + 2] = block
         coordinates = [self.moving[name] + c for name in moving for c in (0, 1)]
         self.pushes[path] = Push(given, coordinates, weights, offsets)
-
-    def _append_ints(self, kind: int, dofs: list[int], constraint: KeyPath | None) -> None:
-        row = self.one_row(constraint) if constraint else 0
-        y = len(self.y_entries)
-        self.ints.append(
-            [kind, len(dofs), *dofs, *[0] * (4 - len(dofs)), row,
-             len(self.x_entries), y, len(self.g_entries)]
-        )  # fmt: skip
-
-    def _append_reals(
-        self, weights: Sequence[complex], offset: complex, parameters: Sequence[float]
-    ) -> None:
-        parts = [part for w in weights for part in (complex(w).real, complex(w).imag)]
-        row = [*parts, *[0.0] * (elements.OFFSET - len(parts)), offset.real, offset.imag]
-        row += parameters
-        self.reals.append(row + [0.0] * (elements.REAL_COLUMNS - len(row)))
 
     def _require_points(self, body: Body, path: KeyPath) -> None:
         mechanism = self.mechanism

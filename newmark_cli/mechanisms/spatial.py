@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, laws, start
-from newmark_cli.mechanisms import spatial_elements as elements
+from newmark_cli.mechanisms import builder, elements, laws, start, table
 from newmark_cli.mechanisms.builder import Follows, Row
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Law
@@ -25,8 +24,9 @@ from newmark_cli.mechanisms.spatial_model import (
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
+from newmark_cli.mechanisms.table import Element, Term
 from newmark_cli.problems.algebra import norm, product
-from newmark_cli.problems.problem import Pattern, Problem
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import Document, KeyPath
@@ -38,7 +38,9 @@ _MISFIT = 1e-12
 #: How far from parallel axes that are given by body may be at the start.
 _ASKEW = 1e-9
 
-INTERNAL = ("d1·d1", "d2·d2", "d3·d3", "d1·d2", "d1·d3", "d2·d3")
+#: What keeps a body rigid: products of these directors.
+DIRECTORS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+INTERNAL = tuple(f"d{i + 1}·d{j + 1}" for i, j in DIRECTORS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,29 +79,7 @@ class SpatialModel:
 
 
 #: Constant part, and (place of a vector in u, weight) pairs.
-_Combination = tuple[Array, list[tuple[int, float]]]
-
-
-@dataclass(frozen=True, eq=False)
-class _Element:
-    """A row of the tables and its terms, but for where its values go.
-
-    Attributes:
-        kind: One of the kinds of `spatial_elements`.
-        rows: Numbers of its constraints.
-        first, second: Terms: place in u, weight, and the second weight of `ANGLE`, `HINGE`.
-        reals: Row of the real table.
-        place: Place in u of what has no terms.
-        timed: Laws of time.
-    """
-
-    kind: int
-    reals: Sequence[float]
-    rows: tuple[int, ...] = ()
-    first: Sequence[tuple[int, float, float]] = ()
-    second: Sequence[tuple[int, float, float]] = ()
-    place: int = 0
-    timed: tuple[laws.Timed, ...] = ()
+_Combination = tuple[Array, list[Term]]
 
 
 def built(name: str, document: Document) -> Problem:
@@ -156,15 +136,6 @@ def _mass_rank(problem: Problem) -> int:
     return 3 * int(np.count_nonzero(values > _NO_INERTIA * largest))
 
 
-@dataclass(frozen=True)
-class _Turning:
-    """The angle of a joint: q and p of its first body, p of the other."""
-
-    constants: tuple[Array, Array, Array]
-    first: list[tuple[int, float, float]]
-    second: list[tuple[int, float, float]]
-
-
 class Builder(builder.Builder):
     """Turns a mechanism in space into the tables of the element loop.
 
@@ -177,7 +148,7 @@ class Builder(builder.Builder):
     def __init__(self, name: str, document: Document, mechanism: SpatialMechanism) -> None:
         super().__init__(name, document, mechanism)
         self.joints: dict[str, Connection] = {}
-        self._elements: list[_Element] = []
+        self._elements: list[Element] = []
         self._numbers = {body: i for i, body in enumerate(mechanism.bodies)}
         self._frames = [body.directors for body in mechanism.bodies.values()]
         self._origins = [np.array(body.position) for body in mechanism.bodies.values()]
@@ -194,8 +165,15 @@ class Builder(builder.Builder):
         """
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         mechanism = self.mechanism
-        ints, reals, x, y, g = _tables(self._elements, kept, len(self.rows))
-        timed = bool(np.any(ints[:, elements.KIND] == laws.LAW))
+        number = np.full(len(self.rows) + 1, -1)
+        number[kept] = np.arange(len(kept))
+        tables = table.of_elements(
+            [
+                replace(one, row=int(number[one.row]))
+                for one in self._elements
+                if one.row < 0 or number[one.row] >= 0
+            ]
+        )
         mass_places, mass_values = self._mass
         return Problem(
             name=self.name,
@@ -203,13 +181,8 @@ class Builder(builder.Builder):
             v0=self.velocities(self._start()),
             t0=0.0,
             constraints=len(kept),
-            function=elements.evaluate_timed if timed else elements.evaluate,
-            derivatives=(
-                elements.timed_constraint_derivatives if timed else elements.constraint_derivatives
-            ),
-            ints=ints,
-            reals=reals,
-            pattern=Pattern(*mass_places, *x, *y, *g),
+            **tables.functions(mechanism.conservative),
+            pattern=tables.pattern(np.stack(mass_places)),
             mass_values=mass_values,
             drawing_given=SpatialModel(
                 mechanism,
@@ -221,17 +194,7 @@ class Builder(builder.Builder):
             axes="xyz",
             quadratic=not mechanism.motions,
             single=True,
-            potential=(
-                None
-                if not mechanism.conservative
-                else elements.timed_potential
-                if timed
-                else elements.potential
-            ),
-            until=min(
-                (laws.until(timed.law) for one in self._elements for timed in one.timed),
-                default=math.inf,
-            ),
+            until=table.until(self._elements),
             constraints_given=tuple(self.rows[row].parts for row in kept),
             released=tuple(self.rows[row].full for row in sorted(released)),
             outputs=SpatialOutputs(
@@ -290,10 +253,14 @@ class Builder(builder.Builder):
         self._loads = np.zeros((4 * len(self._numbers), 3))
         self._mass = self._masses()
         for name, body in self._numbers.items():
-            first = len(self.rows)
-            self.rows += [Row(("bodies", name), "", row) for row in INTERNAL]
-            rows = tuple(range(first, first + 6))
-            self._elements.append(_Element(elements.BODY, (), rows, place=PER_BODY * body + 3))
+            directors = [PER_BODY * body + 3 * i for i in (1, 2, 3)]
+            for text, (i, j) in zip(INTERNAL, DIRECTORS, strict=True):
+                self.rows.append(Row(("bodies", name), "", text))
+                one, other = (directors[i], 1.0), (directors[j], 1.0)
+                if i == j:
+                    self._square([one], np.zeros(3), 1.0)
+                else:
+                    self._product((np.zeros(3), [one]), (np.zeros(3), [other]))
         for name, joint in mechanism.joints.items():
             with self.checked():
                 self._add_joint(name, joint)
@@ -304,7 +271,7 @@ class Builder(builder.Builder):
         self.mistakes.refuse()
         for place in np.flatnonzero(np.any(self._loads != 0, axis=1)).tolist():
             load = self._loads[place].tolist()
-            self._elements.append(_Element(elements.LOAD, load, place=3 * place))
+            self._push(3 * place, load)
 
     def _add_forces(self) -> None:
         mechanism = self.mechanism
@@ -315,7 +282,10 @@ class Builder(builder.Builder):
                 first = 4 * side.body
                 for axis, amount in enumerate(force.force):
                     if isinstance(amount, Law):
-                        self._push(first, weights, axis, amount)
+                        for place, weight in enumerate(weights.tolist(), first):
+                            if weight:
+                                law = laws.Timed(amount, amount.parameters(), axis, weight)
+                                self._push(3 * place, (0.0,) * 3, law)
                     else:
                         self._loads[first : first + 4, axis] += weights * amount
         for name, spring in mechanism.springs.items():
@@ -338,14 +308,11 @@ class Builder(builder.Builder):
                 path = ("torsion_dampers", name, "on")
                 self._hinge(rubbed.on, (0.0, 0.0, 0.0, rubbed.damping), path)
 
-    def _push(self, first: int, weights: Array, axis: int, law: Law) -> None:
-        """A force with a law of time, on the origin and the directors of a body."""
-        for place, weight in enumerate(weights.tolist(), first):
-            if weight:
-                timed = laws.Timed(elements.OFFSET + axis, law, law.parameters(), weight)
-                self._elements.append(
-                    _Element(elements.LOAD, (0.0,) * 3, place=3 * place, timed=(timed,))
-                )
+    def _push(self, place: int, force: Sequence[float], *timed: laws.Timed) -> None:
+        """A force on the origin or a director of a body."""
+        self._elements.append(
+            Element(elements.LOAD, 3, first=((place,),), parameters=force, timed=timed)
+        )
 
     def _add_torque(self, name: str) -> None:
         torque, path = self.mechanism.torques[name], ("torques", name)
@@ -356,25 +323,25 @@ class Builder(builder.Builder):
                 message = "must be [x, y, z] on a body, or the torque of a joint"
                 raise self.document.error((*path, "torque"), message)
             constant = torque.torque if isinstance(torque.torque, float) else 0.0
-            self._hinge(torque.on, (constant, 0.0, 0.0, 0.0), (*path, "on"))
+            timed: tuple[laws.Timed, ...] = ()
             if isinstance(torque.torque, Law):
-                law = torque.torque
-                timed = laws.Timed(elements.PARAMETER, law, law.parameters())
-                self._elements[-1] = replace(self._elements[-1], timed=(timed,))
+                timed = (laws.Timed(torque.torque, torque.torque.parameters(), 0),)
+            self._hinge(torque.on, (constant, 0.0, 0.0, 0.0), (*path, "on"), timed)
             return
         if torque.on in self.mechanism.joints and torque.on not in self._numbers:
             message = "must be one number on a joint: about its axis"
             raise self.document.error((*path, "torque"), message)
         body = self._body(torque.on, (*path, "on"))
-        kind = elements.FOLLOWER if torque.frame == "body" else elements.TORQUE
+        kind = elements.FOLLOWER if torque.frame == "body" else elements.MOMENT
         timed_by = tuple(
-            laws.Timed(elements.OFFSET + axis, amount, amount.parameters())
+            laws.Timed(amount, amount.parameters(), axis)
             for axis, amount in enumerate(torque.torque)
             if isinstance(amount, Law)
         )
         constant_of = [0.0 if isinstance(amount, Law) else amount for amount in torque.torque]
+        place = PER_BODY * body + 3
         self._elements.append(
-            _Element(kind, constant_of, place=PER_BODY * body + 3, timed=timed_by)
+            Element(kind, 3, first=((place,),), parameters=constant_of, timed=timed_by)
         )
 
     def _masses(self) -> tuple[tuple[IndexArray, IndexArray], Array]:
@@ -533,24 +500,21 @@ class Builder(builder.Builder):
         between = _minus(_site(b), _site(a))
         if kind.meets:
             offset, terms = between
-            rows = (row, row + 1, row + 2)
-            self._elements.append(_Element(elements.POINT, offset.tolist(), rows, _once(terms)))
+            for c in range(3):
+                single = [(place + c, weight) for place, weight in terms]
+                self._elements.append(
+                    Element(
+                        elements.PRODUCT, 0, row + c, single=single, parameters=(0.0 - offset[c],)
+                    )
+                )
             row += 3
         for dot in kind.dots:
             other = between if dot.of_points else _direction(b, dot.second)
-            self._dot(row, _direction(a, dot.first), other)
+            self._product(_direction(a, dot.first), other, row=row)
             row += 1
         if kind.length:
-            offset, terms = between
             self.squares[row] = length * length
-            self._elements.append(
-                _Element(
-                    elements.SQUARE,
-                    _reals(offset, (), (), (length * length,)),
-                    (row,),
-                    _once(terms),
-                )
-            )
+            self._square(between[1], between[0], length * length)
 
     def _require_met(self, joint: Joint, a: Side, b: Side, apart: Array, path: KeyPath) -> None:
         """Both places of a joint are one at the start, as far as the joint asks."""
@@ -612,54 +576,53 @@ class Builder(builder.Builder):
         b = unit(np.asarray(given[1]) - product(a, given[1]) * a)
         return [{"a": self._seen(first, a)}, {"b": self._seen(second, b)}]
 
-    def _dot(
-        self, row: int, first: _Combination, second: _Combination, law: Sequence[float] = (0.0,) * 6
-    ) -> None:
+    def _product(
+        self, first: _Combination, second: _Combination, law: Law | None = None,
+        parameters: Sequence[float] = (), row: int | None = None,
+    ) -> None:  # fmt: skip
+        """The row L·K − law(t); the last one unless its number is given."""
+        timed = () if law is None else (laws.Timed(law, parameters),)
         self._elements.append(
-            _Element(
-                elements.DOT,
-                _reals(first[0], second[0], (), law),
-                (row,),
-                _once(first[1]),
-                _once(second[1]),
+            Element(
+                elements.PRODUCT, 3, len(self.rows) - 1 if row is None else row, first[1],
+                second[1], constants=_flat(first, second), parameters=parameters, timed=timed,
             )
+        )  # fmt: skip
+
+    def _square(self, terms: list[Term], offset: Array, square: float) -> None:
+        """The last row, ½ (L·L − square)."""
+        row = len(self.rows) - 1
+        self._elements.append(
+            Element(elements.SQUARE, 3, row, terms, constants=offset.tolist(), parameters=(square,))
         )
 
     def _strut(self, kind: int, ends: tuple[Side, Side], parameters: Sequence[float]) -> None:
         offset, terms = _minus(_site(ends[1]), _site(ends[0]))
-        self._elements.append(_Element(kind, _reals(offset, (), (), parameters), (), _once(terms)))
-
-    def _turning(self, joint: Connection) -> "_Turning":
-        """Terms and constants of `ANGLE` and `HINGE`: q and p of the first body, p of the other."""
-        a, b = joint.sides
-        q, p = _direction(a, "q"), _direction(a, "p")
-        other = _direction(b, "p")
-        weights: dict[int, tuple[float, float]] = {}
-        of_q, of_p = dict(q[1]), dict(p[1])
-        for place in sorted(of_q.keys() | of_p.keys()):
-            weights[place] = of_q.get(place, 0.0), of_p.get(place, 0.0)
-        return _Turning(
-            (q[0], p[0], other[0]),
-            [(place, *both) for place, both in weights.items()],
-            _once(other[1]),
+        self._elements.append(
+            Element(kind, 3, first=terms, constants=offset.tolist(), parameters=parameters)
         )
 
-    def _hinge(self, name: str, parameters: Sequence[float], path: KeyPath) -> None:
+    def _turning(self, kind: int, joint: Connection, **given: Any) -> None:
+        """An element about the axis of a joint: Q and P of its first body, K of the other."""
+        a, b = joint.sides
+        q, p, other = _direction(a, "q"), _direction(a, "p"), _direction(b, "p")
+        of_q, of_p = dict(q[1]), dict(p[1])
+        both = sorted(of_q.keys() | of_p.keys())
+        first = [(place, of_q.get(place, 0.0), of_p.get(place, 0.0)) for place in both]
+        self._elements.append(
+            Element(kind, 3, first=first, second=other[1], constants=_flat(q, other, p), **given)
+        )
+
+    def _hinge(
+        self, name: str, parameters: Sequence[float], path: KeyPath,
+        timed: Sequence[laws.Timed] = (),
+    ) -> None:  # fmt: skip
         joint = self._joint(name, path)
         if not JOINTS[joint.kind].turns:
             turning = ", ".join(kind for kind, about in JOINTS.items() if about.turns)
             message = f"a {joint.kind} joint has no angle; one of {turning} has"
             raise self.document.error(path, message)
-        terms = self._turning(joint)
-        self._elements.append(
-            _Element(
-                elements.HINGE,
-                _reals(*terms.constants, parameters),
-                (),
-                terms.first,
-                terms.second,
-            )
-        )
+        self._turning(elements.HINGE, joint, parameters=parameters, timed=timed)
 
     def _rate_gradient(self, joint: Connection, key: str, bodies: Array) -> Array:
         """(n,) of the angle or the distance of a joint, at origins and directors (b, 4, 3)."""
@@ -699,8 +662,7 @@ class Builder(builder.Builder):
                     now = float(product(axis, self._place(side)))
                     parameters = self.fitting(law, now, (*path, key))
                     self.one_row((*path, key))
-                    self._dot(len(self.rows) - 1, (axis, []), _site(side), parameters)
-                    self._time(law, parameters)
+                    self._product((axis, []), _site(side), law, parameters)
 
     def _drive(self, name: str, key: str, law: Law, path: KeyPath) -> None:
         joint = self._joint(name, (*path, "joint"))
@@ -720,20 +682,13 @@ class Builder(builder.Builder):
             now = float(product(axis, self._place(b) - self._place(a)))
         parameters = self.fitting(law, now, (*path, key), period)
         self.one_row((*path, key))
-        row = len(self.rows) - 1
         if key == "distance":
-            self._dot(row, _direction(a, "n"), _minus(_site(b), _site(a)), parameters)
-            self._time(law, parameters)
+            between = _minus(_site(b), _site(a))
+            self._product(_direction(a, "n"), between, law, parameters)
             return
-        terms = self._turning(joint)
-        reals = _reals(*terms.constants, parameters)
-        self._elements.append(_Element(elements.ANGLE, reals, (row,), terms.first, terms.second))
-        self._time(law, parameters)
-
-    def _time(self, law: Law, parameters: Sequence[float]) -> None:
-        """The last element, a driven joint or coordinate, has a law."""
-        timed = laws.Timed(laws.DRIVES, law, parameters)
-        self._elements[-1] = replace(self._elements[-1], timed=(timed,))
+        timed = (laws.Timed(law, parameters),)
+        row = len(self.rows) - 1
+        self._turning(elements.ANGLE, joint, parameters=parameters, timed=timed, row=row)
 
     # -- start ---------------------------------------------------------------------------------
 
@@ -821,116 +776,5 @@ def _minus(one: _Combination, other: _Combination) -> _Combination:
     return one[0] - other[0], [*one[1], *((place, -weight) for place, weight in other[1])]
 
 
-def _once(terms: Sequence[tuple[int, float]]) -> list[tuple[int, float, float]]:
-    return [(place, weight, 0.0) for place, weight in terms]
-
-
-def _reals(
-    offset: Any, other: Any = (), third: Any = (), parameters: Sequence[float] = ()
-) -> list[float]:
-    row = [0.0] * elements.REAL_COLUMNS
-    for begin, part in (
-        (elements.OFFSET, offset), (elements.OTHER, other), (elements.THIRD, third),
-        (elements.PARAMETER, parameters),
-    ):  # fmt: skip
-        numbers = [float(number) for number in part]
-        row[begin : begin + len(numbers)] = numbers
-    return row
-
-
-#: Places of the values of a body, relative to its first director: of X, and of G.
-BODY_X = [(3 * i + c, 3 * i + c) for i in range(3) for c in range(3)] + [
-    entry
-    for i, j in elements.PAIRS
-    for one, two in ((i, j), (j, i))
-    for entry in [(3 * one + c, 3 * two + c) for c in range(3)]
-]
-BODY_G = [(3 * i + c, i) for i in range(3) for c in range(3)] + [
-    (3 * one + c, 3 + k)
-    for k, (i, j) in enumerate(elements.PAIRS)
-    for one in (i, j)
-    for c in range(3)
-]
-_CROSS = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
-_FULL = tuple((c, d) for c in range(3) for d in range(3))
-
-_Entries = list[tuple[int, int]]
-
-
-def _tables(
-    found: Sequence[_Element], kept: Sequence[int], rows: int
-) -> tuple[IndexArray, Array, IndexArray, IndexArray, IndexArray]:
-    """Both tables, and the places (2, entries) of X, Y and G."""
-    number = np.full(rows, -1)
-    number[list(kept)] = np.arange(len(kept))
-    numbers = number.tolist()
-    ints: list[list[int]] = []
-    reals: list[Sequence[float]] = []
-    timed: list[tuple[int, laws.Timed]] = []
-    x: _Entries = []
-    y: _Entries = []
-    g: _Entries = []
-    for element in found:
-        own = [numbers[row] for row in element.rows]
-        if own and all(row < 0 for row in own):
-            continue
-        first, second = len(element.first) or element.place, len(element.second)
-        places = (*own, 0, 0, 0)[:3]
-        timed += [(len(ints), one) for one in element.timed]
-        ints.append([element.kind, first, second, len(x), len(y), len(g), *places])
-        reals.append(element.reals)
-        terms = (*element.first, *element.second)
-        for place, one, other in terms:
-            ints.append([elements.TERM, place])
-            reals.append([one, other])
-        _add_entries(element, own, x, y, g)
-    for row, numbers_of in laws.rows(timed):
-        ints.append(row)
-        reals.append(numbers_of)
-    places_of = (np.array(entries, np.int64).reshape(-1, 2).T.copy() for entries in (x, y, g))
-    return (
-        _filled(ints, elements.INT_COLUMNS, np.int64),
-        _filled(reals, elements.REAL_COLUMNS, float),
-        *places_of,
-    )
-
-
-def _filled(rows: Sequence[Sequence[float]], columns: int, kind: type) -> Any:
-    """(rows, columns) a table whose rows end with zeros."""
-    return np.array([[*row, *[0] * (columns - len(row))] for row in rows], kind).reshape(
-        -1, columns
-    )
-
-
-def _add_entries(
-    element: _Element, own: Sequence[int], x: _Entries, y: _Entries, g: _Entries
-) -> None:
-    """Places of the values of an element, in the order in which the loop writes them."""
-    kind, at = element.kind, element.place
-    first = [place for place, _, _ in element.first]
-    second = [place for place, _, _ in element.second]
-    both = first + second
-    if kind == elements.BODY:
-        x += [(at + i, at + j) for i, j in BODY_X]
-        g += [(at + i, own[k]) for i, k in BODY_G]
-    elif kind == elements.POINT:
-        g += [(i + c, row) for c, row in enumerate(own) if row >= 0 for i in first]
-    elif kind in (elements.DOT, elements.ANGLE):
-        g += [(i + c, own[0]) for i in both for c in range(3)]
-        for i in first:
-            for j in second:
-                x += [(i + c, j + c) for c in range(3)] + [(j + c, i + c) for c in range(3)]
-    elif kind == elements.SQUARE:
-        g += [(i + c, own[0]) for i in first for c in range(3)]
-        x += [(i + c, j + c) for i in first for j in first for c in range(3)]
-    elif kind == elements.TORQUE:
-        x += [(at + 3 * i + c, at + 3 * i + d) for i in range(3) for c, d in _CROSS]
-    elif kind == elements.FOLLOWER:
-        x += [
-            (at + 3 * i + c, at + 3 * j + d) for i in range(3) for j in range(3) for c, d in _CROSS
-        ]
-    elif kind in (elements.SPRING, elements.DAMPER, elements.HINGE):
-        entries = [(i + c, j + d) for i in both for j in both for c, d in _FULL]
-        x += entries
-        if kind != elements.SPRING:
-            y += entries
+def _flat(*combinations: _Combination) -> list[float]:
+    return [number for constant, _ in combinations for number in constant.tolist()]

@@ -1,25 +1,19 @@
 """Laws of time in the element tables of mechanisms, in the plane and in space.
 
 A law has six parameters: c + r t + s t²/2 + A sin(ω t + φ).  Elements that are driven have
-them in their own row.  Where a law says more than that, or a number of another element is one,
-rows of kind `LAW` stand behind all elements, one for each law of the table:
-
-=========  ==================================================================
-``ints``   kind, row of the element, column of its ``reals`` that weight times law is added
-           to, or −1 for the six parameters of what is driven, whether terms follow
-``reals``  six parameters, weight
-=========  ==================================================================
-
-Each is followed by its terms, of kind `LAW_TERM`, with columns `WHAT`, `SIZE`, `REPEATS` and
-`ANOTHER`, whether one more follows:
+them among their own.  Where a law says more than that, or a number of another element is one,
+laws stand behind all elements as kinds of their own, with their six parameters and a weight: a
+`TARGET` in ``reals`` to which weight times law is added, or, where it is what `DRIVES` its
+element, the first of six parameters that are replaced.  Each is followed by its terms, `MORE`
+and `ANOTHER` telling whether one comes:
 
 ========  ===================================================================
-``WHAT``  the ``reals`` of the row
+``WHAT``  the numbers of the term
 ========  ===================================================================
-POWERS    coefficients of 1, t, t², …, `SIZE` of them
+POWERS    coefficients of 1, t, t², …, `COUNT` of them
 SINE      A, ω, φ
-SPLINE    first and last time; the next `SIZE` rows have the beginning of an interval
-          and the coefficients of (t − beginning)³, …, 1 in it
+SPLINE    first and last time; `COUNT` times the beginning of an interval and
+          the coefficients of (t − beginning)³, …, 1 in it
 ========  ===================================================================
 
 Beyond the last time a spline is not a number, unless it repeats itself.  `at_time` makes of
@@ -31,14 +25,13 @@ import numpy as np
 from newmark_cli.mechanisms import sines
 from newmark_cli.mechanisms.laws import (
     ANOTHER,
-    COLUMN,
+    COUNT,
+    DRIVES,
     LAW,
     MORE,
     POWERS,
     REPEATS,
     SINE,
-    SIZE,
-    SPLINE,
     TARGET,
     WEIGHT,
     WHAT,
@@ -52,16 +45,16 @@ _SLACK = 1e-6
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def law(t, reals, e, first, derivative):
-    """The six parameters from a column on as a law of time, or a derivative of it."""
+def law(t, reals, first, derivative):
+    """The six parameters from a place on as a law of time, or a derivative of it."""
     real = reals.dtype.type
     half = real(0.5)
-    rate, second = reals[e, first + 1], reals[e, first + 2]
-    amplitude, frequency = reals[e, first + 3], reals[e, first + 4]
-    phase = frequency * t + reals[e, first + 5]
+    rate, second = reals[0, first + 1], reals[0, first + 2]
+    amplitude, frequency = reals[0, first + 3], reals[0, first + 4]
+    phase = frequency * t + reals[0, first + 5]
     if derivative == 0:
         return (
-            reals[e, first]
+            reals[0, first]
             + (rate + half * second * t) * t
             + amplitude * sine_cosine(phase, real)[0]
         )
@@ -71,41 +64,41 @@ def law(t, reals, e, first, derivative):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _term(t, ints, reals, row, derivative):
-    """A term of a law of time, or its first or second derivative."""
+def _term(t, what, count, repeats, reals, r, derivative):
+    """A term of a law of time whose numbers begin at r, or its first or second derivative."""
     real = reals.dtype.type
-    what, size = ints[row, WHAT], ints[row, SIZE]
     total = real(0)
     if what == POWERS:
-        for k in range(size - 1, derivative - 1, -1):
+        for k in range(count - 1, derivative - 1, -1):
             factor = real(1)
             for j in range(derivative):
                 factor *= real(k - j)
-            total = total * t + factor * reals[row, k]
+            total = total * t + factor * reals[0, r + k]
         return total
     if what == SINE:
-        amplitude, frequency = reals[row, 0], reals[row, 1]
-        phase = frequency * t + reals[row, 2]
+        amplitude, frequency = reals[0, r], reals[0, r + 1]
+        phase = frequency * t + reals[0, r + 2]
         if derivative == 0:
             return amplitude * sine_cosine(phase, real)[0]
         if derivative == 1:
             return amplitude * frequency * sine_cosine(phase, real)[1]
         return -amplitude * frequency * frequency * sine_cosine(phase, real)[0]
-    first, last = reals[row, 0], reals[row, 1]
-    if ints[row, REPEATS] != 0:
+    first, last = reals[0, r], reals[0, r + 1]
+    if repeats != 0:
         t = t - (last - first) * np.floor((t - first) / (last - first))
     slack = real(_SLACK) * (last - first)
     if not first - slack <= t <= last + slack:
         return total + real(np.nan)
-    low, high = row + 1, row + size
+    low, high = 0, count - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if t >= reals[middle, 0]:
+        if t >= reals[0, r + 2 + 5 * middle]:
             low = middle
         else:
             high = middle - 1
-    x = t - reals[low, 0]
-    a, b, c, d = reals[low, 1], reals[low, 2], reals[low, 3], reals[low, 4]
+    r += 2 + 5 * low
+    x = t - reals[0, r]
+    a, b, c, d = reals[0, r + 1], reals[0, r + 2], reals[0, r + 3], reals[0, r + 4]
     if derivative == 0:
         return ((a * x + b) * x + c) * x + d
     if derivative == 1:
@@ -114,37 +107,44 @@ def _term(t, ints, reals, row, derivative):
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _whole_law(t, ints, reals, row, derivative):
-    """The law in a row, with its terms, or its first or second derivative."""
-    value = law(t, reals, row, 0, derivative)
-    term = row + 1 if ints[row, MORE] != 0 else 0
-    while term > 0:
-        value += _term(t, ints, reals, term, derivative)
-        after = term + 1 + (ints[term, SIZE] if ints[term, WHAT] == SPLINE else 0)
-        term = after if ints[term, ANOTHER] != 0 else 0
+def _whole_law(t, ints, reals, e, derivative):
+    """The law at e, with its terms, or its first or second derivative."""
+    value = law(t, reals, ints[0, e + 2], derivative)
+    another = ints[0, e + MORE]
+    while another != 0:
+        e += ints[0, e + 1]
+        what, count, repeats = ints[0, e + WHAT], ints[0, e + COUNT], ints[0, e + REPEATS]
+        value += _term(t, what, count, repeats, reals, ints[0, e + 2], derivative)
+        another = ints[0, e + ANOTHER]
     return value
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def at_time(t, ints, reals, parameters):
-    """Both tables without the rows of laws, with laws that at t = 0 are what they are at t.
+def at_time(t, ints, reals):
+    """Where the laws of a table begin, and (1, …) its numbers up to there.
+
+    Laws of these numbers are at t = 0 what those of the table are at t.
 
     Args:
         t: Time (s).
-        ints, reals: Tables with rows of kind `LAW`.
-        parameters: Column from which on the row of what is driven has its six.
+        ints, reals: Tables with laws.
     """
-    count = 0
-    while ints[count, 0] != LAW:
-        count += 1
-    frozen = reals[:count].copy()
-    for row in range(count, ints.shape[0]):
-        if ints[row, 0] == LAW:
-            e, column = ints[row, TARGET], ints[row, COLUMN]
-            if column < 0:
+    last = 0
+    while ints[0, last] != LAW:
+        last += ints[0, last + 1]
+    frozen = np.empty((1, ints[0, last + 2]), reals.dtype)
+    for k in range(frozen.shape[1]):
+        frozen[0, k] = reals[0, k]
+    e = last
+    while e < ints.shape[1]:
+        if ints[0, e] == LAW:
+            target = ints[0, e + TARGET]
+            if ints[0, e + DRIVES] != 0:
                 for k in range(3):
-                    frozen[e, parameters + k] = _whole_law(t, ints, reals, row, k)
-                frozen[e, parameters + 3] = 0
+                    frozen[0, target + k] = _whole_law(t, ints, reals, e, k)
+                frozen[0, target + 3] = 0
             else:
-                frozen[e, column] += reals[row, WEIGHT] * _whole_law(t, ints, reals, row, 0)
-    return ints[:count], frozen
+                weight = reals[0, ints[0, e + 2] + WEIGHT]
+                frozen[0, target] += weight * _whole_law(t, ints, reals, e, 0)
+        e += ints[0, e + 1]
+    return last, frozen

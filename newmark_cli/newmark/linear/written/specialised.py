@@ -201,7 +201,7 @@ class _Parts:
             f"{self.dtype.itemsize * self.shapes['force'][0]}, i1 false)",
         ]
         starts = self.elements.starts.tolist()
-        for first, last in zip(starts, [*starts[1:], len(self.constants["ints"])], strict=True):
+        for first, last in zip(starts, [*starts[1:], self.constants["ints"].size], strict=True):
             rows = [f"i64 {first}", f"i64 {last}"]
             evaluated.append(self._call(accumulate, _EVALUATED, number, rows))
         corrected = [

@@ -1,0 +1,300 @@
+"""Elements of mechanisms as the tables of `newmark_cli.mechanisms.elements`, and places of values.
+
+Both tables and all places are laid out together for elements of one shape, one or a million.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from newmark_cli.mechanisms import elements, laws
+from newmark_cli.problems.problem import Elements, Pattern
+from newmark_cli.support.arrays import Array, IndexArray
+
+#: Place in u of a vector, and its weights; of a single coordinate, and its weight.
+Term = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element, but for where its values go.
+
+    Attributes:
+        kind: One of the kinds of `elements`.
+        components: Of its vectors; 0 where it has single coordinates only.
+        row: Its constraint, if it is one.
+        first, second, single: Terms.
+        constants: What is constant of its combinations.
+        parameters: Those of its kind.
+        turned: Whether weights are a and b of a + bR.
+        timed: Laws of time.
+    """
+
+    kind: int
+    components: int
+    row: int = -1
+    first: Sequence[Term] = ()
+    second: Sequence[Term] = ()
+    single: Sequence[Term] = ()
+    constants: Sequence[float] = ()
+    parameters: Sequence[float] = ()
+    turned: bool = False
+    timed: Sequence[laws.Timed] = ()
+
+    @property
+    def shape(self) -> "Shape":
+        """What it has in common with others."""
+        counts = map(len, (self.first, self.second, self.single))
+        given = len(self.constants), len(self.parameters)
+        return Shape(self.kind, self.components, self.turned, *given, *counts)
+
+
+#: A place in the values of a matrix: term of the row and a coordinate of it, and of the column.
+_Entry = tuple[int, int, int, int]
+
+
+class Shape(NamedTuple):
+    """What elements have in common whose rows of the tables look alike: see `Element`."""
+
+    kind: int
+    components: int
+    turned: bool
+    constants: int
+    parameters: int
+    first: int
+    second: int
+    single: int
+
+    def x_entries(self) -> list[_Entry]:
+        """Places of the values of X, in the order in which the loop writes them."""
+        kind, vectors = self.kind, range(self.first + self.second)
+        axes = range(self.components)
+        every = [(c, d) for c in axes for d in axes]
+        block = every if self.turned else [(c, c) for c in axes]
+        crossed = [(c + a, c + b) for c in range(3) for a, b in ((1, 2), (2, 1))]
+        if kind in (elements.LINK, elements.SQUARE):
+            return [(i, c, j, d) for i in vectors for j in vectors for c, d in block]
+        if kind in (elements.PRODUCT, elements.ANGLE):
+            pairs = [(i, j) for i in range(self.first) for j in vectors[self.first :]]
+            return [(a, c, b, d) for i, j in pairs for a, b in ((i, j), (j, i)) for c, d in block]
+        if kind == elements.COUPLE:
+            angle = self.second
+            sides = [(i, c) for i in vectors for c in axes]
+            both = [entry for i, c in sides for entry in ((i, c, angle, 0), (angle, 0, i, c))]
+            return [*both, (angle, 0, angle, 0)]
+        if kind == elements.TWIST:
+            return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
+        if kind in (elements.MOMENT, elements.FOLLOWER):
+            directors = [
+                (i, j) for i in range(3) for j in range(3) if kind != elements.MOMENT or i == j
+            ]
+            return [(0, 3 * i + c % 3, 0, 3 * j + d % 3) for i, j in directors for c, d in crossed]
+        if kind in (elements.SPRING, elements.DAMPER, elements.TORQUE, elements.HINGE):
+            return [(i, c, j, d) for i in vectors for j in vectors for c, d in every]
+        return []
+
+    def y_entries(self) -> list[_Entry]:
+        """The same of Y."""
+        damps = self.kind in (elements.DAMPER, elements.TWIST, elements.HINGE)
+        return self.x_entries() if damps else []
+
+    def g_entries(self) -> list[tuple[int, int]]:
+        """Terms and coordinates of the values of G."""
+        if self.kind not in elements.CONSTRAINTS:
+            return []
+        vectors = self.first + self.second
+        of_vectors = [(i, c) for i in range(vectors) for c in range(self.components)]
+        return of_vectors + [(vectors + i, 0) for i in range(self.single)]
+
+
+class Group(NamedTuple):
+    """Elements of one shape.
+
+    Attributes:
+        shape: Their shape.
+        numbers: (k,) places of the elements among all.
+        rows: (k,) their constraints.
+        places: (k, terms) places in u of their terms.
+        reals: (k, …) constants, parameters and weights.
+    """
+
+    shape: Shape
+    numbers: IndexArray
+    rows: IndexArray
+    places: IndexArray
+    reals: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """What a problem is made of.
+
+    Attributes:
+        ints, reals: Element tables.
+        starts: Where elements begin in ``ints``.
+        x, y, g: (2, entries) places of the values of X, Y and G.
+        timed: Whether laws of time stand behind the elements.
+        kinds: Of all elements.
+    """
+
+    ints: IndexArray
+    reals: Array
+    starts: IndexArray
+    x: IndexArray
+    y: IndexArray
+    g: IndexArray
+    timed: bool
+    kinds: frozenset[int]
+
+    def functions(self, conservative: bool) -> Mapping[str, Any]:
+        """Fields of a `Problem`: its functions, as far as these elements ask for them."""
+        rare = any(kind >= elements.COUPLE for kind in self.kinds)
+        return {
+            "function": (
+                elements.evaluate_timed
+                if self.timed
+                else elements.evaluate_all
+                if rare
+                else elements.evaluate
+            ),
+            "derivatives": (
+                elements.timed_constraint_derivatives
+                if self.timed
+                else elements.constraint_derivatives
+            ),
+            "potential": (
+                None
+                if not conservative
+                else elements.timed_potential
+                if self.timed
+                else elements.potential
+            ),
+            "ints": self.ints,
+            "reals": self.reals,
+            # Laws of time and angles take seconds to write out.
+            "elements": (
+                None if self.timed or rare else Elements(elements.accumulate, self.starts)
+            ),
+        }
+
+    def pattern(self, mass: IndexArray) -> Pattern:
+        """Places of all values; (2, entries) of those of the mass matrix are given."""
+        return Pattern(*mass, *self.x, *self.y, *self.g)
+
+
+def grouped(given: Sequence[Element]) -> Iterator[Group]:
+    """Elements by their shape."""
+    shapes: dict[Shape, list[int]] = {}
+    for number, element in enumerate(given):
+        shapes.setdefault(element.shape, []).append(number)
+    for shape, numbers in shapes.items():
+        these = [given[number] for number in numbers]
+        terms = [(*one.first, *one.second, *one.single) for one in these]
+        places = [[place for place, *_ in of] for of in terms]
+        reals = [
+            [*one.constants, *one.parameters, *(w for _, *ws in of for w in ws)]
+            for one, of in zip(these, terms, strict=True)
+        ]
+        yield Group(
+            shape,
+            np.array(numbers, np.int64),
+            np.array([one.row for one in these], np.int64),
+            np.array(places, np.int64).reshape(len(these), -1),
+            np.array(reals, float).reshape(len(these), -1),
+        )
+
+
+def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()) -> Tables:
+    """Both tables, and places of the values.
+
+    Args:
+        groups: All elements.
+        timed: Numbers of elements, and laws that they have.
+    """
+    groups = list(groups)
+    count = sum(len(group.numbers) for group in groups)
+    # Entries of each element in both tables and in X, Y and G.
+    sizes = np.zeros((5, count), np.int64)
+    entries = []
+    for shape, numbers, _, places, reals in groups:
+        values = shape.x_entries(), shape.y_entries(), shape.g_entries()
+        entries.append([np.array(of, np.int64).T for of in values])
+        width = elements.PLACES + places.shape[1], reals.shape[1]
+        sizes[:, numbers] = np.array([*width, *map(len, values)])[:, None]
+    begins = np.zeros((5, count + 1), np.int64)
+    np.cumsum(sizes, axis=1, out=begins[:, 1:])
+    ints = np.zeros(begins[0, -1], np.int64)
+    numbers_of = np.zeros(begins[1, -1])
+    x, y, g = (np.zeros((2, size), np.int64) for size in begins[2:, -1])
+    given_at = np.zeros(count, np.int64)
+    for (shape, numbers, rows, places, reals), values in zip(groups, entries, strict=True):
+        at = begins[:, numbers]
+        parameters = at[1] + shape.constants
+        given_at[numbers] = parameters
+        header = [
+            shape.kind, sizes[0, numbers], at[1], parameters, parameters + shape.parameters, rows,
+            *at[2:], shape.components, shape.turned, shape.parameters, shape.first, shape.second,
+            shape.single,
+        ]  # fmt: skip
+        for column, value in enumerate(header):
+            ints[at[0] + column] = value
+        _put(ints, at[0] + elements.PLACES, places)
+        _put(numbers_of, at[1], reals)
+        for to, begin, of in zip((x, y), at[2:4], values[:2], strict=True):
+            if of.size:
+                for side in (0, 1):
+                    _put(to[side], begin, places[:, of[2 * side]] + of[2 * side + 1])
+        if values[2].size:
+            term, coordinate = values[2]
+            _put(g[0], at[4], places[:, term] + coordinate)
+            _put(g[1], at[4], np.repeat(rows[:, None], len(term), axis=1))
+    drives = {number: shape.parameters - elements.LAW for shape, of, *_ in groups for number in of}
+    behind, values_behind = ints.tolist() if timed else [], list[float]()
+    chunks = laws.chunks(
+        [
+            (int(given_at[i]) + (drives[i] if law.target is None else law.target), law)
+            for i, law in timed
+        ]
+    )
+    for (kind, *columns), chunk in chunks:
+        begin = begins[1, -1] + len(values_behind)
+        behind += [kind, 3 + len(columns), begin, *columns]
+        values_behind += chunk
+    if values_behind:
+        ints = np.array(behind, np.int64)
+        numbers_of = np.concatenate([numbers_of, values_behind])
+    kinds = frozenset(group.shape.kind for group in groups)
+    starts = begins[0, :-1].copy()
+    return Tables(ints[None], numbers_of[None], starts, x, y, g, bool(values_behind), kinds)
+
+
+def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray) -> None:
+    """Rows of values, each from its place on."""
+    to[begins[:, None] + np.arange(values.shape[1])] = values
+
+
+def of_elements(given: Sequence[Element]) -> Tables:
+    """The tables of elements in their order."""
+    timed = [(number, law) for number, one in enumerate(given) for law in one.timed]
+    return tables(grouped(given), timed)
+
+
+def until(given: Sequence[Element]) -> float:
+    """Time (s) up to which all laws of some elements say anything."""
+    return min((laws.until(law.law) for one in given for law in one.timed), default=math.inf)
+
+
+def loads(numbers: IndexArray, places: IndexArray, forces: Array) -> Group:
+    """Constant forces (k, components) on vectors.
+
+    Args:
+        numbers: (k,) places of these elements among all.
+        places: (k,) places of the vectors in u.
+        forces: The forces (N).
+    """
+    components = forces.shape[1]
+    shape = Shape(elements.LOAD, components, False, 0, components, 1, 0, 0)
+    return Group(shape, numbers, np.full(len(numbers), -1), places[:, None], forces)
