@@ -606,7 +606,8 @@ class Builder(builder.Builder):
         """An element about the axis of a joint: Q and P of its first body, K of the other."""
         a, b = joint.sides
         q, p, other = _direction(a, "q"), _direction(a, "p"), _direction(b, "p")
-        of_q, of_p = dict(q[1]), dict(p[1])
+        of_q: dict[int, float] = dict(q[1])
+        of_p: dict[int, float] = dict(p[1])
         both = sorted(of_q.keys() | of_p.keys())
         first = [(place, of_q.get(place, 0.0), of_p.get(place, 0.0)) for place in both]
         self._elements.append(

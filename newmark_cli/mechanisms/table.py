@@ -220,10 +220,10 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
     sizes = np.zeros((5, count), np.int64)
     entries = []
     for shape, numbers, _, places, reals in groups:
-        values = shape.x_entries(), shape.y_entries(), shape.g_entries()
-        entries.append([np.array(of, np.int64).T for of in values])
+        all_entries = shape.x_entries(), shape.y_entries(), shape.g_entries()
+        entries.append([np.array(of, np.int64).T for of in all_entries])
         width = elements.PLACES + places.shape[1], reals.shape[1]
-        sizes[:, numbers] = np.array([*width, *map(len, values)])[:, None]
+        sizes[:, numbers] = np.array([*width, *(len(of) for of in all_entries)])[:, None]
     begins = np.zeros((5, count + 1), np.int64)
     np.cumsum(sizes, axis=1, out=begins[:, 1:])
     ints = np.zeros(begins[0, -1], np.int64)
