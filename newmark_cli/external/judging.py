@@ -13,7 +13,7 @@ from newmark_cli.external import options as options_of
 from newmark_cli.external.diagnosing import Finding, diagnosed
 from newmark_cli.external.matching import matched
 from newmark_cli.external.measuring import Measured, Motion, measured, method, slopes
-from newmark_cli.external.reading import STEP_SIZE, UNNAMED, names_of, read
+from newmark_cli.external.reading import METHOD, STEP_SIZE, UNNAMED, names_of, read
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -26,9 +26,6 @@ from newmark_cli.study.measures import symbol
 
 if TYPE_CHECKING:
     import pandas as pd
-
-#: Axes that say which method a code has.
-METHOD = ("integrator", "formulation", "projection", "multipliers", "start")
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +175,7 @@ def judge(
     projection: Any = None,
     multipliers: str | None = None,
     start: str | None = None,
+    evaluation: str | None = None,
     columns: Mapping[str, Any] | str | Path | None = None,
     expect: Sequence[Mapping[str, Any]] | str | Path | None = None,
 ) -> Judged:
@@ -188,7 +186,7 @@ def judge(
             with ``h``, ``tolerance`` or ``steps``, ``t``, and the state under the names of
             `Trajectory.to_frame`; see docs/judge.md.
         problem: What was solved: what `problem` takes.
-        integrator, formulation, projection, multipliers, start: The code's method, as of
+        integrator, formulation, projection, multipliers, start, evaluation: The method, as of
             `march`, which says what orders to expect; generalized-α with ρ∞ = 0.9 and index 3
             where nothing is said.  Columns of these names go before.
         columns: Column of this tool → column of the table, with a factor if need be:
@@ -220,13 +218,8 @@ def judge(
         ['factor of λ']
     """
     given = problem_of(problem)
-    options = {
-        name: value
-        for name, value in zip(
-            METHOD, (integrator, formulation, projection, multipliers, start), strict=True
-        )
-        if value is not None
-    }
+    said = (integrator, formulation, projection, multipliers, start, evaluation)
+    options = {name: one for name, one in zip(METHOD, said, strict=True) if one is not None}
     method(options)
     wanted = options_of.expected(expect)
     runs = read(table, given, options_of.columns(columns))

@@ -29,9 +29,11 @@ STEP_SIZE, TOLERANCE = "h", "tolerance"
 ABSCISSAS = (STEP_SIZE, TOLERANCE, "steps")
 #: Parts of a state.
 STATE = ("u", "v", "lambda", "output")
+#: Axes that say which method a code has.
+METHOD = ("integrator", "formulation", "projection", "multipliers", "start", "evaluation")
 #: Columns besides the state: of numbers, and of text.
 NUMBERS = (*ABSCISSAS, "t", "twin", "iterations", "seconds", "calls", "correction")
-TEXTS = ("series", "message", "integrator", "formulation", "projection", "multipliers", "start")
+TEXTS = ("series", "message", *METHOD)
 #: Newton's successive corrections in a step.
 CORRECTIONS = re.compile(r"correction\[(\d+)\]")
 #: Names without brackets that number a part of the state: ``u1``, ``v_3``, ``lam[2]``.
