@@ -25,6 +25,7 @@ from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.reading.words import spelled
 from newmark_cli.report.tables.check import format_integrator
 from newmark_cli.study import axes, config
+from newmark_cli.study.drawing import Definition
 from newmark_cli.support.documents import Document
 
 SWING = {
@@ -295,3 +296,10 @@ def test_figures_have_the_title_of_a_mechanism(cli):
     for study, said in (("of-swing", "A swing"), ("of-plain", "plain")):
         (figure,) = automatic.figures(study, given)
         assert figure.title.startswith(f"{said}, (u, λ) form")
+    both = STUDY | {"study": "both", "problem": ["swing.yaml", "plain.yaml"], "h": [1e-2, 1e-3]}
+    cli.write("both-study.yaml", json.dumps(both | {"t_end": 0.01}))
+    cli("run", "both-study.yaml")
+    given = Results(folder, collect(folder))
+    definition = Definition(("condition",), panels=("problem",))
+    (figure,) = automatic.figures("both", given, [definition])
+    assert [part.titles for part in figure.parts] == [("A swing",), ("plain",)]

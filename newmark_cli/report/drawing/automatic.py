@@ -147,7 +147,7 @@ def _defined(
             title = definition.title and ": ".join(filter(None, (definition.title, rest)))
         parts = tuple(
             Part(
-                tuple(spelled_by(definition, a, where[a]) for a in grid.panels if where[a]),
+                tuple(_panel(definition, a, where[a], titles) for a in grid.panels if where[a]),
                 tuple(
                     curve_of(definition, _told_apart(grid, definition, s), s.key.named())
                     for s in several
@@ -272,6 +272,13 @@ def _grouped(
 
 
 # -- words --------------------------------------------------------------------------------------
+
+
+def _panel(definition: Definition, axis: str, value: str, titles: Mapping[str, str]) -> str:
+    """A value that tells panels apart: by its label, a mechanism without one by its title."""
+    given = spelled_by(definition, axis, value)
+    own = axis == "problem" and given == spelled(axis, value)
+    return titles.get(value, given) if own else given
 
 
 def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str, str]) -> str:
