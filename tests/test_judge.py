@@ -2,10 +2,10 @@
 
 import json
 
+import faulty_code
 import numpy as np
 import pandas as pd
 import pytest
-import textbook
 from each import each
 from pages import ROOT
 
@@ -36,18 +36,18 @@ def swings(sizes=(0.02, 0.01, 0.005, 0.0025), integrator="generalized-alpha rho=
     return pd.concat(found, ignore_index=True)
 
 
-@each("fault", ["", *textbook.FAULTS])
+@each("fault", ["", *faulty_code.FAULTS])
 @each("subject", list(RUNS))
 def test_a_fault_of_a_textbook_code_is_named_and_a_sound_one_has_none(fault, subject):
     problem = newmark.problem(subject)
     sizes, t_end, tolerance, small = RUNS[subject]
     if fault == "tolerance on λ":
         sizes = [*sizes[:2], small]
-    table = textbook.table(problem, sizes, t_end, fault, True, tolerance)
+    table = faulty_code.table(problem, sizes, t_end, fault, True, tolerance)
     found = judged(table, problem)
     names = {one.name for one in found.faults}
     if fault:
-        assert textbook.FAULTS[fault] in names
+        assert faulty_code.FAULTS[fault] in names
         assert found.fails()
     else:
         assert not names
@@ -58,9 +58,9 @@ def test_mistakes_are_explained_by_numbers():
     """A mass of 1.1 that does not weigh more, λ of another Φ, and when it drifts like t²."""
     problem = newmark.problem(THROWN)
     sizes, t_end, *_ = RUNS[THROWN]
-    (mass,) = judged(textbook.table(problem, sizes, t_end, "mass of one point"), problem).faults
+    (mass,) = judged(faulty_code.table(problem, sizes, t_end, "mass of one point"), problem).faults
     assert "the inertia, but not the weight, of P were 1.1 times the mechanism's" in mass.text
-    (factor,) = judged(textbook.table(problem, sizes, t_end, "λ of |Δ|² − L²"), problem).faults
+    (factor,) = judged(faulty_code.table(problem, sizes, t_end, "λ of |Δ|² − L²"), problem).faults
     assert factor.evidence["factor"] == 0.5
     long = newmark.march(THROWN, h=1e-3, t_end=2.0, formulation="index-1", integrator="bdf2")
     (drift,) = judged(long.to_frame().assign(h=1e-3), problem, integrator="bdf2").faults

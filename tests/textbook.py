@@ -1,136 +1,143 @@
-"""A textbook generalized-α code for index 3, with faults to switch on; no part of the package."""
+"""Integrators as their papers write them, marched in mpmath.
 
-import numpy as np
-import pandas as pd
+Unknowns of a step are u, v, v', a and λ, all at once; nothing is eliminated, and
+nothing comes from the package but the parameters' values.
+"""
 
-#: Fault → name of the finding that must say so.
-FAULTS = {
-    "a(0) is not computed": "inconsistent a(0)",
-    "γ of another method": "order 1",
-    "γ without its β": "blow-up",
-    "λ of |Δ|² − L²": "factor of λ",
-    "tangent without ∂(Gλ)/∂u": "linear convergence",
-    "tolerance on h² λ": "Newton ends early",
-    "tolerance on λ": "tolerance out of reach",
-    "constraints at the level of velocities": "drift",
-    "constraints at the level of accelerations": "drift",
-    "single precision": "single precision",
-    "start off Gᵀv = 0": "start off its constraints",
-    "h summed up in single precision": "clock",
-    "mass of one point": "another mechanism",
-}
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from mpmath import matrix, mp, mpf, norm
+
+from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+
+Vector = list[mpf]
 
 
+@dataclass(frozen=True)
 class System:
-    """Terms of a problem as a code of one's own would have them."""
+    """M v' = F(t, u, v, λ), 0 = Φ(u).
 
-    def __init__(self, problem, fault):
-        self.problem, self.M = problem, np.array(problem.M)
-        if fault == "mass of one point":
-            share = np.ones(problem.n)
-            share[-max(2, problem.n // 3) :] = 1.1
-            self.M *= np.sqrt(np.outer(share, share))
+    Attributes:
+        mass: M, rows of numbers.
+        force: F = f + Gλ.
+        phi: Φ.
+    """
 
-    def at(self, t, u, v, lam):
-        """f + G λ, its derivatives X and Y with a minus, Φ and G."""
-        return self.problem.evaluate(t, *(np.asarray(x, float) for x in (u, v, lam)))
-
-    def rates(self, t, u, v):
-        """Φ_t and κ."""
-        return self.problem.constraint_derivatives(t, np.asarray(u, float), np.asarray(v, float))
+    mass: list[Vector]
+    force: Callable[[mpf, Vector, Vector, Vector], Vector]
+    phi: Callable[[Vector], Vector]
 
 
-def rows(problem, h, t_end, fault="", tolerance=1e-10):
-    """t, u, v, λ, iterations and corrections: the start, two steps, and the last three."""
-    dtype = np.float32 if fault == "single precision" else float
-    system, m = System(problem, fault), problem.m
-    rho = 0.9
-    am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
-    gamma = 0.5 - am + af
-    beta = 0.25 * (0.5 + gamma) ** 2
-    if fault == "γ of another method":
-        gamma += 0.05
-        beta = 0.25 * (0.5 + gamma) ** 2
-    elif fault == "γ without its β":
-        gamma += 0.1
-    u, v, none = problem.u0.astype(dtype), problem.v0.astype(dtype), np.zeros(m)
-    G = system.at(0, u, v, none).G
-    if fault == "start off Gᵀv = 0":
-        v = v + 0.02 * max(1.0, np.abs(v).max()) * G[:, 0] / np.linalg.norm(G[:, 0])
-    first = np.block([[system.M, -G], [G.T, np.zeros((m, m))]])
-    right = np.concatenate([system.at(0, u, v, none).force, -system.rates(0, u, v)[1]])
-    vd, lam = np.split(np.linalg.solve(first, right).astype(dtype), [problem.n])
-    if fault == "a(0) is not computed":
-        vd = 0 * vd
-    a, t, steps = vd.copy(), dtype(0), round(t_end / h)
-    yield 0.0, u, v, lam, 0, []
-    for k in range(1, steps + 1):
-        now, step = k * h, h
-        if fault == "h summed up in single precision":
-            now = np.float32(t) + np.float32(h)
-            step = float(now) - float(t)
-        bh, gh = (x * (1 - af) / (1 - am) for x in (beta * step**2, gamma * step))
-        part = (af * vd - am * a) / (1 - am)
-        up = u + step * v + step**2 * ((0.5 - beta) * a + beta * part)
-        vp = v + step * ((1 - gamma) * a + gamma * part)
-        x, last, corrections = 0 * vd, np.inf, []
-        while len(corrections) < 30:
-            un, vn = (up + bh * x).astype(dtype), (vp + gh * x).astype(dtype)
-            terms = system.at(now, un, vn, lam)
-            stiffness = terms.X
-            if fault == "tangent without ∂(Gλ)/∂u":
-                stiffness = system.at(now, un, vn, none).X
-            c, row, scale = terms.phi, terms.G.T * bh, 1 / bh
-            if fault == "constraints at the level of velocities":
-                c, row = terms.G.T @ vn + system.rates(now, un, vn)[0], terms.G.T * gh
-                scale = 1 / gh
-            elif fault == "constraints at the level of accelerations":
-                c, row, scale = terms.G.T @ x + system.rates(now, un, vn)[1], terms.G.T, 1.0
-            J = np.block([
-                [system.M + gh * terms.Y + bh * stiffness, -terms.G],
-                [scale * row, np.zeros((m, m))],
+@dataclass(frozen=True)
+class Motion:
+    """One instant: u, v, the true acceleration v', the scheme's a, and λ."""
+
+    t: mpf
+    u: Vector
+    v: Vector
+    rate: Vector
+    a: Vector
+    multipliers: Vector
+
+
+def relations(integrator, system: System, h: mpf, before: Motion, old: Motion, new: Motion):
+    """What u, v, v', a satisfy beside dynamics and constraints; 3 n residuals."""
+    index = range(len(new.u))
+    half = mpf(1) / 2
+    match integrator:
+        case Newmark(beta, gamma):
+            alpha_m = alpha_f = 0
+        case GeneralizedAlpha(rho):
+            # Chung and Hulbert (1993), eqs. 25, 17, 20
+            rho = mpf(rho)
+            alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+            beta, gamma = (1 - alpha_m + alpha_f) ** 2 / 4, half - alpha_m + alpha_f
+        case HHT(alpha):
+            # Hilber, Hughes and Taylor (1977): forces averaged over the step.
+            alpha = mpf(alpha)
+            beta, gamma = (1 + alpha) ** 2 / 4, half + alpha
+            begin = system.force(old.t, old.u, old.v, old.multipliers)
+            end = system.force(new.t, new.u, new.v, new.multipliers)
+            averaged = [(1 - alpha) * y + alpha * x for x, y in zip(begin, end, strict=True)]
+        case BDF1():
+            return [
+                *(new.u[i] - old.u[i] - h * new.v[i] for i in index),
+                *(new.v[i] - old.v[i] - h * new.rate[i] for i in index),
+                *(new.a[i] - new.rate[i] for i in index),
+            ]
+        case BDF2():
+            return [
+                *(3 * new.u[i] - 4 * old.u[i] + before.u[i] - 2 * h * new.v[i] for i in index),
+                *(3 * new.v[i] - 4 * old.v[i] + before.v[i] - 2 * h * new.rate[i] for i in index),
+                *(new.a[i] - new.rate[i] for i in index),
+            ]
+    moved = [
+        old.u[i] + h * old.v[i] + h**2 * ((half - beta) * old.a[i] + beta * new.a[i]) for i in index
+    ]
+    turned = [old.v[i] + h * ((1 - gamma) * old.a[i] + gamma * new.a[i]) for i in index]
+    if isinstance(integrator, HHT):
+        last = [mp.fdot(system.mass[i], new.a) - averaged[i] for i in index]
+    else:
+        # Arnold and Brüls (2007), eq. 3
+        last = [
+            (1 - alpha_m) * new.a[i] + alpha_m * old.a[i]
+            - (1 - alpha_f) * new.rate[i] - alpha_f * old.rate[i]
+            for i in index
+        ]  # fmt: skip
+    return [
+        *(new.u[i] - moved[i] for i in index),
+        *(new.v[i] - turned[i] for i in index),
+        *last,
+    ]
+
+
+def march(integrator, system: System, start: Motion, h: mpf, steps: int) -> Iterator[Motion]:
+    """Steps from a start whose a is its v'; in the working precision of mpmath.
+
+    The step before the first is a Taylor expansion backwards.
+    """
+    old, n = start, len(start.u)
+    before = Motion(
+        t=start.t - h,
+        u=[u - h * v + h**2 * a / 2 for u, v, a in zip(start.u, start.v, start.a, strict=True)],
+        v=[v - h * a for v, a in zip(start.v, start.a, strict=True)],
+        rate=start.rate,
+        a=start.a,
+        multipliers=start.multipliers,
+    )
+
+    def unpacked(z, t):
+        z = list(z)
+        return Motion(t, z[:n], z[n : 2 * n], z[2 * n : 3 * n], z[3 * n : 4 * n], z[4 * n :])
+
+    for step in range(1, steps + 1):
+        t = start.t + step * h
+
+        def residual(z, t=t, before=before, old=old):
+            new = unpacked(z, t)
+            force = system.force(t, new.u, new.v, new.multipliers)
+            return matrix([
+                *relations(integrator, system, h, before, old, new),
+                *(mp.fdot(row, new.rate) - f for row, f in zip(system.mass, force, strict=True)),
+                *system.phi(new.u),
             ])  # fmt: skip
-            residual = np.concatenate([system.M @ x - terms.force, scale * c])
-            change = np.linalg.solve(J.astype(dtype), -residual.astype(dtype))
-            x, lam = x + change[:-m], lam + change[-m:]
-            size = bh * np.linalg.norm(change[:-m])
-            corrections.append(float(size))
-            of_lam = np.linalg.norm(change[-m:])
-            if fault == "tolerance on h² λ":
-                done = bh * of_lam < 1e-6
-            elif fault == "tolerance on λ":
-                done = of_lam < tolerance * np.linalg.norm(lam)
-            else:
-                done = size < 20 * np.finfo(dtype).eps * np.linalg.norm(u) or size >= last
-            if done:
-                break
-            last = size
-        a, vd = (part + (1 - af) / (1 - am) * x).astype(dtype), x.astype(dtype)
-        u, v, t = (up + bh * x).astype(dtype), (vp + gh * x).astype(dtype), now
-        if k <= 2 or k >= steps - 2:
-            yield float(t), u, v, lam, len(corrections), corrections
 
-
-def table(problem, sizes, t_end, fault="", corrections=False, tolerance=1e-10):
-    """What the code writes, for each step size."""
-    found = []
-    for h in sizes:
-        with np.errstate(all="ignore"):
-            try:
-                kept = list(rows(problem, h, t_end, fault, tolerance))
-            except np.linalg.LinAlgError as error:
-                found.append({"h": h, "t": t_end, "message": str(error)})
-                continue
-        for t, u, v, lam, iterations, sizes_of in kept:
-            if fault == "λ of |Δ|² − L²":
-                lam = lam / 2
-            found.append({"h": h, "t": t, "iterations": iterations or np.nan})
-            for part, names, values in (
-                ("u", problem.coordinate_names, u),
-                ("v", problem.coordinate_names, v),
-                ("lambda", problem.constraint_names, lam),
-            ):
-                found[-1] |= {f"{part}[{n}]": float(x) for n, x in zip(names, values, strict=True)}
-            if corrections:
-                found[-1] |= {f"correction[{i}]": x for i, x in enumerate(sizes_of, start=1)}
-    return pd.DataFrame(found)
+        z = matrix([*old.u, *old.v, *old.rate, *old.a, *old.multipliers])
+        shift = mpf(10) ** (-mp.dps // 2)
+        correction = mpf(1)
+        iterations = 0
+        while norm(correction) > mpf(10) ** (5 - mp.dps) * norm(z) / h**2:
+            here = residual(z)
+            if iterations < 3:  # later ones gain digits with these factors too
+                jacobian = matrix(len(z), len(z))
+                for j in range(len(z)):
+                    moved = z.copy()
+                    moved[j] += shift
+                    jacobian[:, j] = (residual(moved) - here) / shift
+                factors, swaps = mp.LU_decomp(jacobian)
+            correction = mp.U_solve(factors, mp.L_solve(factors, -here, swaps))
+            z += correction
+            iterations += 1
+        before, old = old, unpacked(z, t)
+        yield old
