@@ -11,24 +11,13 @@ import pytest
 import newmark_cli as newmark
 from newmark_cli.problems import reference
 
-PEERS = Path(__file__).parents[1] / "benchmarks" / "peers"
-
 
 @pytest.fixture
 def peers(monkeypatch):
     """The modules `common` and `report`."""
-    monkeypatch.syspath_prepend(str(PEERS))
+    folder = Path(__file__).parents[1] / "benchmarks" / "peers"
+    monkeypatch.syspath_prepend(str(folder))
     return importlib.import_module("common"), importlib.import_module("report")
-
-
-def written(common, problem, results):
-    """A frame of runs as a script writes them, at h = 1e-2, 1e-3, …; t_end 0.5 s."""
-    rows = [
-        common.row(common.Run("A code", "h", 10.0 ** -(k + 2), None), 0.5, result, 0.25, problem)
-        for k, result in enumerate(results)
-    ]
-    frame = pd.DataFrame(rows, columns=common.columns(problem)).replace("", np.nan)
-    return frame.astype({name: float for name in frame if name[1:2] == "[" or name == "h"})
 
 
 def test_files_have_the_names_of_a_march(peers):
@@ -46,21 +35,26 @@ def test_errors_and_words_of_a_table(peers):
     common, report = peers
     problem, t_end = common.load("thrown-pendulum")
     at = reference.solution(problem, t_end)
+
+    def table(*results):
+        runs = [common.Run("A code", "h", 10.0**-k, None) for k in range(2, 2 + len(results))]
+        rows = [common.row(a, t_end, b, 0.1, problem) for a, b in zip(runs, results, strict=True)]
+        frame = pd.DataFrame(rows, columns=common.columns(problem)).replace("", np.nan)
+        numbers = [name for name in frame if "[" in name or name == "h"]
+        runs = report.measured(frame.astype(dict.fromkeys(numbers, float)), problem, t_end)
+        return report.rows(runs, str.upper)[0]
+
+    size = np.abs(at.u).max()
     off = [
-        common.Result(at.u + 1e-3 * np.abs(at.u).max(), at.v, at.multipliers * (1 + error))
+        common.Result(at.u + 1e-3 * size, at.v, at.multipliers * (1 + error))
         for error in (1e-4, 1e-3, 1e-1, 10.0)
     ]
-    runs = report.measured(written(common, problem, off), problem, t_end)
-    assert runs["u"].to_list() == pytest.approx([1e-3] * 4)
-    assert runs["lambda"].to_list() == pytest.approx([1e-4, 1e-3, 1e-1, 10.0])
-    ((label, u, _, multipliers, wrong, advised, _, beyond),) = report.rows(runs, str.upper)
-    assert (label, advised, u) == ("A code", "A CODE", "1.0e-3 at 1e-2")
-    assert (multipliers, wrong) == ("1.0e-4 at 1e-2", "3.2e-4, 3.2e-5")
-    assert beyond == "silence: λ wrong by 1.0e1"
-    failed = [off[0], common.Result(message="It | failed at t = 0.1: because")]
-    runs = report.measured(written(common, problem, failed), problem, t_end)
-    ((*_, beyond),) = report.rows(runs, str.upper)
-    assert beyond == "“It ∣ failed”"
+    label, u, _, *row = table(*off)
+    assert (label, u) == ("A code", "1.0e-3 at 1e-2")
+    silent = "silence: λ wrong by 1.0e1"
+    assert row == ["1.0e-4 at 1e-2", "3.2e-4, 3.2e-5", "A CODE", "–", silent]
+    failed = common.Result(message="It | failed at t = 0.1: because")
+    assert table(off[0], failed)[-1] == "“It ∣ failed”"
     assert math.isinf(report.crossed([1e-2, 1e-3], [2.0, 3.0], 1.0))
 
 
@@ -68,6 +62,7 @@ def test_page_shows_the_recorded_runs(peers):
     """But for what `advise` says, which is computed anew."""
     common, report = peers
     page = report.PAGE.read_text(encoding="utf-8")
-    runs = report.read(common.HERE / "results", "thrown-pendulum")
-    for *measured, _, _, _ in report.rows(runs, lambda label: ""):
+    for *measured, _, _, _ in report.rows(
+        report.read(common.HERE / "results", "thrown-pendulum"), lambda label: ""
+    ):
         assert "| " + " | ".join(measured) + " |" in page

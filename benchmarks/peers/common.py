@@ -34,7 +34,7 @@ PROBLEMS = {
 #: Step sizes of codes with fixed steps (s); they divide the time.
 STEPS = {
     "thrown-pendulum": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7),
-    "slider-crank": (1e-3, 2e-4, 1e-4, 2e-5, 1e-5, 1e-6),
+    "slider-crank": (1e-3, 2e-4, 1e-4, 1e-5, 1e-6, 1e-7),
     "andrews": (2e-4, 1e-4, 5e-5, 2e-5, 1e-5, 1e-6),
     "heavy-top": (1e-3, 2e-4, 1e-4, 2e-5, 1e-5, 1e-6),
 }
@@ -89,8 +89,10 @@ def load(name):
 def main(runs: Callable[..., Iterable[Run]]):
     """Do the runs of a problem one after the other and write their file.
 
+    Without any run there is no file.
+
     Args:
-        runs: Name of the problem, problem, end (s) → its runs; none if the code cannot.
+        runs: Name of the problem, problem, end (s) → its runs.
     """
     parser = argparse.ArgumentParser()
     parser.add_argument("problem", choices=PROBLEMS)
@@ -98,22 +100,22 @@ def main(runs: Callable[..., Iterable[Run]]):
     parser.add_argument("--limit", type=float, default=LIMIT)
     options = parser.parse_args()
     problem, t_end = load(options.problem)
-    names = columns(problem)
     # What numba compiles here need not be compiled in every run.
     problem.evaluate(0.0, problem.u0, problem.v0, np.zeros(problem.m))
     problem.constraint_rows(0.0, problem.u0, problem.v0, problem.v0)
-    with options.out.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        for run in runs(options.problem, problem, t_end):
-            begun = time.perf_counter()
-            found = apart(run.work, options.limit)
-            seconds = time.perf_counter() - begun
-            each = found if isinstance(found, dict) else {run.series: found}
+    options.out.unlink(missing_ok=True)
+    for run in runs(options.problem, problem, t_end):
+        begun = time.perf_counter()
+        found = apart(run.work, options.limit)
+        seconds = time.perf_counter() - begun
+        each = found if isinstance(found, dict) else {run.series: found}
+        with options.out.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            if file.tell() == 0:
+                writer.writerow(columns(problem))
             for label, result in each.items():
                 named = run._replace(series=label)
                 writer.writerow(row(named, t_end, result, seconds / len(each), problem))
-            file.flush()
 
 
 def columns(problem):

@@ -58,7 +58,7 @@ def main():
     parser.add_argument("--scripts", nargs="*", choices=SCRIPTS, default=SCRIPTS)
     parser.add_argument("--problems", nargs="*", choices=common.PROBLEMS, default=common.PROBLEMS)
     parser.add_argument("--limit", type=float, default=common.LIMIT)
-    parser.add_argument("--script-limit", type=float, default=300.0)
+    parser.add_argument("--script-limit", type=float, default=600.0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--report", action="store_true", help="of the files that there are")
     options = parser.parse_args()

@@ -1,8 +1,4 @@
-"""Exudyn with fixed steps: points as nodes, M and forces of the problem, Exudyn's own distances.
-
-Newton ends where the residual is below relativeTolerance (1e-8) times that at the start of the
-step, or below absoluteTolerance (1e-10).  The cure for λ of index 2 is to ask for more.
-"""
+"""Exudyn with fixed steps: points as nodes, M and forces of the problem, Exudyn's own distances."""
 
 from functools import partial
 
@@ -10,75 +6,53 @@ import exudyn
 import exudyn.itemInterface as items
 import numpy as np
 from common import STEPS, Result, Run, main, spec
+from exudyn_steps import SERIES, integrated
 
-SERIES = {  # label → useNewmark, useIndex2Constraints, both tolerances of Newton
-    "Exudyn, generalized-α 0.9, index 3": (False, False, None),
-    "Exudyn, trapezoidal, index 3": (True, False, None),
-    "Exudyn, trapezoidal, index 2": (True, True, None),
-    "Exudyn, trapezoidal, index 2, tolerance 1e-13": (True, True, 1e-13),
-}
-
-
-def parts(problem):
-    return [name.split(".") for name in problem.constraint_names]
+HEIGHT = partial(items.MarkerNodeCoordinate, coordinate=1)
 
 
 def assembled(given, problem):
-    system, nodes, none = exudyn.SystemContainer().AddSystem(), {}, np.zeros(problem.m)
+    """The system, and lengths: λ of |Δ| − L is a force, ours a force per length."""
+    system, nodes, lengths = exudyn.SystemContainer().AddSystem(), {}, []
     starts = np.stack([problem.u0, problem.v0]).reshape(2, -1, 2)
-    for name, u, v in zip(problem.points, *starts, strict=True):
-        node = items.NodePoint2D(referenceCoordinates=u, initialVelocities=v)
-        nodes[name] = system.AddNode(node)
-    body = items.ObjectGenericODE2(nodeNumbers=list(nodes.values()), massMatrix=problem.M)
-    body.forceUserFunction = lambda mbs, t, k, q, v: (
-        problem.values(t, problem.u0 + q, np.array(v), none).force
-    )
-    if problem.n == 2:  # the weight alone, without calls of Python
-        body.forceVector, body.forceUserFunction = body.forceUserFunction(0, 0, 0, 0, [0, 0]), 0
-    system.AddObject(body)
     for name, point in given["points"].items():
-        if "fixed" in point:
-            ground = items.NodePointGround(referenceCoordinates=[*point["fixed"], 0])
-            nodes[name] = system.AddNode(ground)
-    for kind, part in parts(problem):
+        node = items.NodePointGround(referenceCoordinates=[*point.get("fixed", (0, 0)), 0])
+        if name in problem.points:
+            u, v = starts[:, problem.points.index(name)]
+            node = items.NodePoint2D(referenceCoordinates=u, initialVelocities=v)
+        nodes[name] = system.AddNode(node)
+
+    def force(mbs=None, t=0, number=0, q=0, v=0):
+        return problem.values(0.0, problem.u0 + q, problem.v0, np.zeros(problem.m)).force
+
+    moving = [nodes[name] for name in problem.points]
+    forces = {"forceUserFunction": force} if "springs" in given else {"forceVector": force()}
+    system.AddObject(items.ObjectGenericODE2(nodeNumbers=moving, massMatrix=problem.M, **forces))
+    for kind, part in (name.split(".") for name in problem.constraint_names):
         at = given[kind][part]
-        marks = [items.MarkerNodePosition(nodeNumber=nodes[at.get(k, "O")]) for k in ("from", "to")]
-        joint = items.DistanceConstraint(distance=at.get("length", 1))
-        if kind == "sliders":  # a point on the x axis
-            ends = (nodes["O"], nodes[at["point"]])
-            marks = [items.MarkerNodeCoordinate(nodeNumber=node, coordinate=1) for node in ends]
-            joint = items.CoordinateConstraint()
-        joint.markerNumbers = [system.AddMarker(mark) for mark in marks]
+        lengths.append(at.get("length", 1))
+        ends = [at.get("from", "O"), at.get("to", at.get("point"))]
+        mark, joint = items.MarkerNodePosition, items.DistanceConstraint(distance=lengths[-1])
+        if kind == "sliders":  # on the x axis through O
+            mark, joint = HEIGHT, items.CoordinateConstraint()
+        joint.markerNumbers = [system.AddMarker(mark(nodeNumber=nodes[end])) for end in ends]
         system.AddObject(joint)
     system.Assemble()
-    return system
+    return system, lengths
 
 
-def march(name, problem, t_end, h, trapezoidal, index_2, tolerance):
-    given, settings = spec(name), exudyn.SimulationSettings()
-    system = assembled(given, problem)
-    settings.solution.file.write = False
-    time, data = settings.timeIntegration, system.systemData
-    time.numberOfSteps, time.endTime, time.verboseMode = round(t_end / h), t_end, 0
-    time.newton.useModifiedNewton = False
-    time.generalizedAlpha.useNewmark = trapezoidal
-    time.generalizedAlpha.useIndex2Constraints = index_2
-    if tolerance:
-        time.newton.relativeTolerance = time.newton.absoluteTolerance = tolerance
-    solver = exudyn.MainSolverImplicitSecondOrder()
-    message = "" if solver.SolveSystem(system, settings) else "SolveSystem returned False"
-    u, v = problem.u0 + data.GetODE2Coordinates(), data.GetODE2Coordinates_t()
-    # λ of a distance |Δ| − L is a force, ours a force per length; signs are opposite.
-    lengths = [given[kind][part].get("length", 1) for kind, part in parts(problem)]
-    multipliers = -data.GetAECoordinates() / lengths
-    counted = (solver.it.newtonStepsCount, time.numberOfSteps)
-    return Result(u, v, multipliers, *counted, message)
+def march(given, problem, t_end, h, *how):
+    system, lengths = assembled(given, problem)
+    counted, message = integrated(system, t_end, h, *how)
+    at = system.systemData
+    u, v = problem.u0 + at.GetODE2Coordinates(), at.GetODE2Coordinates_t()
+    return Result(u, v, -at.GetAECoordinates() / lengths, *counted, message)
 
 
 def runs(name, problem, t_end):
     for label, how in SERIES.items() if name != "heavy-top" else ():
         for h in STEPS[name]:
-            yield Run(label, "h", h, partial(march, name, problem, t_end, h, *how))
+            yield Run(label, "h", h, partial(march, spec(name), problem, t_end, h, *how))
 
 
 if __name__ == "__main__":

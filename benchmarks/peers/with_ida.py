@@ -34,7 +34,7 @@ def solve(problem, t_end, kind, atol_of_multipliers, tolerance):
     if atol_of_multipliers:
         atol[equations.algebraic] = atol_of_multipliers
     algebraic = None if equations.integrals else equations.algebraic
-    solver = IDA(residual, rtol=tolerance, atol=atol, algebraic_idx=algebraic, max_num_steps=20_000)
+    solver = IDA(residual, rtol=tolerance, atol=atol, algebraic_idx=algebraic, max_num_steps=10_000)
     found = solver.solve([0.0, t_end], equations.y0, equations.yp0)
     if not found.success:
         return Result(calls=equations.calls, message=f"{found.message} at t = {found.t[-1]:.3g}")

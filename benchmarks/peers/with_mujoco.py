@@ -31,8 +31,8 @@ TOP = """<mujoco><option timestep="{h}" gravity="0 0 -9.81" integrator="{integra
 
 
 def march(text, problem, t_end, h, integrator, solref, solimp):
-    filled = text.format(h=h, integrator=integrator, solref=solref(h), solimp=solimp)
-    model = mujoco.MjModel.from_xml_string(filled)
+    settings = {"integrator": integrator, "solref": solref(h), "solimp": solimp}
+    model = mujoco.MjModel.from_xml_string(text.format(h=h, **settings))
     data = mujoco.MjData(model)
     data.qvel[:] = [0, -1] if problem.n == 2 else [0, 0, 0, 0, 150, -4.61538]
     steps = round(t_end / h)
@@ -45,12 +45,8 @@ def march(text, problem, t_end, h, integrator, solref, solimp):
         v = [data.qvel[:3], *np.cross(axes @ data.qvel[3:], axes.T)]
         u, v = np.ravel([data.qpos[:3], *axes.T]), np.ravel(v)
         multipliers = np.append(np.full(6, np.nan), data.efc_force)
-    return Result(u, v, multipliers, calls=steps, message=warnings(data))
-
-
-def warnings(data):
-    names = (mujoco.mju_warningText(k, 0) for k, w in enumerate(data.warning) if w.number)
-    return ". ".join(names)
+    warned = [mujoco.mju_warningText(k, 0) for k, w in enumerate(data.warning) if w.number]
+    return Result(u, v, multipliers, calls=steps, message=". ".join(warned))
 
 
 def runs(name, problem, t_end):

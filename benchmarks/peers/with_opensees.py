@@ -20,11 +20,10 @@ SERIES = {  # label → integrator, stiffness EA (N), whether accelerations are 
 
 
 def march(t_end, h, integrator, stiffness, consistent):
-    ops.wipe()
     ops.model("basic", "-ndm", 2, "-ndf", 2)
     ops.node(1, 0.0, 0.0)
-    ops.node(2, 1.0, 0.0)
     ops.fix(1, 1, 1)
+    ops.node(2, 1.0, 0.0)
     ops.mass(2, 1.0, 1.0)
     ops.setNodeVel(2, 2, -1.0, "-commit")
     if consistent:  # v²/L towards O, and the weight
@@ -44,11 +43,9 @@ def march(t_end, h, integrator, stiffness, consistent):
     ops.integrator(*integrator)
     ops.analysis("Transient")
     steps = round(t_end / h)
-    failed = ops.analyze(steps, h)
-    if failed:
+    if failed := ops.analyze(steps, h):
         return Result(message=f"analyze returned {failed} at t = {ops.getTime():.3g}")
-    u = [1 + ops.nodeDisp(2, 1), ops.nodeDisp(2, 2)]
-    v = [ops.nodeVel(2, 1), ops.nodeVel(2, 2)]
+    u, v = [1 + ops.nodeDisp(2, 1), ops.nodeDisp(2, 2)], ops.nodeVel(2)
     # λ of ½ (|Δ|² − L²) is a force per length, negative in tension.
     return Result(u, v, [-ops.basicForce(1)[0]], calls=steps)
 
