@@ -776,7 +776,7 @@ def _potential(last, t, u, ints, reals):
     return energy
 
 
-@_compile
+@_compile_allocating
 def potential(t, u, v, ints, reals):
     """Potential energy of springs, torsion springs and loads (J): ½ k (|L| − l)², −F·P.
 
