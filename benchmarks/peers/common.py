@@ -116,6 +116,16 @@ def main(runs: Callable[..., Iterable[Run]]):
             for label, result in each.items():
                 named = run._replace(series=label)
                 writer.writerow(row(named, t_end, result, seconds / len(each), problem))
+    if options.out.exists():
+        leave_out_empty(options.out)
+
+
+def leave_out_empty(path):
+    """Leave out the columns that a code does not give."""
+    with path.open(newline="", encoding="utf-8") as file:
+        given = [column for column in zip(*csv.reader(file), strict=True) if any(column[1:])]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(zip(*given, strict=True))
 
 
 def columns(problem):

@@ -41,10 +41,12 @@ HEADER = (
 def read(folder, name):
     """Runs of a problem in all codes, with columns for the errors of u, v and λ."""
     paths = sorted(folder.glob(f"*-{name}.csv"))
+    if not paths:
+        return pd.DataFrame()
+    problem, t_end = common.load(name)
     frames = [pd.read_csv(path, dtype={"message": str}) for path in paths]
-    frames = [frame for frame in frames if len(frame)]
-    runs = pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
-    return runs if runs.empty else measured(runs, *common.load(name))
+    runs = pd.concat(frames, ignore_index=True).reindex(columns=common.columns(problem))
+    return measured(runs, problem, t_end)
 
 
 def measured(runs, problem, t_end):
