@@ -8,6 +8,7 @@ import argparse
 import csv
 import math
 import os
+import re
 import resource
 import signal
 import tempfile
@@ -191,6 +192,8 @@ def apart(work: Callable[[], Any], limit: float) -> Any:
         process.join()
         if isinstance(result, Result) and result.message:
             printed.seek(0)
-            words = [line for line in printed.read().splitlines() if line.strip(" *=-")]
+            # Where a warning's file is installed is this machine's own matter.
+            text = re.sub(r"\S*/site-packages/", "", printed.read())
+            words = [line for line in text.splitlines() if line.strip(" *=-")]
             result = result._replace(message=": ".join([result.message, *words[-2:]])[:300])
         return result
