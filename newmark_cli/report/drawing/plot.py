@@ -185,7 +185,10 @@ def _has_own(study: str) -> bool:
 
 
 def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) -> list[Figure]:
-    """The project's figures of a study, else those of its config, else those it arranges."""
+    """The project's figures of a study, else those of its config, else those it arranges.
+
+    Where those that a config defines do not show what is chosen, others do.
+    """
     own = [figure for figure in of_studies([study]) if _whole(figure, choice)]
     if own:
         return own
@@ -193,6 +196,8 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
     own = [explicit(study, each) for each in defined or () if each.figure]
     found = [figure for figure in own if _whole(figure, choice)]
     found += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
+    if not found and defined:
+        found = automatic.figures(study, results, None, choice.keeps, choice.kinds)
     if defined is None and not choice and not choice.everything:
         few: dict[tuple[str, str], Figure] = {}
         for figure in found:
