@@ -247,23 +247,6 @@ def test_nothing_is_unpickled(cli, tmp_path):
     assert marker.exists()
 
 
-MARKET = "%%MatrixMarket matrix"
-BAD_MARKETS = {
-    "not one": "hello\n1 2 3\n",
-    "cut off": f"{MARKET} array real general\n2 2\n1.0\n",
-    "enormous": f"{MARKET} array real general\n100000 100000\n1.0\n",
-    "nan": f"{MARKET} array real general\n2 2\n1\nnan\n1\n1\n",
-}
-
-
-@each("case", BAD_MARKETS)
-def test_market_files_that_cannot_be_used_are_refused(tmp_path, case):
-    """A folder with a file that is not a matrix of finite real numbers."""
-    (tmp_path / "M.mtx").write_text(BAD_MARKETS[case])
-    with pytest.raises(matrices.MatrixError, match=r"M\.mtx"):
-        newmark.advise(tmp_path, h=1e-3)
-
-
 def test_folders_and_paths_that_are_no_matrices(cli, tmp_path):
     """An empty folder, no file, another ending, a pipe."""
     (cli.folder / "empty").mkdir()
@@ -455,19 +438,6 @@ def test_a_tolerance_tested_after_unscaling(swing):
     assert rms / 3 < measured < 3 * rms
     text = finding(newmark.advise(found, h=1e-5, tolerance=1e-8), "tolerance 1e-08")
     assert "on the scaled correction of all unknowns: can be met" in text
-
-
-@pytest.mark.usefixtures("without_noise", "of_float64")
-def test_multipliers_tested_unscaled(swing):
-    """λ next to a tolerance of its own: the same, and larger steps meet it."""
-    _, found = swing
-    tolerance = {"lambda": 1e-7, "u": 1e-7}
-    advice = newmark.advise(found, h=[1e-3, 1e-5], tolerance=tolerance, tested="physical")
-    text = finding(advice, "correction of λ")
-    assert "cannot be met at h = 1e-05:" in text
-    assert "correction of u: can be met" in finding(advice, "correction of u")
-    large = newton(1e-3)[0]
-    assert np.all(large[:, 1] < 1e-7)
 
 
 @pytest.mark.usefixtures("without_noise", "of_float64")
@@ -693,12 +663,6 @@ def test_noise_of_ones_own_mechanisms(mechanism, t_end, steps):
     errors = (swing.multipliers - implied)[60:]
     measured = np.sqrt(np.mean(np.sum(errors**2, axis=1)))
     assert predicted / 2 < measured < 2 * predicted
-
-
-def test_a_transposed_gradient_is_told():
-    """Rows of constraints in place of columns are said to be that."""
-    with pytest.raises(newmark.NewmarkError, match="given 1 by 2; give its transpose"):
-        newmark.advise({"M": np.eye(2), "G": np.array([[1.0, 0.5]])}, h=1e-3)
 
 
 UNSCALED = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])

@@ -128,15 +128,3 @@ def test_histories_that_no_memory_holds_are_refused(cli):
     assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
     cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 626"))
     assert "history of 5008000 numbers" in cli.refused("validate", "long.yaml")
-
-
-def test_histories_of_all_cases_count(cli):
-    """Each case is small enough, the study is not."""
-    case = "  - {{form: u-lambda, h: {}}}\n"
-    text = HISTORY.replace("h: [1e-5, 2e-5]\n", "").replace("form: [u-lambda, v-lambda]\n", "")
-    text = text.replace("samples: 3000", "samples: 2000")
-    cli.write("long.yaml", text + "cases:\n" + case.format("1e-5") + case.format("2e-5"))
-    assert cli.refused("validate", "long.yaml") == (
-        "newmark-study: long.yaml, line 7: cases: history of 8000000 numbers in all cases, "
-        "at most 5000000; lower samples"
-    )

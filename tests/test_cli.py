@@ -145,19 +145,6 @@ def test_own_scaling_is_predicted_and_measured(cli):
     assert found["jacobian", "condition"]["slope"] == pytest.approx(-3, abs=0.05)
 
 
-def test_newton_capped_at_two(cli):
-    """The run finishes, its rows say not_converged, and the exit code is 1."""
-    cli.write("cap.yaml", QUICK + "iteration_cap: 2\n")
-    done = cli("run", "cap.yaml", code=1)
-    assert "not_converged" in done.stdout
-    table = rows_in(cli.folder / "results/quick.csv")
-    assert len(table) == 4 * 7
-    capped = [r for r in table if r["status"] == "not_converged"]
-    assert capped
-    assert all(int(r["not_converged"]) > 0 for r in capped)
-    assert cli("check", code=1).stdout.count("incomplete") > 0
-
-
 def test_check_prints_what_is_asked_for(cli, pendulum_results):
     """Figures by default, every slope with --all, Markdown with --markdown."""
     shutil.copytree(pendulum_results, cli.folder / "results")

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import pickle
 import re
 import shutil
 import signal
@@ -24,8 +23,6 @@ from conftest import (
 )
 
 import newmark_cli
-from newmark_cli.mechanisms.spec import MechanismFile, portable
-from newmark_cli.support import documents
 
 pytest.importorskip("distributed")
 
@@ -224,20 +221,6 @@ def test_a_cell_that_does_not_come_back_fails_alone(cli, scheduler):
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
     waits = f"waiting for workers: the dask scheduler at {address} has none\n"
     require_failed_alone(done.stderr.replace(waits, ""), f"3 cells on the workers of {address}")
-
-
-def test_what_travels_is_what_was_read(tmp_path):
-    """A mechanism that is edited after it was read, or removed: the cell is of what was read."""
-    file = tmp_path / "mine.yaml"
-    file.write_text(MINE)
-    spec = MechanismFile(documents.fetch(file, "mine.yaml"))
-    content = spec.load().content
-    file.write_text(MINE.replace("mass: 1", "mass: 5"))
-    assert MechanismFile(documents.fetch(file, "mine.yaml")).load().content != content
-    file.unlink()
-    carried = pickle.loads(pickle.dumps(portable(spec)))
-    assert carried.load().content == content
-    assert (carried.label, carried.given) == ("mine.yaml", "mine.yaml")
 
 
 #: The command; before it reads the first result, others try to get into its cluster.

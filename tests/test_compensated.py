@@ -9,7 +9,6 @@ import mechanisms
 import numpy as np
 import pytest
 import textbook
-from conftest import QUICK
 from damped import damped
 from each import each
 from hypothesis import given, settings
@@ -26,8 +25,6 @@ from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import ProblemError
-from newmark_cli.study import config
-from newmark_cli.support.documents import DocumentError
 
 ENGINES = (compiled_march, scipy_march)
 
@@ -200,9 +197,6 @@ def test_multipliers_against_long_numbers(form, engine):
     assert 10 < worst[DIRECT][3] / EPS * H**2 < 1e4
 
 
-# Engines
-
-
 # Refusals
 
 
@@ -246,23 +240,3 @@ def test_wrong_declarations_are_refused(tmp_path, changes, words):
     definition(tmp_path, **changes, QUADRATIC="False")
     with pytest.raises(ProblemError, match=f"declared quadratic, {words}"):
         definition(tmp_path, **changes)
-
-
-def test_configs_refuse_what_has_no_exact_increments(tmp_path):
-    """Driven mechanisms and Python problems that do not declare it, before anything runs."""
-    definition(tmp_path, QUADRATIC="False")
-    mechanisms.everything(tmp_path)
-    path = tmp_path / "c.yaml"
-    for subject in ("everything.yaml", '{python: "pendulum.py:pendulum"}'):
-        for evaluation in ("compensated", "[direct, compensated]"):
-            text = QUICK.replace("problem: pendulum", f"problem: {subject}")
-            path.write_text(f"{text}evaluation: {evaluation}\n")
-            with pytest.raises(
-                DocumentError, match="line 7: evaluation: compensated needs"
-            ) as caught:
-                config.load(path, "c.yaml", allow_code=True)
-            assert "\n" not in str(caught.value)
-    path.write_text(f"{QUICK}evaluation: [direct, compensated]\n")
-    assert [cell.evaluation for cell in config.load(path, "c.yaml").cells()] == [
-        DIRECT, DIRECT, DIRECT, DIRECT, COMPENSATED, COMPENSATED, COMPENSATED, COMPENSATED,
-    ]  # fmt: skip

@@ -101,6 +101,16 @@ MISTAKES = [
     ("t_end: 1.0", "t_end: 1\nmeasure: colour", 7, "unknown measure 'colour'"),
     ("t_end: 1.0", "t_end: 1\ncases: []", 7, "cases: must be a list of cases"),
     ("t_end: 1.0", "t_end: 1\ncases: [{}, {}]", 7, "two cases have pendulum, u-lambda, none"),
+    ("t_end: 1.0", "t_end: 1\nlinear_solver: [auto, static-lu]", 7, "auto stands for dense-lu, st"),
+    ("t_end: 1.0", "t_end: 1\nstop: {}", 7, "needs absolute or relative"),
+    ("t_end: 1.0", "t_end: 1\nstop: {absolute: 1e-8}", 7, "ends at a tolerance, not at rounding"),
+    ("t_end: 1.0", "t_end: 1\nmeasure: tolerance", 7, "tolerance needs 'stop'"),
+    (
+        "t_end: 1.0",
+        "t_end: 1\nevaluation: compensated\ncases: [{}, {problem: shaken-pendulum}]",
+        7,
+        "evaluation: compensated needs",
+    ),
     ("form: u-lambda", "form: bogus\ncases: [{form: u-lambda}]", 3, "unknown form 'bogus'"),
     (
         "t_end: 1.0",

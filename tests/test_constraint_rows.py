@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import oracles
 import pytest
-from damped import MASS, damped
+from damped import damped
 from each import each
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
@@ -18,7 +18,6 @@ from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.problems import constraint_rows, python_problem
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import ProblemError
 
 ANGLE = {"rate": 2, "acceleration": 1.5, "amplitude": 0.1, "frequency": 5, "phase": 0.7}
 ABSCISSA = {"rate": -0.5, "acceleration": 0.8, "amplitude": 0.2, "frequency": 3, "phase": -0.4}
@@ -283,22 +282,6 @@ def test_what_starts_a_march_is_what_is_given_or_differences(cranks):
     )
 
 
-def test_compiled_code_calls_the_rows_of_compiled_problems(cranks):
-    """The kernel can: ``derivatives`` is compiled wherever ``function`` is."""
-
-    @numba.njit
-    def called(function, t, u, v, w, ints, reals, rate, curvature, r, q):
-        function(t, u, v, w, ints, reals, rate, curvature, r, q)
-
-    for subject in (cranks["given", True], problem("pendulum"), damped()):
-        u, v, w = anywhere(subject, 1)
-        expected = subject.constraint_rows(0.2, u, v, w)
-        found = [np.full_like(part, np.nan) for part in expected]
-        called(subject.derivatives, 0.2, u, v, w, subject.ints, subject.reals, *found)
-        for one, other in zip(found, expected, strict=True):
-            np.testing.assert_array_equal(one, other)
-
-
 def double(quadratic=False, decorate=lambda function: function):
     """Two bars in a row; with its force, constraints and gradient."""
 
@@ -387,86 +370,10 @@ def test_rows_of_a_surface_that_is_not_quadratic(tmp_path):
         assert_alike(found, expected, [1e-11, 1e-10, 1e-10, 1e-9])
 
 
-@each(
-    "old, new, words",
-    [
-        (
-            "-turn(t) * (s * u[1] + c * u[0])",
-            "turn(t) * (s * u[1] + c * u[0])",
-            "line 28: constraint_rate disagrees with differences in component 2 at the start: "
-            "given 5, differences say -5",
-        ),
-        (
-            "return np.array([v[0]**2 + v[1]**2, driven, x*x + y*y])",
-            "return np.array([driven])",
-            "line 32: curvature returned an array of shape (1,), expected an array of shape (3,)",
-        ),
-        (
-            "return np.array([[v[0], -c, -x],",
-            "return 1 / 0 + np.array([[v[0], -c, -x],",
-            "line 43: rate_gradient failed: ZeroDivisionError",
-        ),
-        (
-            "    p = 2 * np.exp(0.3j)",
-            "    curvature = 3\n    p = 2 * np.exp(0.3j)",
-            "factory: curvature must be a function, given 3",
-        ),
-    ],
-)
-def test_given_rows_that_are_wrong_are_refused(tmp_path, old, new, words):
-    """In one line, with file, line and both numbers; `test_agreement` tries every entry."""
-    assert CRANK.count(old) == 1
-    with pytest.raises(ProblemError) as caught:
-        crank(tmp_path, CRANK.replace(old, new), given=ALL)
-    text = str(caught.value)
-    assert "mine.py" in text
-    assert words in text, text
-    assert "\n" not in text
-
-
-def test_given_rows_may_be_faster_than_differences_can_follow(tmp_path):
-    """A law of 20,000 radians a second, which computed rows would miss, is no mistake."""
-    text = CRANK.replace("0.1 * np.sin(5 * t)", "1e-5 * np.sin(2e4 * t)")
-    text = text.replace("0.5 * np.cos(5 * t)", "0.2 * np.cos(2e4 * t)")
-    text = text.replace("-2.5 * np.sin(5 * t)", "-4e3 * np.sin(2e4 * t)").replace("2.5j", "2.2j")
-    subject = crank(tmp_path, text, given=ALL)
-    u, v, w = anywhere(subject, 0)
-    c, s, faster = np.cos(0.3), np.sin(0.3), -4e3 * np.sin(2e4 * 1e-4)
-    assert subject.constraint_rows(1e-4, u, v, w).q.reshape(4, 3)[0, 1] == pytest.approx(
-        -faster * c, rel=0.01
-    )
-    assert subject.constraint_rows(1e-4, u, v, w).q.reshape(4, 3)[1, 1] == pytest.approx(
-        -faster * s, rel=0.02
-    )
-
-
 def test_a_plain_function_among_compiled_ones_leaves_the_problem_plain(tmp_path):
     """As a plain tangent does: the kernel could not call it."""
     text = CRANK.replace("    @decorate\n    def curvature", "    def curvature")
     assert not crank(tmp_path, text, decorate=numba.njit, given=("curvature",)).compiled
-
-
-def test_given_rows_belong_to_the_content(tmp_path):
-    """Kept results are not those of other functions; without any the digest is as before."""
-
-    def define(**given):
-        return newmark.Definition(
-            mass_matrix=np.eye(2), u0=[1.0, 0.0], v0=[0.0, 0.0],
-            force=lambda u, v, t: np.array([0.0, -1.0]),
-            constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-            gradient=lambda u, t: u[:, None], **given,
-        )  # fmt: skip
-
-    contents = {
-        newmark.problem(define(**given)).content
-        for given in (
-            {},
-            {"curvature": None},
-            {"curvature": lambda u, v, t: np.array([v @ v])},
-            {"curvature": lambda u, v, t: np.array([1.0 * v @ v])},
-        )
-    }
-    assert len(contents) == 3
 
 
 # Projections
@@ -511,15 +418,3 @@ def test_projections_solve_the_bordered_system(subject, constrained):
     # Φ is quadratic in what is left of the distance.
     left = subject.constraint_values(t, u + found)
     assert np.abs(left).max() < 1e-2 * np.abs(terms.phi).max()
-
-
-def test_a_projection_is_the_nearest_point_in_the_norm_of_the_mass_matrix():
-    """On the ellipsoid with its full mass matrix, by hand: δv = −M⁻¹G (GᵀM⁻¹G)⁻¹ Gᵀv."""
-    subject = damped()
-    u, v = np.array([0.9, 0.1, -0.1]), np.array([0.3, -0.2, 0.5])
-    gradient = np.array([1.0, 2.0, 3.0]) * u
-    weighted = np.linalg.solve(MASS, gradient)
-    impulse = -(gradient @ v) / (gradient @ weighted)
-    change, found = Index1(subject).velocity_projection(0.0, u, v)
-    np.testing.assert_allclose(change, impulse * weighted, rtol=1e-13)
-    np.testing.assert_allclose(found, [impulse], rtol=1e-13)

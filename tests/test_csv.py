@@ -6,18 +6,13 @@ import json
 
 import numpy as np
 import pandas as pd
-import synthetic
 from each import each
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from newmark_cli.report.judging import slopes
-from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.report.reading.history import read_histories
-from newmark_cli.study import results
-from newmark_cli.study.reading import SERIES, read_csv, read_rows, read_study
+from newmark_cli.study.reading import SERIES, read_rows, read_study
 from newmark_cli.study.results import NUMBERS, csv_text, parse_csv
-from newmark_cli.support import files
 
 #: Names that a spreadsheet would compute, or begin a cell in.
 FORMULAS = (
@@ -74,35 +69,6 @@ def test_committed_files_are_written_the_same(committed_folder, file):
     text = (committed_folder / f"{file}.csv").read_bytes().decode()
     (header, *rows), _ = parse_csv(text)
     assert csv_text(header, [dict(zip(header, row, strict=True)) for row in rows]) == text
-
-
-@settings(max_examples=25)
-@given(names.filter(bool))
-@example("=cmd|' /C calc'!A1.yaml")
-@example("b\u2028c\x85d.yaml")
-@example("\0")
-def test_studies_and_slopes_read_back(tmp_path_factory, name):
-    """A problem of any name through the files of a study, its slopes and its time series."""
-    folder = tmp_path_factory.mktemp("any")
-    figure = FIGURES["10"]
-    table = [row | {"problem": name} for row in synthetic.rows(figure)]
-    frame = read_study(synthetic.write(folder, figure, table))
-    assert frame["problem"].unique().tolist() == [name]
-    found = slopes.study_slopes(frame, folder / "multipliers.csv")
-    assert {slope.problem for slope in found} == {name}
-    slopes.write(folder, found)
-    assert set(read_csv(folder / "slopes.csv", slopes.COLUMNS)["problem"]) == {name}
-
-    columns = (*results.HISTORY_COLUMNS, "lambda_1")
-    curve = FIGURES["15"].curves[0]
-    row = {column: getattr(curve, column, "") for column in columns}
-    row |= {"problem": name, "h": 0.5, "step": 1, "t": 0.5, "lambda_1": 7.0}
-    path = results.history_path(folder, "history")
-    path.parent.mkdir(exist_ok=True)
-    files.write(path, csv_text(columns, [row]))
-    same = type(curve)(curve.label, **curve.key.named() | {"problem": name})
-    (series,) = read_histories(folder, "history", [(same, 0.5)])
-    assert series.multipliers.tolist() == [[7.0]]
 
 
 SWING = """\
@@ -167,17 +133,3 @@ def test_a_run_with_any_name_can_be_read(cli):
     before, *rest = path.read_bytes().split(b",ok,")
     path.write_bytes(b",ok,".join([before, rest[0]]) + b",fine," + b",ok,".join(rest[1:]))
     assert "odd.csv, line 4: status is 'fine'" in cli.refused("check")
-
-
-def test_names_that_no_csv_can_have_are_refused(cli):
-    """Longer than a CSV's reader takes, or half a surrogate pair: in one line, before a run."""
-    cli.write("mine.py", SWING)
-    for name, why in (('"' + "x" * 5000 + '"', "too long"), ('"\\ud800"', "Unicode")):
-        problem = f'{{python: "mine.py:swing", args: {{name: {name}}}}}'
-        cli.write(
-            "odd.yaml",
-            f"study: odd\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"
-            "h: 0.1\nsteps: 1\n",
-        )
-        assert why in cli.refused("run", "odd.yaml", "--allow-code")
-        assert not (cli.folder / "results").exists()

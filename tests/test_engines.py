@@ -8,14 +8,12 @@ from damped import damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, in_motion, march, states
+from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, states
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.jacobian import scaled_jacobian
-from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
@@ -24,21 +22,6 @@ from newmark_cli.newmark.scheme import Scheme
 
 def named(name):
     return damped() if name == "damped" else problem(name)
-
-
-@each("name, form, variant", covering(["pendulum", "andrews", "damped"], FORMS, VARIANTS))
-def test_the_assembled_matrix_is_the_jacobian(name, form, variant):
-    """Constants and terms, added up, are D_L J D_R as the equations have it, entry by entry.
-
-    A wrong sign in a kept row leaves marches as they are, but for their rounding.
-    """
-    subject = named(name)
-    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), 0.3)
-    state = in_motion(subject)
-    values = subject.values(0.0, *state.fields[:2], state.multipliers)
-    found = StaticSystem(subject, scheme).matrix(values).toarray()
-    expected = scaled_jacobian(scheme, subject.dense(values), subject.M)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=0)
 
 
 #: Problems of either kind, with damping, stiff, and driven.
@@ -87,31 +70,6 @@ def test_engines_agree_per_step(name, form, variant, integrator):
         # What is recorded is rounding, or nothing.
         limits = scheme.right * found + scheme.right * expected
         assert limits[0, -1] < 1e-3 * max(np.linalg.norm(ours.multipliers), 1)
-
-
-SUBJECTS = {"pendulum": 0.1, "andrews": 1e-3, "damped": 0.1}
-
-
-@each("name, form, variant", covering(SUBJECTS, FORMS, VARIANTS))
-def test_engines_converge_alike(name, form, variant):
-    """At large steps, where every block of J counts: Newton takes as long in both engines.
-
-    A wrong sign or factor in a Jacobian leaves the step as it is and makes the
-    iteration linear or worse, so counts tell what end states cannot.
-    """
-    subject = named(name)
-    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), SUBJECTS[name])
-    state = initial_state(subject, scheme)
-    counts = []
-    for first in range(6):
-        reference = copy(state)
-        _, ours = march(compiled_march, subject, scheme, state, first, 1)
-        _, theirs = march(scipy_march, subject, scheme, reference, first, 1)
-        counts.append((int(ours[0]), int(theirs[0])))
-        state = reference
-    ours, theirs = np.median(np.array(counts), axis=0)
-    assert abs(ours - theirs) <= 2.5, counts
-    assert theirs <= 12, counts
 
 
 @each("name, variant", zip(PROBLEMS, itertools.cycle(VARIANTS), strict=False))

@@ -129,33 +129,6 @@ def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulat
     assert all(system.iterations == len(of_step) for system in ends)
 
 
-def test_sparse_systems_are_those_that_the_march_solves(monkeypatch):
-    """Likewise what the sparse LU is given; and in dense form the same to rounding."""
-    from newmark_cli.newmark.linear.sparse import SparseSystem
-
-    problem, solves = newmark.problem("chain", links=30), []
-    factorise = SparseSystem.factorise
-
-    def watched(self, entries):
-        places = (entries, (self.rows, self.columns))
-        solves.append(scipy.sparse.csc_array(places, (self.size,) * 2).toarray())
-        return factorise(self, entries)
-
-    monkeypatch.setattr(SparseSystem, "factorise", watched)
-    how = {"h": 1e-5, "scaling": "none"}
-    newmark.march(problem, steps=1, linear_solver="sparse-lu", every=0, **how)
-    before, solves[:] = solves[:], []
-    sparse, thick = (
-        [*newmark.linear_systems(problem, steps=[1], linear_solver=solver, **how)]
-        for solver in ("sparse-lu", "dense-lu")
-    )
-    assert np.array_equal(sparse[0].matrix.toarray(), before[0])
-    assert np.array_equal(sparse[-1].matrix.toarray(), before[-1])
-    assert sparse[-1].iterations == len(before)
-    scale = np.abs(before[0]).max()
-    np.testing.assert_allclose(thick[0].matrix.toarray(), before[0], rtol=1e-12, atol=1e-15 * scale)
-
-
 def test_a_system_is_that_of_the_equations():
     """Written out again for the pendulum, eqs. 30; no code in common."""
     h, beta, gamma = 1e-3, 0.3025, 0.6

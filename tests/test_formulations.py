@@ -19,11 +19,9 @@ from newmark_cli.newmark import constraints, scipy_march
 from newmark_cli.newmark.constraints import (
     constraining_of,
     least_inertia,
-    projector,
 )
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import (
-    METHODS,
     NEWTON,
     RECOVERED,
     REPORTED,
@@ -312,19 +310,6 @@ def test_optimal_scaling_balances_every_formulation(formulation):
         assert found[1] == pytest.approx(found[0], rel=1e-2), form
 
 
-def test_directions_are_those_of_least_change():
-    """P = M⁻¹G where M is regular, G where it is singular; also from sparse tables."""
-    for name in ("general", "andrews", "singular mass"):
-        subject = subject_of(name)
-        terms = projector(subject)
-        g = subject.values(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).g
-        found = np.zeros((subject.n, subject.m))
-        np.add.at(found, (terms.rows, terms.columns), terms.values * g[terms.sources])
-        full = subject.evaluate(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).G
-        expected = full if name == "singular mass" else np.linalg.solve(subject.M, full)
-        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
-
-
 @each("most", [300, 0])
 @each("name", ["andrews", "slider-crank", "general"])
 def test_least_inertia_is_the_least_eigenvalue(name, most, monkeypatch):
@@ -602,16 +587,6 @@ def test_projections_project():
 
 
 # -- names ------------------------------------------------------------------------------------
-
-
-@each("label", FORMULATIONS)
-def test_labels_are_read_back(label):
-    """A formulation's label says all of it; so does a projection's."""
-    found = Formulation.parse(label)
-    assert Formulation.parse(found.label) == found
-    assert found.method in METHODS
-    for projection in PROJECTIONS:
-        assert Projection.parse(projection).label == projection
 
 
 @each(

@@ -1,8 +1,6 @@
 """Ctrl-C, SIGTERM and SIGHUP: when they come, what they leave, and what is said of them."""
 
 import os
-import pty
-import re
 import signal
 import subprocess
 import sys
@@ -133,18 +131,6 @@ def test_what_must_be_closed_is():
     assert done.stderr == "newmark-study: interrupted\n"
 
 
-def test_after_the_end_nothing_changes():
-    """A signal that comes while Python shuts down alters neither output nor code."""
-    done = python("""
-    import atexit
-    atexit.register(lambda: (signal.raise_signal(signal.SIGINT), time.sleep(0.3)))
-    from newmark_cli.cli import main
-    sys.argv[1:] = ["orders"]
-    main()
-    """)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
 def test_callers_in_python_keep_their_handlers():
     """`main` with arguments leaves handlers alone, and runs in any thread."""
     handlers = [signal.getsignal(number) for number in ENDINGS]
@@ -190,35 +176,3 @@ def test_a_forced_run_promises_nothing(cli):
     _, errors = run.communicate(timeout=60)
     assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are cached\n"
     assert run.returncode == 130
-
-
-def test_the_cursor_comes_back(cli):
-    """A display that is interrupted stands as it was, and the line of the interrupt below it."""
-    cli.write("long.yaml", LONG)
-    ours, theirs = pty.openpty()
-    try:
-        run = cli.start(
-            "run", "long.yaml", "--jobs", "1", stderr=theirs,
-            env=os.environ | {"COLUMNS": "120", "TERM": "xterm"},
-        )  # fmt: skip
-        wait_for_cells(cli.folder / "results", 2)
-        time.sleep(0.2)
-        run.send_signal(signal.SIGINT)
-        run.communicate(timeout=60)
-        assert run.returncode == 130
-        os.write(theirs, b"$")
-        text = b""
-        while not text.endswith(b"$"):
-            text += os.read(ours, 4096)
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    hidden, shown = b"\x1b[?25l", b"\x1b[?25h"
-    assert text.count(hidden) == text.count(shown) == 1
-    display, _, last = text.partition(shown)
-    count = kept(cli)
-    assert re.search(r"\d done, 0 failed, \d+ left", display.decode())
-    assert last.decode().split("\r\n")[-2] == (
-        f"newmark-study: interrupted; {count} of 24 cells are cached, "
-        "run the same command again to continue"
-    )

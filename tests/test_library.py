@@ -16,7 +16,6 @@ from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.newmark import trajectory
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.problems.fingerprint import of_definition
 
@@ -362,33 +361,6 @@ def test_an_interrupt_leaves_a_usable_trajectory(cli):
     assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
 
 
-def test_an_interrupt_while_steps_are_kept(monkeypatch):
-    """What a stretch recorded counts together with the steps of the stretch, or not at all."""
-    steps = iter([trajectory.step_of, trajectory.step_of])
-
-    def step_of(*given):
-        for found in steps:
-            return found(*given)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(trajectory, "step_of", step_of)
-    with pytest.raises(KeyboardInterrupt) as caught:
-        newmark.march("pendulum", h=1e-6, steps=20_000, every=1000)
-    part = caught.value.trajectory
-    assert (part.steps, part.t.tolist()) == (5000, [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
-    assert part.newton_iterations > 5000
-
-
-def test_halts_take_no_memory_of_their_own():
-    """A march of 10¹² steps begins at once, whoever looks at it."""
-    march = newmark.steps("pendulum", h=1e-6, every=10)._recorder.march
-    for stretches in (
-        march.stretches(10**12, range(7, 10**12, 7)),
-        march.recorded(10**12, range(7, 10**12, 7)),
-    ):
-        assert len(next(stretches).iterations) > 0
-
-
 # -- marches that fail ------------------------------------------------------------------------
 
 
@@ -427,16 +399,6 @@ def test_steps_that_do_not_converge_are_counted_and_named():
     assert (found.status, found.success) == ("not_converged", False)
     assert found.not_converged == np.count_nonzero(~found.converged) > 0
     assert found.converged[0]
-
-
-def test_a_krylov_solver_that_stagnates_says_so():
-    """The start is what is left."""
-    found = newmark.march(
-        newmark.problem("random-chain", links=40),
-        h=1e-6, steps=3, scaling="none", linear_solver="gmres",
-        krylov={"tolerance": 1e-12, "limit": 3},
-    )  # fmt: skip
-    assert (found.status, found.steps, len(found.t)) == ("stagnated", 0, 1)
 
 
 # -- starts of one's own ----------------------------------------------------------------------
@@ -552,6 +514,10 @@ def pendulum(**more):
             "precision: float32 needs",
         ),
         (lambda: pendulum(linear_solver="minres", scaling="left"), "minres"),
+        (lambda: pendulum(linear_solver="static-lu", formulation="ggl"), "solves index 3 without"),
+        (lambda: pendulum(linear_solver="static-lu", projection="velocity"), "solves index 3"),
+        (lambda: pendulum(linear_solver="static-lu", precision="float32"), "needs dense-lu"),
+        (lambda: pendulum(stop={"relative": -1e-3}), "relative: must be greater than 0"),
         (lambda: pendulum(stop=1e-8), "stop: must be a mapping of keys to values, given 1e-08"),
         (lambda: pendulum(every=2, at=[1.0]), "give either every or at, not both"),
         (lambda: pendulum(at=[1.0, 1.2]), "at: 1.2 s is outside the march, 0 to 1 s"),

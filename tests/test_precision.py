@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import mechanisms
 import numpy as np
 import pytest
-from conftest import QUICK
 from covering import covering
 from each import each
 from hypothesis import given
@@ -22,8 +21,6 @@ from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
-from newmark_cli.study import config
-from newmark_cli.support.documents import DocumentError
 
 # Arithmetic
 
@@ -132,34 +129,3 @@ def test_formulations_march_in_their_precision(
 
 
 # Refusals
-
-
-@each(
-    "change, words",
-    [
-        (("u-lambda", "u-lambda\nlinear_solver: sparse-lu"), "float32 needs dense-lu: pendulum"),
-        (("u-lambda", "u-lambda\nlinear_solver: [dense-lu, sparse-lu]"), "float32 needs dense-lu"),
-        (("problem: pendulum", "problem: {chain: {links: 200}}"), r"float32 needs dense-lu: chain"),
-        (("problem: pendulum", 'problem: {python: "p.py:p"}'), "is computed in float64 only"),
-        (("t_end: 1.0", "t_end: 1.0\n#"), None),
-    ],
-)
-def test_configs_refuse_what_has_no_single_precision(tmp_path, change, words):
-    """Solvers and problems that compute in double precision alone."""
-    (tmp_path / "p.py").write_text(
-        "import numpy as np\n"
-        "from newmark_cli.problems.python_problem import Definition\n"
-        "def p():\n"
-        "    return Definition(np.eye(2), np.array([1.0, 0.0]), np.zeros(2),\n"
-        "        lambda u, v, t: np.array([0.0, -1.0]), lambda u, t: np.array([(u @ u - 1) / 2]),\n"
-        "        lambda u, t: u[:, None])\n"
-    )
-    path = tmp_path / "c.yaml"
-    for precision in ("float32", "[float64, float32]"):
-        path.write_text(f"{QUICK.replace(*change)}precision: {precision}\n")
-        if words is None:
-            assert config.load(path, "c.yaml").cells()[-1].precision == "float32"
-            continue
-        with pytest.raises(DocumentError, match=f"precision: .*{words}") as caught:
-            config.load(path, "c.yaml", allow_code=True)
-        assert "\n" not in str(caught.value)

@@ -172,14 +172,6 @@ def test_stamped_commit_of_an_installed_package(installed, monkeypatch, modified
     assert source() == stamp
 
 
-def test_git_knows_better_than_a_stamp(checkout):
-    """In a checkout, as in an editable installation, git is asked."""
-    stamp = {"commit": "c0ffee", "modified": False}
-    (checkout / checkout_of_code.STAMP).write_text(json.dumps(stamp))
-    commit = git(checkout, "rev-parse", "HEAD")
-    assert source() == {"commit": commit, "modified": True}
-
-
 # -- the stamp of the build hook ------------------------------------------------------------
 
 
@@ -364,13 +356,6 @@ def test_agreement_with_what_was_shipped(copied, tmp_path):
         expected = sums | ({"series": sums["series"] | {changed: "0"}} if changed else {})
         shipped.write_text(json.dumps(expected))
         assert records.agreement(copied, names, shipped) == told
-
-
-def test_verify_fails(cli, copied):
-    """Exit 1 for a file that differs; one line and exit 2 without results."""
-    change(copied / "quick.csv")
-    assert lines(cli("verify", code=1))["results/quick.csv"] == "differs from its record"
-    assert "no results" in cli.refused("verify", "--results", "nowhere")
 
 
 # -- info -----------------------------------------------------------------------------------

@@ -7,23 +7,19 @@ import numpy as np
 import oracles
 import pytest
 from each import each
-from mechanisms import TWO_BODIES
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
-import newmark_cli as newmark
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
-from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import PythonFactory, Shipped
 from newmark_cli.problems import algebra, multipliers, python_problem, reference
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.running import references
 from newmark_cli.running.references import References
 from newmark_cli.support import apart
-from newmark_cli.support.errors import InputError
 
 PARTS = ("u", "v", "multipliers")
 TIMES = [1e-3, 0.5, 3.0, 3.7, 20.0]
@@ -140,67 +136,6 @@ def test_known_andrews_is_the_published_table(published):
     assert np.all(true <= estimated)
     assert np.all(estimated <= 1.3 * true)
     assert KNOWN["andrews"](0.02) is None
-
-
-@each("name", KNOWN)
-def test_known_solutions_are_of_shipped_problems(name):
-    """Each is a solution of the problem of its name: it is where the converged one is."""
-    assert name in PROBLEMS
-    known = KNOWN[name](0.03)
-    found = solution(problem(name), 0.03)
-    true, _ = true_errors(found, [getattr(known, part) for part in PARTS])
-    assert np.all(true <= 1e-14 + np.array([known.u_error, known.v_error, known.multipliers_error]))
-
-
-DRIVEN = (
-    """\
-points:
-  A: {fixed: [0, 0]}
-  W: {fixed: [2, 2]}
-  B: {at: [0.3, 0.4]}
-  C: {at: [0.9, 1.2], mass: 2}
-  S: {at: [1.4, 0.4], mass: 1}
-"""
-    + TWO_BODIES
-    + """\
-bars:
-  fixed on a body: {from: Q, to: S, length: 0.8}
-sliders:
-  rail: {point: S, through: [1, 0], direction: [1, 1]}
-springs:
-  spring: {from: P, to: W, stiffness: 7, rest_length: 0.3}
-dampers:
-  damper: {from: W, to: Q, damping: 3}
-motions:
-  crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}
-gravity: [1, -9]
-assemble: true
-project_velocities: true
-"""
-)
-
-
-@pytest.fixture(scope="module")
-def driven(tmp_path_factory):
-    """A mechanism with a motion, a damper and body-fixed points."""
-    path = tmp_path_factory.mktemp("mechanism") / "driven.yaml"
-    path.write_text(DRIVEN)
-    return loading.load(path, "driven")
-
-
-def test_newmark_converges_to_the_reference(driven):
-    """Another method, other code: order 2, and the limit is the reference."""
-    found = solution(driven, 0.4)
-    assert max(found.u_error, found.v_error, found.multipliers_error) < 1e-10
-    h = np.array([4e-3, 2e-3, 1e-3])
-    marches = [newmark.march(driven, h=step, t_end=0.4, every=0) for step in h]
-    ends = [(one.u[-1], one.v[-1]) for one in marches]
-    for part, exact in enumerate((found.u, found.v)):
-        errors = [relative_error(end[part], exact) for end in ends]
-        assert np.polyfit(np.log(h), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.05)
-        # The limit, by Richardson's extrapolation.
-        limit = (4 * ends[2][part] - ends[1][part]) / 3
-        assert relative_error(limit, exact) < 1e-2 * errors[2]
 
 
 def test_driven_crank_is_where_its_law_says(tmp_path):
@@ -456,13 +391,6 @@ def test_damaged_files_are_written_anew(tmp_path, counted, damage):
     assert files(tmp_path) == [path]
 
 
-def test_what_cannot_be_written_is_an_input_error(tmp_path):
-    """One line, not a traceback."""
-    (tmp_path / "references").write_text("in the way")
-    with pytest.raises(InputError, match="cannot be made"):
-        References(tmp_path).of(SPEC, 0.2)
-
-
 SWING = """\
 points: {O: {fixed: [0, 0]}, P: {at: [0.6, 0.8], mass: 1}}
 bars: {rod: {from: O, to: P, length: 1}}
@@ -538,11 +466,3 @@ def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeyp
     assert [path.name.rsplit("-", 1)[0] for path in files(tmp_path)] == [
         "a.py-swing-0.05", "a.py-swing-weight=2.0-0.05", "b.py-swing-0.05",
     ]  # fmt: skip
-
-
-def test_energy_of_a_python_problem_is_checked(tmp_path):
-    """It must give one number."""
-    with pytest.raises(
-        ProblemError, match=r"energy returned an array of shape \(2,\), expected a number"
-    ):
-        mine(tmp_path / "mine.py", MINE.replace("v @ v / 2 + weight * u[1]", "v")).load()

@@ -440,36 +440,6 @@ def test_a_terminal_shows_progress(cli, quick):
     assert any("100% 4 done" in line for line in verbose)
 
 
-def test_the_display_counts_failures(cli):
-    """Cells that the study accepts are done; others that do not end well have failed."""
-    write_swings(cli, "raise", "")
-    ours, theirs = pty.openpty()
-    run = cli.start(
-        "run", "swings.yaml", "--allow-code", stderr=theirs,
-        env=os.environ | {"COLUMNS": "100", "TERM": "dumb"},
-    )  # fmt: skip
-    output, _ = run.communicate(timeout=100)
-    text = os.read(ours, 4096).decode()
-    os.close(ours)
-    os.close(theirs)
-    assert output == "swings: 1 failed, 1 ok -> results/swings.csv\n"
-    assert "100% 1 done, 1 failed, 0 left" in text
-
-
-def test_a_folder_that_vanishes(cli):
-    """Taken away in mid-run: one line, and the folder is not made again without its lock."""
-    cli.write("long.yaml", LONG)
-    run = cli.start("run", "long.yaml")
-    wait_for_cells(cli.folder / "results", 2)
-    (cli.folder / "results").rename(cli.folder / "taken")
-    _, errors = run.communicate(timeout=120)
-    assert run.returncode == 2
-    (line,) = errors.splitlines()
-    assert "cannot be written: No such file or directory" in line
-    assert not (cli.folder / "results").exists()
-    assert len(list((cli.folder / "taken/cells").glob("*.json"))) >= 2
-
-
 (cell, *_) = config.load_shipped("pendulum-u").cells()
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 

@@ -24,7 +24,7 @@ from newmark_cli.newmark.linear.dense import DenseSystem, no_tables
 from newmark_cli.newmark.linear.ordering import order_by_size
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written import static_elimination
-from newmark_cli.newmark.linear.written.static import StaticBalancedJacobian, StaticSystem
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import PIVOTING, Counts, recording
 from newmark_cli.newmark.monomial import Monomial
@@ -181,19 +181,6 @@ def test_fill_is_that_of_the_elimination(size, seed, density):
         lower = lower_rows[lower_starts[j] : lower_starts[j + 1]]
         np.testing.assert_array_equal(upper, np.flatnonzero(filled[:j, j]))
         np.testing.assert_array_equal(lower, j + 1 + np.flatnonzero(filled[j + 1 :, j]))
-
-
-def test_transposed_systems_are_solved():
-    """Factors solve Aᵀ x = b too, as condition numbers need it."""
-    subject = subject_of("chain")
-    system = StaticSystem(subject, scheme_of("u-v-lambda", "optimal", 1e-3))
-    values = subject.values(0.0, subject.u0, subject.v0, np.ones(subject.m))
-    factors = system.elimination.balanced(values)
-    assert isinstance(factors, StaticBalancedJacobian)
-    matrix = system.matrix(values).toarray()
-    rhs = np.random.default_rng(2).normal(size=len(matrix))
-    for solved, of in ((factors.solve, matrix), (factors.solve_transposed, matrix.T)):
-        np.testing.assert_allclose(solved(rhs), np.linalg.solve(of, rhs), rtol=1e-9, atol=1e-12)
 
 
 def test_condition_numbers_reuse_the_factors():
@@ -390,27 +377,6 @@ def test_no_order_of_a_singular_matrix():
     assert order_by_size(np.ones((3, 3)), rows, columns) is None
     found = order_by_size(np.array([[0.0, 1, 0], [1, 0, 0], [0, 1, 1]]), rows, columns)
     assert sorted(zip(*map(np.ndarray.tolist, found), strict=True)) == [(0, 1), (1, 0), (2, 2)]
-
-
-@each(
-    "keys, message",
-    [
-        ({"formulation": "ggl"}, "solves index 3 without a projection only"),
-        ({"projection": "velocity"}, "solves index 3 without a projection only"),
-        ({"precision": "float32"}, "float32 needs dense-lu"),
-        ({"linear_solver": [AUTO, STATIC]}, "auto stands for dense-lu, static-lu or sparse-lu"),
-    ],
-)
-def test_studies_that_it_cannot_solve_are_refused(cli, tmp_path, keys, message):
-    """One line that names file, line and key, and exit code 2."""
-    study = {
-        "study": "wrong", "problem": "pendulum", "form": "u-lambda", "preconditioning": "none",
-        "h": 1e-3, "steps": 5, "linear_solver": STATIC,
-    }  # fmt: skip
-    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(study | keys), encoding="utf-8")
-    line = cli.refused("validate", "wrong.yaml")
-    assert line.startswith("newmark-study: wrong.yaml, line")
-    assert message in line
 
 
 # -- code made for a pattern ------------------------------------------------------------------

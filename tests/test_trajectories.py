@@ -28,7 +28,6 @@ t_end: 1.0
 measure: [condition, trajectory]
 trajectory: {every: 30}
 """
-WITHOUT = STUDY.replace("[condition, trajectory]\ntrajectory: {every: 30}", "condition")
 
 
 def columns_of(row):
@@ -86,27 +85,6 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     cli.write("one.yaml", study.replace("[trajectory, error]", "trajectory"))
     cli("run", "one.yaml")
     assert (cli.folder / "results/trajectory/one.csv").read_text() == table.csv()
-
-
-def test_the_error_in_the_csv_is_that_of_the_last_row(cli):
-    """Recomputed from the written end state and the reference that the run has kept."""
-    cli.write(
-        "one.yaml",
-        "study: one\nproblem: four-bar\nform: u-lambda\npreconditioning: optimal\nh: 1e-3\n"
-        "t_end: 0.05\nmeasure: [trajectory, error]\ntrajectory: {at: 0.05, keep: [v, lambda]}\n",
-    )
-    cli("run", "one.yaml")
-    (row,) = rows_in(cli.folder / "results/trajectory/one.csv")
-    (kept,) = (cli.folder / "results/references").glob("*.json")
-    reference = json.loads(kept.read_text())
-    found = {r["quantity"]: r["last"] for r in rows_in(cli.folder / "results/one.csv")
-             if r["measure"] == "error"}  # fmt: skip
-    for kind, scale in (
-        ("v", np.abs(reference["v"]).max()),
-        ("lambda", np.array(reference["lambda_scale"])),
-    ):
-        state = np.array([x for name, x in columns_of(row).items() if name.startswith(f"{kind}[")])
-        assert float(found[kind]) == np.max(np.abs(state - reference[kind]) / scale)
 
 
 @each("given, how, keep", [
@@ -209,19 +187,6 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
     assert record["config"]["cases"][0]["trajectory"] == {
         "every": 30, "keep": ["u", "v", "a", "lambda", "energy", "output"]
     }  # fmt: skip
-
-
-def test_a_study_that_keeps_none_any_more_loses_the_file(ran):
-    """And one that writes Parquet its CSV; temporary files of killed runs go with `prune`."""
-    folder = ran.folder / "results/trajectory"
-    litter = folder / ".swing.parquet.abcdefgh"
-    litter.write_text("x")
-    assert "1 temporary file" in ran("prune").stdout
-    assert not litter.exists()
-    ran.write("swing.yaml", WITHOUT)
-    ran("run", "swing.yaml")
-    assert list(folder.iterdir()) == []
-    ran("verify")
 
 
 # -- parquet ----------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 from conftest import SWING
 from each import each
 
-from newmark_cli.mechanisms.spec import PythonFactory, pinned, portable
+from newmark_cli.mechanisms.spec import PythonFactory, portable
 from newmark_cli.problems.problem import ProblemError
 
 #: A problem whose pendulum's length is imported.
@@ -284,18 +284,6 @@ def test_failures_name_the_line(cli, options):
     assert others == expected[: len(forces) - 1]
 
 
-def test_pinned(tmp_path):
-    """Another process does not take a problem whose file or import has changed."""
-    made = folder(tmp_path, "here", KINDS["module"])
-    sent = factory(made).read()
-    assert (sent.label, sent.given) == (factory(made).label, factory(made).given)
-    assert length(sent) == 2.0
-    (made / "sizes.py").write_text("LENGTH = 3.0\n")
-    with pytest.raises(ProblemError, match="other: has changed since the run began"):
-        pinned(replace(sent, spelled="mine.py:other")).load()
-    assert length(portable(sent)) == 2.0
-
-
 def test_what_was_imported_counts(tmp_path):
     """Under its name, for a file that is renamed may mean something else; and nothing else."""
     text = "try:\n    from a import K\nexcept ImportError:\n    from b import K\nLENGTH = 2.0\n"
@@ -311,15 +299,3 @@ def test_what_was_imported_counts(tmp_path):
         contents[case] = problem.content
     assert contents["a"] == contents["again"]
     assert len({*contents.values()}) == 3
-
-
-def test_a_problem_that_changes_in_mid_run(cli):
-    """The run ends in one line; what it had read at first is not what its processes would."""
-    cli.write("sizes.py", "LENGTH = 2.0\n")
-    grows = 'with open(__file__, "a") as file:\n    file.write("#")\n'
-    cli.write("mine.py", grows + MINE)
-    cli.write("mine.yaml", STUDY)
-    said = cli.refused("run", "mine.yaml", "--allow-code")
-    assert said.endswith("mine.py:swing: has changed since the run began")
-    cli.write("mine.py", MINE)
-    assert "1 ok" in cli("run", "mine.yaml", "--allow-code").stdout
