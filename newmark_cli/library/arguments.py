@@ -117,14 +117,10 @@ def vector(name: str, given: Any, length: int | None = None) -> Array:
 
 
 def coordinates(name: str, given: Any, problem: Problem, usual: Array) -> Array:
-    """(n,) numbers, one for each coordinate.
+    """(n,) numbers, one for each coordinate, from an array or a mapping.
 
-    Args:
-        name: Of the argument.
-        given: An array, or a mapping of names of points to a number for each axis and of
-            names of coordinates to one; what it does not name keeps its usual value.
-        problem: What the coordinates are of.
-        usual: (n,) usual values.
+    A mapping has a number for each axis of a point, and one for a coordinate, by their names; what
+    it does not name keeps its usual value.
     """
     if not isinstance(given, Mapping):
         return vector(name, given, problem.n)

@@ -155,12 +155,7 @@ def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: A
 
 
 def preconditioning_of(given: Any, name: str) -> Preconditioning:
-    """A scaling by its name, its dict, or itself.
-
-    Args:
-        given: It.
-        name: Of the argument.
-    """
+    """A scaling by its name, its dict, or itself."""
     if isinstance(given, Preconditioning):
         return given
     if not isinstance(given, Mapping):
@@ -232,14 +227,9 @@ def scheme_of(
     named: str = "scaling",
     **rest: Any,
 ) -> Scheme:
-    """The scheme that arguments of public functions describe.
+    """The scheme that arguments of public functions describe, as of `march`.
 
-    Args:
-        form, formulation, scaling, evaluation, precision: As of `march`.
-        integrator: The integrator.
-        h: Step size (s).
-        named: Name of the argument ``scaling``.
-        rest: Further attributes of the scheme.
+    ``named`` is the name of the argument ``scaling``, ``rest`` are further attributes.
     """
     chosen = formulation_of(formulation)
     formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])

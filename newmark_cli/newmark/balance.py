@@ -22,16 +22,11 @@ _NOISE = 1e-13
 
 
 def block_factors(sizes: Array) -> tuple[Array, Array]:
-    """Factors that bring blocks as near to one size as can be: least squares of logarithms.
+    """Factors (k,) of rows and of columns that bring blocks as near to one size as can be.
 
-    Entry by entry that is the scaling of Curtis & Reid (1972).  Taking largest entries only,
-    M would stay small next to a large G, and the motion that the constraints allow with it.
-
-    Args:
-        sizes: (k, k) sizes of the blocks; those of 0 do not count.
-
-    Returns:
-        (k,) factors of the rows and (k,) factors of the columns.
+    Least squares of logarithms of (k, k) sizes; those of 0 do not count.  By entries that is the
+    scaling of Curtis & Reid (1972).  Taking largest entries only, M would stay small next to a
+    large G, and the motion that the constraints allow with it.
     """
     rows, columns = np.nonzero(sizes)
     size = len(sizes)
@@ -42,12 +37,7 @@ def block_factors(sizes: Array) -> tuple[Array, Array]:
 
 
 def block_sizes(matrix: Array, counts: Sequence[int]) -> Array:
-    """(k, k) 2-norms of the blocks of a matrix.
-
-    Args:
-        matrix: (N, N).
-        counts: (k,) sizes of the blocks.
-    """
+    """(k, k) 2-norms of the blocks of a matrix."""
     edges = [*pairwise(np.cumsum([0, *counts]))]
     return np.array(
         [[spectral_norm(matrix[i:j, begin:end]) for begin, end in edges] for i, j in edges]
@@ -60,13 +50,6 @@ def equilibrium(matrix: Array, counts: Sequence[int]) -> tuple[Array, Array]:
     First blocks, then entries (Curtis & Reid 1972), then the largest of each row and column
     (Ruiz 2001).  The factors are powers of two, so that nothing is rounded, and equal for rows
     and columns where the sizes of the entries are symmetric.  A row or column of zeros keeps 1.
-
-    Args:
-        matrix: (N, N).
-        counts: Sizes of its blocks; they add up to N.
-
-    Returns:
-        (N,) factors of the rows and (N,) factors of the columns.
     """
     of_blocks = block_factors(block_sizes(matrix, counts))
     rows, columns = (np.log2(np.repeat(factors, counts)) for factors in of_blocks)
@@ -104,12 +87,7 @@ class Inverted:
     """
 
     def __init__(self, jacobian: Array, counts: Sequence[int]) -> None:
-        """Invert it.
-
-        Args:
-            jacobian: (N, N).
-            counts: Sizes of its blocks.
-        """
+        """Invert a matrix (N, N) with blocks of these sizes."""
         self.jacobian = jacobian
         self.rows, self.columns = equilibrium(jacobian, counts)
         even = self.rows[:, None] * jacobian * self.columns[None, :]
@@ -122,11 +100,7 @@ class Inverted:
         return np.asarray(self.columns[:, None] * self._inverse * self.rows[None, :])
 
     def condition(self, left: Array | float = 1.0, right: Array | float = 1.0) -> float:
-        """2-norm condition number of D_L J D_R.
-
-        Args:
-            left, right: (N,) factors of the rows and of the columns.
-        """
+        """2-norm condition number of D_L J D_R, from (N,) factors of rows and columns."""
         size = len(self.jacobian)
         left, right = np.broadcast_to(left, size), np.broadcast_to(right, size)
         scaled = left[:, None] * self.jacobian * right[None, :]
@@ -151,12 +125,7 @@ def has_full_rank(matrix: Array) -> bool:
 
 
 def saddle_point(mass: Array, gradient: Array) -> Array:
-    """[M −G; Gᵀ 0] with rows and columns of one size.
-
-    Args:
-        mass: (n, n) M.
-        gradient: (n, m) G.
-    """
+    """[M −G; Gᵀ 0] with rows and columns of one size."""
     m = gradient.shape[1]
     matrix = np.block([[mass, -gradient], [gradient.T, np.zeros((m, m))]])
     rows, columns = equilibrium(matrix, [len(mass), m])

@@ -208,12 +208,7 @@ class Constraining:
         return np.asarray(np.bincount(terms.rows, moved, minlength=self.problem.n), float)
 
     def norms(self, blocks: Sequence[Array], directions: Array) -> list[float]:
-        """Norms of what a march records of a correction, in the order of `Scheme.recorded`.
-
-        Args:
-            blocks: Of the correction, an unknown each.
-            directions: The terms of P.
-        """
+        """Norms of what a march records of a correction, in the order of `Scheme.recorded`."""
         scheme, p = self.scheme, len(self.scheme.form.kept)
         norms = [norm(block) for block in blocks]
         if self.stabilised:

@@ -122,13 +122,7 @@ def unpredicted(scheme: Scheme) -> str:
 
 
 class _Results:
-    """Results of operations, which are rounded to machine numbers.
-
-    Args:
-        values: What the results are about.
-        dtype: Type of the numbers.
-        random: Where the exact results lie.
-    """
+    """Results of operations, which are rounded to machine numbers."""
 
     def __init__(self, values: Array, dtype: type[Any], random: np.random.Generator) -> None:
         self.unit = _unit(values, dtype)
@@ -165,11 +159,8 @@ class _Results:
 class _Sums:
     """Rows of a residual that subtract products in turn from what they should sum up to.
 
-    Args:
-        rows: Which row each product belongs to, in the order of the subtractions.
-        size: Number of rows.
-        products: Values of the products.
-        exact: Whether a product does not round, its factor being one.
+    ``rows`` has the row of each product, in the order of the subtractions; ``exact`` says
+    whether a product does not round, its factor being one.
     """
 
     def __init__(self, rows: IndexArray, size: int, products: Array, exact: Array) -> None:
@@ -431,10 +422,7 @@ class _Model:
     ) -> tuple[Array, Array, Array]:
         """Rounding errors of f + Gλ (n,), its change, and errors of the rows of constraints.
 
-        Args:
-            of_fields: (n,) each, how far the kept unknowns are off.
-            of_multipliers: (m,) how far λ is.
-            push: (n,) Pη, by which eliminated fields are off.
+        From how far kept unknowns (n,) and λ (m,) are off, and Pη (n,), by which others are.
         """
         problem, pattern, scheme = self.problem, self.problem.pattern, self.scheme
         change = np.zeros((3, problem.n))
@@ -477,9 +465,7 @@ class _Model:
     def _linear_rows(self, exact: Array, change: Array) -> Array:
         """(k m,) by how much the rows of constraints change but for rounding.
 
-        Args:
-            exact: (3, n) how far u, v and a, not yet rounded, are from those of the state.
-            change: (3, n) how far off they are.
+        From (3, n) how far u, v and a are from those of the state, not yet rounded, and off.
         """
         along, g = self.problem.along, self.entries.g
         u, v, a = exact
@@ -510,12 +496,9 @@ class _Model:
     def _rows(
         self, values: Values, arguments: tuple[Array, ...], change: Array, of_shift: Array
     ) -> Array:
-        """(k m,) the rows of constraints as the march computes them.
+        """(k m,) the rows of constraints as the march computes them at a point.
 
-        Args:
-            values, arguments: The problem at the point, and where it is.
-            change: (3, n) exact changes of u, v and a since the state.
-            of_shift: (n,) change of Δ as it is rounded.
+        From (3, n) exact changes of u, v and a since the state, and (n,) of Δ as it is rounded.
         """
         problem, constraining = self.problem, self.constraining
         scheme, dtype = self.scheme, self.scheme.dtype

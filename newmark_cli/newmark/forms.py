@@ -26,26 +26,14 @@ MULTIPLIERS = ("lambda", "eta")
 
 @dataclass(frozen=True)
 class Form:
-    """Kept unknowns and rows.
+    """Kept unknowns and rows."""
 
-    Attributes:
-        name: Spelling in configs and CSVs.
-        kept: Kept fields among u, v, a, in this order.
-        rows: Solved rows in the order of `ROWS`; D always is.
-        in_paper: Whether Tables 1 and 2 have a column for it.
-        multipliers: λ, and η where the formulation has them.
-        formulation: Label of the formulation that the rows of constraints are of.
-
-    Raises:
-        ValueError: When rows and unknowns do not match.
-    """
-
-    name: str
-    kept: tuple[str, ...]
-    rows: tuple[str, ...]
-    in_paper: bool = True
-    multipliers: tuple[str, ...] = ("lambda",)
-    formulation: str = INDEX_3
+    name: str  #: spelling in configs and CSVs
+    kept: tuple[str, ...]  #: kept fields among u, v, a, in this order
+    rows: tuple[str, ...]  #: solved rows in the order of `ROWS`; D always is
+    in_paper: bool = True  #: whether Tables 1 and 2 have a column for it
+    multipliers: tuple[str, ...] = ("lambda",)  #: λ, and η where the formulation has them
+    formulation: str = INDEX_3  #: label of the formulation that the rows of constraints are of
 
     def __post_init__(self) -> None:
         if self.kept != tuple(f for f in FIELDS if f in self.kept) or not self.kept:
@@ -81,11 +69,7 @@ class Form:
         return tuple(r for r in self.rows if r in "VK")
 
     def sizes(self, n: int, m: int) -> list[int]:
-        """Sizes of the blocks of the solved unknowns, and alike of the rows.
-
-        Args:
-            n, m: Numbers of coordinates and constraints.
-        """
+        """Sizes of the blocks of the solved unknowns, and alike of the rows."""
         return [n] * len(self.kept) + [m] * len(self.constraint_rows)
 
     @property
@@ -117,22 +101,14 @@ class Elimination:
     (u, v, a) = weights · kept + eta · Pη + past · (past vectors).  A kept row of V, K
     reads rows · kept + rows_eta · Pη + rows_past · (past vectors) = 0.  η stands in K as
     −Pη; without a formulation that has it, its columns go unused.
-
-    Attributes:
-        weights: (3, p) W = ∂(u, v, a)/∂(kept).
-        past: (3, P).
-        rows: (r, p) kept update relations.
-        rows_past: (r, P).
-        eta: (3,) coefficients of Pη.
-        rows_eta: (r,) the same in the kept relations.
     """
 
-    weights: Array
-    past: Array
-    rows: Array
-    rows_past: Array
-    eta: Array
-    rows_eta: Array
+    weights: Array  #: (3, p) W = ∂(u, v, a)/∂(kept)
+    past: Array  #: (3, P)
+    rows: Array  #: (r, p) kept update relations
+    rows_past: Array  #: (r, P)
+    eta: Array  #: (3,) coefficients of Pη
+    rows_eta: Array  #: (r,) the same in the kept relations
 
 
 def eliminate(form: Form, relations: Relations) -> Elimination:

@@ -36,23 +36,15 @@ class FormulationError(InputError):
 
 @dataclass(frozen=True)
 class Method:
-    """A formulation without its parameter.
+    """A formulation without its parameter."""
 
-    Attributes:
-        description: One line.
-        rows: Rows of constraints in the system.
-        stabilised: Whether K carries Gη.
-        penalised: Whether D carries a penalty, and λ is updated instead of solved for.
-        parameters: Name → what it means, its unit and default; a formulation takes one.
-        derivatives: Highest derivative of Φ in time whose tangents it needs.
-    """
-
-    description: str
-    rows: tuple[str, ...]
-    stabilised: bool = False
-    penalised: bool = False
+    description: str  #: one line
+    rows: tuple[str, ...]  #: rows of constraints in the system
+    stabilised: bool = False  #: whether K carries Gη
+    penalised: bool = False  #: whether D carries a penalty, and λ is updated instead of solved for
+    #: name → what it means, its unit and default; a formulation takes one
     parameters: Mapping[str, str] = field(default_factory=dict)
-    derivatives: int = 0
+    derivatives: int = 0  #: highest derivative of Φ in time whose tangents it needs
 
 
 #: Formulations by name.
@@ -96,19 +88,10 @@ DEFAULTS = {"baumgarte": ("rate", 1e3), "augmented-lagrangian": ("factor", 10.0)
 
 @dataclass(frozen=True)
 class Formulation:
-    """A formulation with its parameter.
+    """A formulation with its parameter."""
 
-    Attributes:
-        method: One of `METHODS`.
-        parameter: Its name and value; the default when omitted.
-
-    Raises:
-        FormulationError: For an unknown method or parameter, or a value that is not
-            positive.
-    """
-
-    method: str = INDEX_3
-    parameter: tuple[str, float] | None = None
+    method: str = INDEX_3  #: one of `METHODS`
+    parameter: tuple[str, float] | None = None  #: its name and value; the default when omitted
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -141,11 +124,7 @@ class Formulation:
 
     @classmethod
     def parse(cls, label: str) -> "Formulation":
-        """Read a `label`; a method alone has its default parameter.
-
-        Raises:
-            FormulationError: When it is none.
-        """
+        """Read a `label`; a method alone has its default parameter."""
         method, _, given = label.partition(" ")
         if not given:
             return cls(method)
@@ -162,11 +141,7 @@ class Formulation:
         return self.parameter is not None and self.parameter[0] == "rate_h"
 
     def applied(self, form: Form) -> Form:
-        """A form with the rows and multipliers of this formulation.
-
-        Args:
-            form: One of the registered forms.
-        """
+        """A form with the rows and multipliers of this formulation."""
         if self.method == INDEX_3:
             return form
         multipliers = ("lambda", "eta") if self.kind.stabilised else ("lambda",)
@@ -191,16 +166,7 @@ class Formulation:
 
 
 def formulated(form: str, label: str) -> Form:
-    """A form in a formulation, by their names in a CSV.
-
-    Args:
-        form: Name of a form.
-        label: `Formulation.label` of the formulation.
-
-    Raises:
-        FormulationError: When the label is none.
-        KeyError: When there is no such form.
-    """
+    """A form in a formulation, by their names in a CSV."""
     return Formulation.parse(label).applied(FORMS[form])
 
 
@@ -234,19 +200,11 @@ STARTS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Projection:
-    """What is projected after a step.
+    """What is projected after a step."""
 
-    Attributes:
-        method: One of `PROJECTIONS`.
-        accelerations: Whether v' is replaced by that of the index-1 system too, and a
-            changed by as much: a approximates v' at a shifted time in generalized-α, and
-            would lose order 2 were it set to v'.
-
-    Raises:
-        FormulationError: For an unknown method, or accelerations without a projection.
-    """
-
-    method: str = "none"
+    method: str = "none"  #: one of `PROJECTIONS`
+    #: whether v' is replaced by that of the index-1 system too, and a changed by as much: a
+    #: approximates v' at a shifted time in generalized-α, and would lose order 2 were it set to v'
     accelerations: bool = False
 
     def __post_init__(self) -> None:
@@ -264,11 +222,7 @@ class Projection:
 
     @classmethod
     def parse(cls, label: str) -> "Projection":
-        """Read a `label`.
-
-        Raises:
-            FormulationError: When it is none.
-        """
+        """Read a `label`."""
         method, _, rest = label.partition(" ")
         if rest not in ("", "accelerations"):
             raise FormulationError(f"unknown projection {label!r}")

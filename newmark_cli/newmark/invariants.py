@@ -31,15 +31,11 @@ class Misfit(NamedTuple):
 
 
 def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
-    """`misfits` of the state of a march, and those of its multipliers.
+    """`misfits` of the state of a march, and those of its multipliers, by name.
 
-    Those of λ are λ − λ₁, where u and v imply λ₁ by the index-1 system.  What errors of
-    different multipliers are relative to is that of `newmark_cli.problems.multipliers`, in
-    view of all of a motion.
-
-    Returns:
-        By name, in the order of `INVARIANTS`.  Of multipliers NaN where the state is not
-        finite or the index-1 matrix is singular.
+    Those of λ are λ − λ₁, where u and v imply λ₁ by the index-1 system; NaN where the state is
+    not finite or its matrix is singular.  What errors of different multipliers are relative to is
+    that of `newmark_cli.problems.multipliers`, in view of all of a motion.
     """
     u, v = np.asarray(state.fields[:2], float)
     found = misfits(problem, t, u, v)

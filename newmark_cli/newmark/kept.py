@@ -18,28 +18,17 @@ OUTPUT = "output"
 
 @dataclass(frozen=True)
 class Kept:
-    """Values that a study keeps of a march.
+    """Values that a study keeps of a march."""
 
-    Attributes:
-        every: The start, every so many steps, and the last.
-        at: The steps nearest to these times (s) instead, if there are any.
-        keep: Some of `KEPT`, `ENERGY` and `OUTPUT`.
-    """
-
-    every: int = 1
-    at: tuple[float, ...] = ()
-    keep: tuple[str, ...] = (*KEPT, ENERGY, OUTPUT)
+    every: int = 1  #: the start, every so many steps, and the last
+    at: tuple[float, ...] = ()  #: the steps nearest to these times (s) instead, if there are any
+    keep: tuple[str, ...] = (*KEPT, ENERGY, OUTPUT)  #: some of `KEPT`, `ENERGY` and `OUTPUT`
 
     def looks(self, t0: float, h: float, last: int) -> Sequence[int]:
         """Steps that are kept of a march, ascending; as a range where they may be many.
 
         The last of ``every`` is left out unless it is one of them, since nobody knows
         whether the march will come so far.
-
-        Args:
-            t0: Time of step 0 (s).
-            h: Step size (s).
-            last: Last step.
         """
         if self.at:
             steps: list[int] = nearest_steps(np.array(self.at), t0, h, 0, last).tolist()
@@ -52,14 +41,7 @@ class Kept:
 
 
 def nearest_steps(times: Array, t0: float, h: float, first: int, last: int) -> Array:
-    """(k,) distinct steps nearest to times (s), ascending.
-
-    Args:
-        times: The times.
-        t0: Time of step 0 (s).
-        h: Step size (s).
-        first, last: Steps between which they are.
-    """
+    """(k,) distinct steps nearest to times (s), ascending."""
     steps = np.rint((times - t0) / h).astype(np.int64)
     return np.asarray(np.unique(np.clip(steps, first, last)))
 

@@ -25,28 +25,21 @@ class MonomialError(InputError):
 
 @dataclass(frozen=True)
 class Monomial:
-    """c · Π symbolᵏ with c > 0 and whole k.
+    """c · Π symbolᵏ with c > 0 and whole k."""
 
-    Attributes:
-        coefficient: c.
-        powers: (symbol, k) pairs with k ≠ 0, in order of the symbols' names.
-    """
-
-    coefficient: float = 1.0
+    coefficient: float = 1.0  #: c
+    #: (symbol, k) pairs with k ≠ 0, in order of the symbols' names
     powers: tuple[tuple[str, int], ...] = ()
 
     @classmethod
     def parse(cls, text: str | float, symbols: Iterable[str] = SYMBOLS) -> "Monomial":
         """Read a monomial such as ``1/(beta*h^2)``; the text is never evaluated as code.
 
-        Args:
-            text: Numbers and symbols joined by ``*``, ``/`` and ``^`` (or ``**``)
-                with whole exponents, and parentheses.
-            symbols: Symbols that are allowed.
+        It has numbers and the symbols joined by ``*``, ``/`` and ``^`` (or ``**``) with whole
+        exponents, and parentheses.
 
         Raises:
-            MonomialError: With the reason, on anything else, and when the
-                coefficient is not positive and finite.
+            MonomialError: On anything else, and if the coefficient is not positive and finite.
         """
         source = str(text)
         if len(source) > LONGEST:

@@ -31,13 +31,7 @@ class Needed:
     """
 
     def __init__(self, problem: Problem, last: int | None, done: int = 0) -> None:
-        """Compare with the problem's start.
-
-        Args:
-            problem: The problem.
-            last: Step at which the march is over; None where nobody knows.
-            done: Steps that it has taken.
-        """
+        """Compare with the problem's start; ``last`` is the last step, None where nobody knows."""
         self.stops: frozenset[int] = frozenset()
         self.reason = ""
         self._last, self._watches = last, bool(problem.released)

@@ -163,13 +163,8 @@ def newton_systems(
     The march goes on as ever, by its own engine.  A step that is observed is taken by the
     SciPy engine besides, from the state in which the march stands: the same algorithm, from
     the same numbers.  When the march ends before the last of the steps, so do the systems;
-    its `ending` says how.  Systems that are not finite are left out.
-
-    Args:
-        march: The march; taken on to the last of the steps.
-        steps: Which, the first being 1; ascending.
-        every_iteration: Systems of all iterations.
-        on_steps: Told how many steps were done, now and then.
+    its `ending` says how.  Systems that are not finite are left out.  Steps are ascending, the
+    first being 1; ``on_steps`` is told how many were done, now and then.
 
     Raises:
         InputError: In single precision: such a march is assembled and solved inside the

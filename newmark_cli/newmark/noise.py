@@ -53,14 +53,9 @@ def carried(integrator: Integrator) -> float:
 def violations(problem: Problem, scheme: Scheme, t: float, u: Array, v: Array) -> Array:
     """(draws, m) Φ at the end of a step, as rounding leaves it: draws of Gᵀ δ − ρ.
 
-    ρ comes from the problem's own function at machine numbers near the state.  In compensated
-    evaluation Φ changes by Gᵀ Δ: Δ, about h v, is rounded in place of u, and so is the product.
-
-    Args:
-        problem: The problem.
-        scheme: Step size, evaluation and precision.
-        t: Time (s).
-        u, v: (n,) the state.
+    ρ comes from the problem's own function at machine numbers near the state u, v (n,).  In
+    compensated evaluation Φ changes by Gᵀ Δ: Δ, about h v, is rounded in place of u, and so is
+    the product.
     """
     dtype, none = scheme.dtype, np.zeros(problem.m, scheme.dtype)
     u, v = u.astype(dtype), v.astype(dtype)
@@ -89,13 +84,8 @@ def violations(problem: Problem, scheme: Scheme, t: float, u: Array, v: Array) -
 def multiplier_noise(jacobian: Array, scheme: Scheme, violated: Array) -> float:
     """Rms of the change of ‖λ‖ that comes with constraints that a single step has not met.
 
-    Args:
-        jacobian: (n + m, n + m) J of the (u, λ) form, index 3.
-        scheme: What it is the Jacobian of.
-        violated: (draws, m) Φ at the end of the step.
-
-    Raises:
-        numpy.linalg.LinAlgError: When J is singular.
+    From J (n + m, n + m) of the (u, λ) form, index 3, which may be singular
+    (numpy.linalg.LinAlgError), and (draws, m) Φ at the end of the step.
     """
     draws, m = violated.shape
     n = len(jacobian) - m

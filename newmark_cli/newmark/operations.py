@@ -43,11 +43,7 @@ _FREE = {
 
 
 class Tally:
-    """Counts what is done with its numbers.
-
-    Attributes:
-        operations: How many operations were done.
-    """
+    """Counts the operations that are done with its numbers."""
 
     def __init__(self) -> None:
         self.operations = 0
@@ -112,15 +108,10 @@ def interpreted(function: Any) -> Callable[..., Any]:
 
 
 class Evaluation(NamedTuple):
-    """Operations of a problem's functions; 0 where they are the user's code.
+    """Operations of a problem's functions; 0 where they are the user's code."""
 
-    Attributes:
-        values: Of force, Φ, X, Y and G.
-        derivatives: Of what Φ' and Φ'' have besides G, and of their tangents.
-    """
-
-    values: int
-    derivatives: int
+    values: int  #: of force, Φ, X, Y and G
+    derivatives: int  #: of what Φ' and Φ'' have besides G, and of their tangents
 
 
 @lru_cache(maxsize=16)
@@ -145,27 +136,17 @@ def evaluation(problem: Problem) -> Evaluation:
 
 
 class Work(NamedTuple):
-    """Operations of the parts of a march.
+    """Operations of the parts of a march."""
 
-    Attributes:
-        correction: Of a Newton correction; of a Krylov solver without its iterations.
-        step: What a step takes besides its corrections.
-        position: Of a correction of positions by a projection.
-    """
-
-    correction: int
-    step: int
-    position: int
+    correction: int  #: of a Newton correction; of a Krylov solver without its iterations
+    step: int  #: what a step takes besides its corrections
+    position: int  #: of a correction of positions by a projection
 
 
 def work(problem: Problem, scheme: Scheme, system: LinearSystem) -> Work:
     """Operations of the parts of a march.
 
     Recovered multipliers are part of every step, as if each were reported.
-
-    Args:
-        problem, scheme: What marches, and how.
-        system: Its linear system.
     """
     values, derivatives = evaluation(problem)
     constraining = constraining_of(problem, scheme)

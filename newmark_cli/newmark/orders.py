@@ -30,18 +30,12 @@ class Inverse:
 
     A block may be smaller than in general position: where Y, X or ∂(Gᵀv)/∂u is zero
     (at rest), where constraints are linear, and where P = M⁻¹G.
-
-    Attributes:
-        columns: Rows of the system, and so columns of J⁻¹.
-        general: Unknown → orders in general position.
-        undamped: The same where Y = 0.
-        special: Largest order that any of the special cases has.
     """
 
-    columns: tuple[str, ...]
-    general: Mapping[str, tuple[float, ...]]
-    undamped: Mapping[str, tuple[float, ...]]
-    special: Mapping[str, tuple[float, ...]]
+    columns: tuple[str, ...]  #: rows of the system, and so columns of J⁻¹
+    general: Mapping[str, tuple[float, ...]]  #: unknown → orders in general position
+    undamped: Mapping[str, tuple[float, ...]]  #: the same where Y = 0
+    special: Mapping[str, tuple[float, ...]]  #: largest order that any of the special cases has
 
 
 def _inverse(columns: str, *tables: Mapping[str, str]) -> Inverse:
@@ -123,12 +117,7 @@ INVERSES: Mapping[str, Inverse] = MappingProxyType(
 
 
 def min_plus(left: Array, right: Array) -> Array:
-    """Orders of a product of block matrices: min_k (left_ik + right_kj).
-
-    Args:
-        left: (p, q) orders.
-        right: (q,) or (q, r) orders.
-    """
+    """Orders of a product of blocks (p, q) and (q,) or (q, r): min_k (left_ik + right_kj)."""
     columns = right.reshape(right.shape[0], -1)
     product = np.min(left[:, :, None] + columns[None, :, :], axis=1)
     return np.asarray(product.reshape((left.shape[0], *right.shape[1:])))
@@ -136,42 +125,30 @@ def min_plus(left: Array, right: Array) -> Array:
 
 @dataclass(frozen=True)
 class FormOrders:
-    """Orders of the unscaled system of a form.
+    """Orders of the unscaled system of a form."""
 
-    Attributes:
-        form: The form, with the rows and multipliers of its formulation.
-        weights: (3, p) orders of W = ∂(u, v, a)/∂(kept), and of a column for η where
-            there is one.
-        jacobian: (rows, solved) orders of J (eqs. 21, 33).
-        inverse: (solved, rows) orders of J⁻¹ (eqs. 23, 34).
-        residual: (rows,) orders of the residual's perturbation: each row's
-            largest term (eqs. 25, 36).
-        reactions: Unknown, eliminated or not → (rows,) orders of its row of the
-            four-field J⁻¹.  W times the kept corrections would overstate those of
-            eliminated fields where η cancels them.
-        special: (solved, rows) orders of J⁻¹ that its blocks may have at most, where
-            something is not in general position.
-        differenced: Whether rows V and K are differences of numbers as large as the
-            fields.  These are often exact, so that the residual is smaller than its terms.
-        penalty: Order of the penalty p of an augmented Lagrangian, and +∞ without.
-    """
-
-    form: Form
+    form: Form  #: the form, with the rows and multipliers of its formulation
+    #: (3, p) orders of W = ∂(u, v, a)/∂(kept), and of a column for η where there is one
     weights: Array
-    jacobian: Array
-    inverse: Array
+    jacobian: Array  #: (rows, solved) orders of J (eqs. 21, 33).
+    inverse: Array  #: (solved, rows) orders of J⁻¹ (eqs. 23, 34).
+    #: (rows,) orders of the residual's perturbation: each row's largest term (eqs. 25, 36).
     residual: Array
+    #: unknown, eliminated or not → (rows,) orders of its row of the four-field J⁻¹. W times the
+    #: kept corrections would overstate those of eliminated fields where η cancels them.
     reactions: Mapping[str, Array]
+    #: (solved, rows) orders of J⁻¹ that its blocks may have at most, where something is not in
+    #: general position
     special: Array
+    #: whether rows V and K are differences of numbers as large as the fields. These are often
+    #: exact, so that the residual is smaller than its terms.
     differenced: bool = True
-    penalty: float = _INF
+    penalty: float = _INF  #: order of the penalty p of an augmented Lagrangian, and +∞ without
 
     def corrections(self, scaling: Scaling | None = None) -> dict[str, float]:
         """Orders of the corrections of the unknowns (eqs. 26, 37, 40, 45).
 
-        Args:
-            scaling: When given, of the scaled corrections q̄; the rows' factors
-                cancel, the unknowns' divide.
+        With a scaling those of the scaled q̄: the rows' factors cancel, the unknowns' divide.
         """
         physical = self.physical_corrections()
         return {
@@ -251,11 +228,9 @@ def form_orders(
 
     Args:
         form: The form, as `Formulation.applied` gives it.
-        damped: Whether Y ≠ 0.
-        stiff: Whether X ≠ 0.
-        compensated: Whether residuals are evaluated in increments.  Their terms are
-            then as small as w, O(h²), and ν, O(h), and Φ and its rate change by O(h)
-            in a step.
+        damped, stiff: Whether Y ≠ 0, and whether X ≠ 0.
+        compensated: Whether residuals are evaluated in increments: their terms are as small as
+            w, O(h²), and ν, O(h), and Φ and its rate change by O(h) in a step.
     """
     formulation = Formulation.parse(form.formulation)
     # Which weights and row entries are there does not depend on h or on the
@@ -335,15 +310,7 @@ def _table(formulation: Formulation) -> str:
 def _residuals(
     form: Form, formulation: Formulation, weights: Array, rates: Array, compensated: bool
 ) -> dict[str, float]:
-    """Orders of each row's largest term.
-
-    Args:
-        form: The form.
-        formulation: Its formulation.
-        weights: (3, p) orders of W, without a column for η, whose terms are never the largest.
-        rates: (p,) orders of the kept fields relative to u.
-        compensated: Whether terms are those of increments.
-    """
+    """Orders of each row's largest term."""
     # Of w, ν and a, where the evaluation is in increments.
     sizes = 2 + rates if compensated else np.zeros(len(rates))
     u, v, a = (float(order) for order in np.min(weights + sizes, axis=1))
@@ -377,15 +344,6 @@ def derive_scaling(orders: FormOrders) -> tuple[dict[str, int], dict[str, int]]:
     other rows of constraints stand, that leaves a choice: the fields then keep the
     powers of ∂u/∂u, ∂v/∂u and ∂a/∂u, as they have in Table 2.  The least solution is
     found by relaxation, as longest paths are.
-
-    Args:
-        orders: Orders of a form.
-
-    Returns:
-        Row block → ℓ and unknown → r.
-
-    Raises:
-        ValueError: When no powers do it.
     """
     rows, unknowns = orders.form.rows, orders.form.solved
     low, high = -orders.jacobian, orders.inverse.T

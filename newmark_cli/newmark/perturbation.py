@@ -33,18 +33,10 @@ def sensitivities(
     state: State,
     system: LinearSystem | None = None,
 ) -> dict[tuple[str, str], float]:
-    """‖δq̄‖/ε of each unknown for a perturbation of each row block of b̄.
+    """(row block, unknown) → ‖δq̄‖/ε for a perturbation of each row block of b̄ at a state.
 
-    Args:
-        problem: The problem.
-        scheme: Form, scaling, integrator and step size; the perturbation and what
-            it does are those of the scaled system J̄ q̄ = −b̄.
-        t: Time (s).
-        state: State at which J̄ is evaluated.
-        system: Linear system of the scheme on the problem; dense when omitted.
-
-    Returns:
-        (row block, unknown) → ‖δq̄‖/ε.
+    The perturbation and what it does are those of the scaled system J̄ q̄ = −b̄, which is dense
+    when omitted.
 
     Raises:
         numpy.linalg.LinAlgError: When J̄ is singular.

@@ -73,18 +73,13 @@ PRINTED: Mapping[str, str] = MappingProxyType({"V": "1"})
 
 @dataclass(frozen=True)
 class Variant:
-    """A named scaling by the factors of Table 2.
+    """A named scaling by the factors of Table 2."""
 
-    Attributes:
-        sides: Sides that it uses.
-        description: One line.
-        replaced: Row block → factor that it uses in place of that of `TABLE_2`.
-        factors: Side → its factors, the same for every form, in place of `TABLE_2`.
-    """
-
-    sides: tuple[str, ...]
-    description: str
+    sides: tuple[str, ...]  #: sides that it uses
+    description: str  #: one line
+    #: row block → factor that it uses in place of that of `TABLE_2`
     replaced: Mapping[str, str] = field(default_factory=dict)
+    #: side → its factors, the same for every form, in place of `TABLE_2`
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
@@ -129,34 +124,21 @@ class ScalingError(InputError):
 
 @dataclass(frozen=True)
 class Scaling:
-    """Factors of the row blocks and of the unknowns of one form.
+    """Factors of the row blocks and of the unknowns of one form."""
 
-    Attributes:
-        name: A variant's name, or the user's.
-        left: Row block → factor.
-        right: Unknown → factor.
-    """
-
-    name: str
-    left: Mapping[str, Monomial]
-    right: Mapping[str, Monomial]
+    name: str  #: a variant's name, or the user's
+    left: Mapping[str, Monomial]  #: row block → factor
+    right: Mapping[str, Monomial]  #: unknown → factor
 
 
 @dataclass(frozen=True)
 class Preconditioning:
-    """A scaling before it is applied to a form: a named variant, or factors of one's own.
+    """A scaling before it is applied to a form: a named variant, or factors of one's own."""
 
-    Attributes:
-        name: One of `VARIANTS`, or a name of one's own.
-        left: (row block, factor) pairs of a scaling of one's own.
-        right: (unknown, factor) pairs.
-        own: Whether the factors are given here rather than by Table 2.
-    """
-
-    name: str
-    left: tuple[tuple[str, str], ...] = ()
-    right: tuple[tuple[str, str], ...] = ()
-    own: bool = False
+    name: str  #: one of `VARIANTS`, or a name of one's own
+    left: tuple[tuple[str, str], ...] = ()  #: (row block, factor) pairs of a scaling of one's own
+    right: tuple[tuple[str, str], ...] = ()  #: (unknown, factor) pairs
+    own: bool = False  #: whether the factors are given here rather than by Table 2
 
     def __post_init__(self) -> None:
         # Two spellings of one factor, or of their order, are one scaling.
@@ -177,11 +159,7 @@ class Preconditioning:
 
     @classmethod
     def parse(cls, label: str) -> "Preconditioning":
-        """Read a `label`.
-
-        Raises:
-            ScalingError: When it is none.
-        """
+        """Read a `label`."""
         if label in VARIANTS:
             return cls(label)
         match = _LABEL.fullmatch(label)
@@ -197,11 +175,7 @@ class Preconditioning:
         return cls(match["name"], sides["left"], sides["right"], own=True)
 
     def scaling(self, form: Form) -> Scaling:
-        """Factors for a form.
-
-        Raises:
-            ScalingError: When a factor is no monomial or the form has no such block.
-        """
+        """Factors for a form."""
         if self.own:
             return own_scaling(self.name, form, dict(self.left), dict(self.right))
         return named_scaling(self.name, form)
@@ -238,12 +212,7 @@ _LABEL = re.compile(r"(?P<name>[A-Za-z0-9._-]+)\[(?P<sides>[^\[\]]*)\]")
 
 
 def named_scaling(variant: str, form: Form) -> Scaling:
-    """Scaling of a form by a named variant.
-
-    Args:
-        variant: One of `VARIANTS`.
-        form: One of the registered forms.
-    """
+    """Scaling of a form by a named variant."""
     chosen = VARIANTS[variant]
     blocks = {"left": form.rows, "right": form.unknowns}
     table = {}
@@ -260,12 +229,6 @@ def own_scaling(
     name: str, form: Form, left: Mapping[str, str | float], right: Mapping[str, str | float]
 ) -> Scaling:
     """Scaling from factors given as text; blocks that are not named keep factor 1.
-
-    Args:
-        name: Name shown in CSVs and figures.
-        form: Form it applies to.
-        left: Row block among the form's rows → monomial.
-        right: Unknown of the form → monomial.
 
     Raises:
         ScalingError: Names side, block and reason.
@@ -301,9 +264,6 @@ def sensitivity(form: Form) -> Scaling:
     The rule behind Table 2, up to constants: unknowns are scaled by ∂v/∂u and
     ∂a/∂u of the two-field form (u, λ), rows by their inverses.  It balances the
     blocks of J̄ for every integrator of the family.
-
-    Args:
-        form: Any form.
     """
     w_v, w_a = DISPLACEMENT_TO_V, DISPLACEMENT_TO_A
     right = dict(zip((*FIELDS, *MULTIPLIERS), (ONE, w_v, w_a, w_a, ONE), strict=True))

@@ -9,21 +9,14 @@ from newmark_cli.support.arrays import Array
 
 @dataclass(frozen=True)
 class Statistics:
-    """A quantity over the steps that count.
+    """A quantity over the steps that count."""
 
-    Attributes:
-        rms, max, median, last: NaN when no step counts.
-        zeros: Exact zeros; they are part of the statistics, but a log axis
-            cannot show them.
-        rounding: What rounding alone changes in the one that is drawn; NaN where that is
-            not known.
-    """
-
-    rms: float
+    rms: float  #: NaN, as the next three, when no step counts
     max: float
     median: float
     last: float
-    zeros: int
+    zeros: int  #: exact zeros; they are part of the statistics, but a log axis cannot show them
+    #: what rounding alone changes in the one that is drawn; NaN where that is not known
     rounding: float = np.nan
 
 

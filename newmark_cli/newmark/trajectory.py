@@ -44,23 +44,14 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class _Carried:
-    """All that a march needs to continue from a step to the same bits.
+    """All that a march needs to continue from a step to the same bits."""
 
-    Attributes:
-        state: A copy of the march's state.
-        t0: Time of the start from which steps count (s).
-        done: Steps since then.
-        h: Step size (s).
-        integrator: Label of the integrator, whose past vectors the state has.
-        enforced: Formulation and projection, which decide what of Φ and Φ' is left.
-    """
-
-    state: State
-    t0: float
-    done: int
-    h: float
-    integrator: str
-    enforced: str
+    state: State  #: a copy of the march's state
+    t0: float  #: time of the start from which steps count (s)
+    done: int  #: steps since then
+    h: float  #: step size (s)
+    integrator: str  #: label of the integrator, whose past vectors the state has
+    enforced: str  #: formulation and projection, which decide what of Φ and Φ' is left
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,12 +107,7 @@ def enforced_by(scheme: Scheme) -> str:
 
 
 def step_of(march: March, stretch: Stretch | None = None) -> Step:
-    """Where a march stands.
-
-    Args:
-        march: The march.
-        stretch: The stretch that led there; None at the start.
-    """
+    """Where a march stands."""
     here = march.seen
     unknowns = march.scheme.recorded
     took = stretch is not None and len(stretch.iterations) > 0
@@ -457,13 +443,13 @@ class Recorder:
         most: int | None = None,
         needed: Needed | None = None,
     ) -> None:
-        """Keep nothing yet.
+        """Keep nothing yet; where the march stands is the start of the record.
 
         Args:
-            march: Where it stands is the start of the record.
+            march: The march.
             keep: Which of `KEPT` it keeps.
             most: About how many steps it will keep, if that is known.
-            needed: What ends the march where rows that were dropped are needed.
+            needed: Ends the march where rows that were dropped are needed.
         """
         n, m = march.problem.n, march.problem.m
         self.march = march
@@ -547,11 +533,7 @@ class Recorder:
         return self._kept + len(steps), int(steps[-1])
 
     def trajectory(self, status: str = "") -> Trajectory:
-        """Rows kept so far.
-
-        Args:
-            status: Why the march ended, where it could go on.
-        """
+        """Rows kept so far."""
         ending = self.march.ending if self.finite else DIVERGED
         if ending != COMPLETED:
             status = ENDINGS[ending]

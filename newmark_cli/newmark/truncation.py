@@ -23,23 +23,14 @@ UNKNOWN = math.nan
 
 @dataclass(frozen=True)
 class March:
-    """Properties that decide the order of a march.
-
-    Attributes:
-        integrator: The integrator.
-        formulation: The formulation.
-        projection: What is projected after each step.
-        reported: Which multipliers are reported.
-        start: From which velocities it starts.
-        compensated: Whether the evaluation is compensated.
-    """
+    """Properties that decide the order of a march."""
 
     integrator: Integrator
     formulation: Formulation
-    projection: Projection
-    reported: str
-    start: str
-    compensated: bool
+    projection: Projection  #: what is projected after each step
+    reported: str  #: which multipliers are reported
+    start: str  #: from which velocities it starts
+    compensated: bool  #: whether the evaluation is compensated
 
     @property
     def order(self) -> int:
@@ -111,11 +102,7 @@ class March:
         return float(self.order) if self.integrator.damped else UNKNOWN
 
     def drift(self, invariant: str) -> float:
-        """Order of what Φ, Gᵀv + Φ_t and λ miss of what an exact motion keeps.
-
-        Args:
-            invariant: ``position``, ``velocity``, ``multiplier`` or ``energy``.
-        """
+        """Order of what Φ, Gᵀv + Φ_t and λ miss of what an exact motion keeps."""
         if not self.settles:
             return UNKNOWN
         rows = self.formulation.kind.rows

@@ -34,10 +34,6 @@ def twins(
     Coordinates and velocities are u₀ (1 ± kε) and v₀ (1 ± kε), and where time may enter, as no
     energy is conserved, h is h (1 ± kε), with k from 1 to 4 and the roundoff ε of the
     scheme's precision.
-
-    Args:
-        problem, scheme, linear_solver, krylov: As of `March`.
-        count: How many.
     """
     for number in range(count):
         units = _units((problem.n + 1, 2), number)
@@ -67,9 +63,7 @@ def _units(shape: tuple[int, int], number: int) -> Array:
 def spread(marches: Sequence[Array]) -> Array:
     """Sample standard deviation over marches, entry by entry; infinite where one did not arrive.
 
-    Args:
-        marches: Values of the march and of its twins, at least two arrays of one shape; an
-            empty one of a twin that did not get there.
+    Of at least two arrays of one shape; an empty one of a twin that did not get there.
     """
     first, *others = marches
     if any(other.shape != first.shape for other in others):

@@ -54,26 +54,16 @@ _Comparison = Callable[[float, Array, Array], Iterator[_Wrong]]
 
 @dataclass(frozen=True)
 class Agreement:
-    """What a definition says twice, to be compared at any state.
-
-    Attributes:
-        problem: The problem.
-        functions: ``force``, ``constraints`` and ``gradient``.
-        given: The tangents and terms of Φ' and Φ'' that are the user's, and ``energy``.
-        named: How errors name a function.
-    """
+    """What a definition says twice, to be compared at any state."""
 
     problem: Problem
-    functions: Mapping[str, Any]
+    functions: Mapping[str, Any]  #: ``force``, ``constraints`` and ``gradient``
+    #: the tangents and terms of Φ' and Φ'' that are the user's, and ``energy``
     given: Mapping[str, Any]
-    named: Callable[[str], str]
+    named: Callable[[str], str]  #: how errors name a function
 
     def reached(self, t: float, u: Array, v: Array) -> None:
         """Compare at the position and velocity on the constraints next to a state of a march.
-
-        Args:
-            t: Time (s).
-            u, v: (n,) coordinates and velocities.
 
         Raises:
             ContradictionError: Names function, entry, time, and both values.
@@ -326,14 +316,10 @@ def _columns(
     sizes: Array,
     unit: Any,
 ) -> Iterator[_Wrong]:
-    """What is wrong in a matrix, each of whose columns is a derivative to a coordinate.
+    """What is wrong in a matrix, each of whose columns is the derivative of ``along(j)``.
 
-    Args:
-        key: Its function.
-        given: The matrix; of G the transpose.
-        along: What a column is the derivative of.
-        sizes: Of the coordinates.
-        unit: Size of the derivatives of each coordinate, by rows, that count at least.
+    Given is the matrix, of G the transpose; ``unit`` is the size of the derivatives to each
+    coordinate, by rows, that count at least.
     """
     size = float(np.abs(given).max()) if key != "gradient" else 0.0
     nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), given.T.shape)
@@ -353,11 +339,8 @@ def _contradicted(
 ) -> tuple[int, float] | None:
     """The derivative that is most certainly wrong, and what it is; None where none is.
 
-    Args:
-        given: (k,) derivatives.
-        parts: What they are the sum of the derivatives of.
-        nothing: (k,) differences that do not count.
-        first: Number of the step that is tried first, the longest being 0.
+    Given are (k,) derivatives, the parts that they are the sum of the derivatives of, (k,)
+    differences that do not count, and the step that is tried first, the longest being 0.
     """
     here = [_value(len(given), part.function, 0.0) for part in parts]
     quotients = np.full((_STEPS, 3, len(given)), np.nan)
@@ -391,11 +374,8 @@ def _settled(
 ) -> tuple[int, float] | None:
     """What `_contradicted` returns of quotients at all steps, none of which confirms a value.
 
-    Args:
-        given: (k,) derivatives.
-        doubted: (k,) which of them no quotient confirms.
-        quotients: (steps, 3, k) forward, backward and central ones.
-        load: (k,) size of the function over the longest step, to the power of the order.
+    Quotients are (steps, 3, k) forward, backward and central ones; the load is the (k,) size of
+    the function over the longest step, to the power of the order.
     """
     forward, backward, central = quotients.swapaxes(0, 1)
     # Quotients of rounded numbers are 0 over short steps; others only if all are.

@@ -46,11 +46,7 @@ _MOST_STEPS = 20_000
 
 
 class NotSmoothError(Exception):
-    """The motion does not go on as a smooth one; the text says why, as a sentence's end.
-
-    Attributes:
-        t: Where (s).
-    """
+    """The motion does not go on as a smooth one at t (s); the text, a sentence's end, says why."""
 
     def __init__(self, t: float, reason: str) -> None:
         super().__init__(reason)
@@ -59,32 +55,21 @@ class NotSmoothError(Exception):
 
 @dataclass(frozen=True)
 class Passage:
-    """State at the end of a motion, and where it was singular on the way.
+    """State at the end of a motion, and where it was singular on the way."""
 
-    Attributes:
-        u, v: (n,) coordinates and velocities.
-        singular: Times at which G lost rank (s).
-    """
-
-    u: Array
+    u: Array  #: (n,) coordinates and velocities
     v: Array
-    singular: tuple[float, ...]
+    singular: tuple[float, ...]  #: times at which G lost rank (s)
 
 
 @dataclass(frozen=True)
 class _Step:
-    """A step that Newton's method has found.
+    """A step that Newton's method has found."""
 
-    Attributes:
-        u, v: (n,) at its end.
-        g: (N, n, m) G at the nodes.
-        coefficients: (N, n + m) of u'' and λ in Legendre's polynomials over the step.
-    """
-
-    u: Array
+    u: Array  #: (n,) at its end
     v: Array
-    g: Array
-    coefficients: Array
+    g: Array  #: (N, n, m) G at the nodes
+    coefficients: Array  #: (N, n + m) of u'' and λ in Legendre's polynomials over the step
 
 
 class _Tables:

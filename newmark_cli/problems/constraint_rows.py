@@ -40,14 +40,7 @@ def derivatives(
     compile_: Compiler,
     quadratic: bool = False,
 ) -> Callable[..., None]:
-    """`newmark_cli.problems.problem.Problem.derivatives`.
-
-    Args:
-        functions: ``constraints`` and ``gradient`` of the user.
-        given: Those of the four functions that are the user's, by their names.
-        compile_: Compiles what is returned if all of these are compiled.
-        quadratic: Whether Φ is at most quadratic in u and free of t.
-    """
+    """`newmark_cli.problems.problem.Problem.derivatives`."""
     missing = [name for name in NAMES if name not in given]
     if not missing:
         computed: Any = differences.nothing
@@ -81,12 +74,7 @@ def by_differences(
 ) -> Callable[..., None]:
     """`newmark_cli.problems.problem.Problem.derivatives` by central differences.
 
-    They find their own step.
-
-    Args:
-        functions: ``constraints`` and ``gradient`` of the user.
-        wanted: Those of the four functions that are; the others may remain as they were.
-        compile_: Compiles what is returned if both are compiled.
+    They find their own step.  What is not wanted of the four may remain as it was.
     """
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
     copy = differences.copying(compile_)
@@ -140,12 +128,7 @@ _SHRINKING = [np.array([STEP_RATIO**-k for k in range(levels)]) for levels in (1
 
 
 def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..., None]:
-    """`newmark_cli.problems.problem.Problem.rates`, by differences in plain Python.
-
-    Args:
-        functions: ``constraints`` and ``gradient`` of the user.
-        given: The user's ``constraint_rate`` and ``curvature``, as far as there are any.
-    """
+    """`newmark_cli.problems.problem.Problem.rates`, by differences in plain Python."""
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
     missing = len({"constraint_rate", "curvature"} - given.keys())
 

@@ -32,16 +32,11 @@ def as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Copying(NamedTuple):
-    """Functions (returned, out) that copy what a user's function returned into an array.
+    """Functions (returned, out) that copy what a user's function returned into an array."""
 
-    Attributes:
-        vector, matrix: Into one of its shape.
-        flat: A matrix into a vector, row by row.
-    """
-
-    vector: Callable[[Any, Any], None]
+    vector: Callable[[Any, Any], None]  #: into one of its shape
     matrix: Callable[[Any, Any], None]
-    flat: Callable[[Any, Any], None]
+    flat: Callable[[Any, Any], None]  #: a matrix into a vector, row by row
 
 
 def copying(compile_: Compiler) -> Copying:
@@ -97,11 +92,7 @@ def giving(
 ) -> Any:
     """A function (u, v, w, t, out) that copies into an array what one of the user's returns.
 
-    Args:
-        function: The user's; None where there is nothing to do.
-        arguments: Those that it takes: ``"ut"``, ``"uvt"`` or ``"uvwt"``.
-        copy: One of `Copying`.
-        compile_: Compiles what is returned.
+    That takes ``"ut"``, ``"uvt"`` or ``"uvwt"``; it is None where there is nothing to do.
     """
 
     def of_place(u, v, w, t, out):  # type: ignore[no-untyped-def]
@@ -120,15 +111,10 @@ def giving(
 
 @cached_njit(nogil=True, error_model="numpy")
 def states_around(u, v, of_u, of_v, step, pace):  # type: ignore[no-untyped-def]
-    """Where a force is asked for: here, then with each coordinate and each velocity moved.
+    """(k, n) coordinates and velocities where a force is asked for.
 
-    Args:
-        u, v: (n,) coordinates and velocities.
-        of_u, of_v: Whether the tangent to u, to v is wanted.
-        step, pace: By how much both are moved, and twice.
-
-    Returns:
-        (k, n) coordinates and velocities.
+    Here, then with each coordinate and each velocity moved by a step and by twice that, as far as
+    tangents to them are wanted.
     """
     n = u.shape[0]
     count = 1 + 4 * n * (int(of_u) + int(of_v))
@@ -205,8 +191,7 @@ def states_along(  # type: ignore[no-untyped-def]
 ):
     """Where Φ and G are asked for: here, and before and after along up to three ways.
 
-    Returns:
-        (k, n) coordinates, (k,) times, and arrays for Φ, at those of the first way, and for G.
+    (k, n) coordinates, (k,) times, and arrays for Φ, at those of the first way, and for G.
     """
     count = 1 + 2 * STEPS * (int(in_time) + int(along_v) + int(along_w))
     states, times = np.empty((count, u.shape[0])), np.empty(count)
@@ -343,12 +328,7 @@ def _rounding(size, steps, order):  # type: ignore[no-untyped-def]
 
 @cached_njit(nogil=True, error_model="numpy")
 def steps_along(u, v, longest):  # type: ignore[no-untyped-def]
-    """Steps (s), longest first, that move no coordinate by more than 3 % of the largest.
-
-    Args:
-        u, v: (n,) coordinates and velocities.
-        longest: Longest step (s) allowed.
-    """
+    """Steps (s), longest first, that move no coordinate by more than 3 % of the largest."""
     size, speed = _size(u), _size(v)
     if size == 0:
         size = 1.0
@@ -358,20 +338,12 @@ def steps_along(u, v, longest):  # type: ignore[no-untyped-def]
 
 @cached_njit(nogil=True, error_model="numpy")
 def extrapolated(differences, ratio, rounding):  # type: ignore[no-untyped-def]
-    """Limit of central differences for steps that shrink by a ratio, each column its own.
+    """(m,) limits of (steps, m) central differences for steps that shrink by a ratio.
 
     Romberg's tableau; of its entries the one that differs least from its neighbours
     (Ridders, Advances in Engineering Software 4, 1982), so that truncation need not be
-    known.  Nor need rounding, but where it is known, entries that agree with their
+    known.  Nor need rounding, (steps,) or 0, but where it is known, entries that agree with their
     neighbours by chance are not taken for better than they can be.
-
-    Args:
-        differences: (steps, m) central differences, longest step first.
-        ratio: Of a step to the next.
-        rounding: (steps,) that of the differences, or 0.
-
-    Returns:
-        (m,) limits.
     """
     steps, columns = differences.shape
     limits = differences[0].copy()

@@ -45,14 +45,9 @@ class DormandPrince:
         absolute: Array,
         size: float | None = None,
     ) -> None:
-        """Begin.
+        """Begin at t (s) with y (k,); tolerances are local, the absolute ones (k,).
 
-        Args:
-            rates: f.
-            t, y: Where it begins; y is (k,).
-            end: Where it ends, after t (s).
-            relative, absolute: Local tolerances, of each component (k,) the second.
-            size: The first step size (s); found out when omitted.
+        The first step size (s) is found out when omitted.
         """
         from scipy.integrate import DOP853
 
@@ -80,11 +75,7 @@ class DormandPrince:
         return float(min(100 * size, by_order))
 
     def step(self) -> None:
-        """Take one step, of a size that keeps the local error within the tolerances.
-
-        Raises:
-            StepVanishes: When the time would not move on.
-        """
+        """Take one step, of a size that keeps the local error within the tolerances."""
         rejected = False
         while True:
             if not self.size >= 10 * float(np.spacing(self.t)):

@@ -29,10 +29,6 @@ def weightless(mass: Array, gradient: Array) -> Array:
 
     The system determines accelerations where M is positive on the kernel of Gᵀ; M itself
     may be singular.
-
-    Args:
-        mass: (n, n) M.
-        gradient: (n, m) G.
     """
     sizes = np.linalg.norm(gradient, axis=0)
     vectors, values, _ = np.linalg.svd(gradient / np.where(sizes > 0, sizes, 1.0))
@@ -48,7 +44,10 @@ def weightless(mass: Array, gradient: Array) -> Array:
 
 
 class Index1:
-    """Index-1 system of one problem; the places of its entries are found once."""
+    """Index-1 system of one problem; the places of its entries are found once.
+
+    Where its matrix is singular, all but `rate` raise numpy.linalg.LinAlgError.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -67,18 +66,7 @@ class Index1:
         self._zeros = np.zeros(n)
 
     def accelerations(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
-        """Accelerations and multipliers that follow from u, v.
-
-        Args:
-            t: Time (s).
-            u, v: (n,) coordinates and velocities.
-
-        Returns:
-            a (n,) and λ (m,); NaN where u or v are so large that f, G or Φ overflow.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
-        """
+        """Accelerations (n,) and λ (m,) that follow from t, u, v; NaN where f, G or Φ overflow."""
         n = self.problem.n
         values = self.problem.values(t, u, v, self._none)
         _, curvature = self.problem.constraint_derivatives(t, u, v)
@@ -86,17 +74,10 @@ class Index1:
         return solution[:n], solution[n:] * self._unit
 
     def projected(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
-        """The state on the constraints that is nearest in the norm of M.
+        """The state on the constraints that is nearest in the norm of M; u, v are close to them.
 
         One step of Newton's method for the positions: the rest is of the order of
         the square of the distance.
-
-        Args:
-            t: Time (s).
-            u, v: (n,) coordinates and velocities, close to the constraints.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
         """
         u = u + self.least_change(t, u, -self.problem.values(t, u, v, self._none).phi)[0]
         return u, v + self.velocity_projection(t, u, v)[0]
@@ -110,41 +91,18 @@ class Index1:
     def velocity_projection(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """Least change of the velocities, in the norm of M, that meets Φ' = 0.
 
-        Args:
-            t: Time (s).
-            u, v: (n,) coordinates and velocities.
-
-        Returns:
-            δv (n,) with Gᵀ (v + δv) + Φ_t = 0, and the impulse μ (m,) with M δv = G μ.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
+        δv (n,) with Gᵀ (v + δv) + Φ_t = 0, and the impulse μ (m,) with M δv = G μ.
         """
         return self.least_change(t, u, -self.rate(t, u, v))
 
     def least_change(self, t: float, u: Array, wanted: Array) -> tuple[Array, Array]:
-        """Least change of positions or velocities, in the norm of M, with Gᵀδ as wanted.
-
-        Args:
-            t: Time (s).
-            u: (n,) coordinates.
-            wanted: (m,) Gᵀδ.
-
-        Returns:
-            δ (n,), and μ (m,) with M δ = G μ.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
-        """
+        """Least change δ (n,), in the norm of M, with Gᵀδ (m,) as wanted, and μ (m,), M δ = G μ."""
         return self.changes(t, u)(wanted)
 
     def changes(self, t: float, u: Array) -> Callable[[Array], tuple[Array, Array]]:
         """`least_change` at a time (s) and coordinates (n,), its matrix factorised once.
 
         What is returned takes (m, k) for k changes, too, and gives (n, k) and (m, k).
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
         """
         n = self.problem.n
         solve = self._solver(self.problem.values(t, u, self._zeros, self._none))
@@ -156,22 +114,11 @@ class Index1:
         return change
 
     def nearest(self, t: float, u: Array, most: int = 100) -> Array:
-        """The position on the constraints that is nearest in the norm of M.
+        """The position on the constraints that is nearest to u in the norm of M.
 
         Minimises (w − u)ᵀ M (w − u) over all w with Φ(w, t) = 0 by Newton's method with
         M in place of the Lagrangian's Hessian: M (w − u) lies in the range of G at the end.
-
-        Args:
-            t: Time (s).
-            u: (n,) a position.
-            most: Most iterations; fewer where nothing changes any more.
-
-        Returns:
-            (n,) the position that was reached; it may miss the constraints where u is far
-            from all that meet them.
-
-        Raises:
-            numpy.linalg.LinAlgError: When the matrix is singular.
+        It may miss the constraints where u is far from all that meet them.
         """
         n, pattern = self.problem.n, self.problem.pattern
         w, least = u.copy(), np.inf

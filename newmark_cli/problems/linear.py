@@ -16,12 +16,8 @@ def linear_problem(
     """M v' = c − X u − Y v + G λ, Gᵀ u = d, with the c and d for which a state solves them.
 
     Constraints and forces are evaluated as products with the unknowns themselves, which
-    round as those of the mechanism do whose matrices they are.
-
-    Args:
-        name: Name of the problem.
-        matrices: M (n, n), X (n, n), Y (n, n), G (n, m).
-        state: u (n,), v (n,), a (n,), λ (m,).
+    round as those of the mechanism do whose matrices they are.  Matrices are M, X, Y (n, n) and
+    G (n, m), the state is u, v, a (n,) and λ (m,).
     """
     mass, x, y, g = matrices
     u, v, a, multipliers = state

@@ -47,15 +47,11 @@ _TOGETHER = {"xy": 2, "xyz": 12}
 
 
 class Weights(NamedTuple):
-    """What makes multipliers comparable.
+    """What makes multipliers comparable."""
 
-    Attributes:
-        sizes: (m,) 1/√E_k.
-        parts: (m,) 0 for a constraint on what can move; for others the number of the
-            prescribed part that they act on.
-    """
-
-    sizes: Array
+    sizes: Array  #: (m,) 1/√E_k
+    #: (m,) 0 for a constraint on what can move; for others the number of the prescribed part that
+    #: they act on
     parts: IndexArray
 
     def scales(self, multipliers: Array) -> Array:
@@ -63,9 +59,6 @@ class Weights(NamedTuple):
 
         The largest |λ_j| / √E_j times √E_k, of the constraints j on what can move, and
         for a prescribed part of its own as well; of all if these have no load.
-
-        Args:
-            multipliers: (m,) λ, or the largest |λ| along a motion.
         """
         # Of a motion that is not finite there are none.
         with np.errstate(all="ignore"):
@@ -97,17 +90,10 @@ def weights_at_start(problem: Problem) -> Weights:
 
 
 def weights(problem: Problem, t: float, u: Array) -> Weights:
-    """Weights of the multipliers at a position.
+    """Weights of the multipliers at a time (s) and a position (n,) that meets the constraints.
 
-    Takes one factorisation and m + 1 solutions of the index-1 system.
-
-    Args:
-        problem: The problem.
-        t: Time (s).
-        u: (n,) coordinates that meet the constraints.
-
-    Raises:
-        numpy.linalg.LinAlgError: When the index-1 matrix is singular.
+    Takes one factorisation and m + 1 solutions of the index-1 system, whose matrix may be singular
+    (numpy.linalg.LinAlgError).
     """
     n, m, (rows, columns) = problem.n, problem.m, problem.pattern[-2:]
     g = problem.values(t, u, np.zeros(n), np.zeros(m)).g

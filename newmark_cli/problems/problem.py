@@ -68,21 +68,13 @@ class ConstraintRows(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """A problem at one state.
+    """A problem at one state."""
 
-    Attributes:
-        force: (n,) f + Gλ.
-        phi: (m,) Φ.
-        X: (n, n) −∂(f + Gλ)/∂u (eq. 18a).
-        Y: (n, n) −∂f/∂v (eq. 18b).
-        G: (n, m) Φ_uᵀ.
-    """
-
-    force: Array
-    phi: Array
-    X: Array
-    Y: Array
-    G: Array
+    force: Array  #: (n,) f + Gλ
+    phi: Array  #: (m,) Φ
+    X: Array  #: (n, n) −∂(f + Gλ)/∂u (eq. 18a).
+    Y: Array  #: (n, n) −∂f/∂v (eq. 18b).
+    G: Array  #: (n, m) Φ_uᵀ
 
 
 class Outputs(Protocol):
@@ -104,17 +96,13 @@ class Outputs(Protocol):
 
 
 class Elements(NamedTuple):
-    """A problem's function taken apart.
+    """A problem's function taken apart."""
 
-    Attributes:
-        accumulate: ``(first, last, t, u, v, λ, ints, reals, force, Φ, X, Y, G)``, compiled:
-            does for the rows first to last of the tables what the function does for all,
-            adding to a force that it does not set to 0.
-        starts: Rows with which elements begin; those of one stay together.
-    """
-
+    #: ``(first, last, t, u, v, λ, ints, reals, force, Φ, X, Y, G)``, compiled: does for the rows
+    #: first to last of the tables what the function does for all, adding to a force that it does
+    #: not set to 0
     accumulate: Any
-    starts: IndexArray
+    starts: IndexArray  #: rows with which elements begin; those of one stay together
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,19 +366,12 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force in Python on points of a mechanism, see `python_forces`.
+    """A force in Python on points of a mechanism, see `python_forces`."""
 
-    Attributes:
-        given: File and function, as the mechanism spells them.
-        coordinates: (c,) coordinates that the points depend on.
-        weights: (2k, c) how.
-        offsets: (2k,) what does not move of them (m).
-    """
-
-    given: str
-    coordinates: Sequence[int]
-    weights: Array
-    offsets: Array
+    given: str  #: file and function, as the mechanism spells them
+    coordinates: Sequence[int]  #: (c,) coordinates that the points depend on
+    weights: Array  #: (2k, c) how
+    offsets: Array  #: (2k,) what does not move of them (m)
 
 
 def is_beyond(until: float, t: float) -> bool:

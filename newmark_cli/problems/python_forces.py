@@ -26,13 +26,7 @@ from newmark_cli.support.cached_code import cached_njit
 
 
 def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, spelled: str) -> Problem:
-    """The problem with forces in Python.
-
-    Args:
-        problem: A mechanism.
-        pushes: The forces.
-        folder: Where their files are looked for.
-        spelled: How errors name it.
+    """The mechanism with forces in Python, whose files are looked for in a folder.
 
     Raises:
         ProblemError: When a file or a function fails, or does not return k forces.

@@ -112,15 +112,10 @@ _TANGENTS = ("stiffness", "damping")
 def load(
     path: Path, factory: str, arguments: Mapping[str, Any], name: str, spelled: str = ""
 ) -> Problem:
-    """Run a factory and take its problem.
+    """Run a factory, a function in a Python file, and take its problem.
 
-    Args:
-        path: Python file; modules of its folder can be imported, at its top or in the
-            factory.
-        factory: Function in it.
-        arguments: Keyword arguments of the factory.
-        name: Name of the problem.
-        spelled: How errors name the file; the path if empty.
+    Modules of the file's folder can be imported, at its top or in the factory.  Errors name the
+    file as it is spelled, if it is.
 
     Raises:
         ProblemError: When the file or the factory fails, or what it returns cannot
@@ -162,11 +157,6 @@ def load_function(
 ) -> tuple[Callable[..., Any], dict[str, bytes]]:
     """A function of a Python file, and what the file and the modules beside it say.
 
-    Args:
-        path: Python file; modules of its folder can be imported, at its top.
-        name: Function in it.
-        spelled: How errors name the file.
-
     Raises:
         ProblemError: When the file fails, or has no such function.
     """
@@ -186,13 +176,6 @@ def called_at(
     shape: tuple[int, ...],
 ) -> Callable[..., Any]:
     """A function of the user's that returns an array of this shape, as it does at the start.
-
-    Args:
-        function: The function.
-        arguments: What it is called with.
-        name: How errors name it.
-        file: Its file, and how errors name that.
-        shape: Of what it returns.
 
     Raises:
         ProblemError: When it fails, or returns anything else.
@@ -217,17 +200,11 @@ def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Source:
-    """How errors name the user's code.
+    """How errors name the user's code."""
 
-    Attributes:
-        name: Of the whole problem.
-        file: The file as the user spelled it, for what stands in a line of it.
-        path: The file.
-    """
-
-    name: str
-    file: str = ""
-    path: Path = Path()
+    name: str  #: of the whole problem
+    file: str = ""  #: the file as the user spelled it, for what stands in a line of it
+    path: Path = Path()  #: the file
 
     def of(self, key: str, function: Any) -> str:
         """A function of the definition, by the line where it begins."""
@@ -253,16 +230,7 @@ def _is_in(code: Any, path: Path) -> bool:
 
 
 def from_definition(given: Any, name: str, where: str | _Source = "problem") -> Problem:
-    """Problem from a `Definition` or anything with its attributes.
-
-    Args:
-        given: The definition.
-        name: Name of the problem.
-        where: How errors name it.
-
-    Raises:
-        ProblemError: See `load`.
-    """
+    """Problem from a `Definition` or anything with its attributes."""
     source = where if isinstance(where, _Source) else _Source(where)
     missing = [key for key in ("mass_matrix", "u0", "v0", *_FUNCTIONS) if not hasattr(given, key)]
     if missing:

@@ -32,12 +32,10 @@ def _factors(gradient: scipy.sparse.csc_array, damping: float) -> scipy.sparse.l
 
 
 def null_space(gradient: scipy.sparse.csc_array, tolerance: float) -> Array:
-    """(m, k) orthonormal vectors x with G x = 0.
+    """(m, k) orthonormal vectors x with G x = 0, of (n, m) G with columns of length 1.
 
-    Args:
-        gradient: (n, m) G, its columns of length 1.
-        tolerance: Largest singular value that is rounding, relative to the largest; at least
-            1e-7 is taken for it.
+    The tolerance is the largest singular value that is rounding, relative to the largest; at
+    least 1e-7 is taken for it.
 
     Raises:
         MemoryError: When there are so many that they do not fit.

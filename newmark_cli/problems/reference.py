@@ -112,27 +112,17 @@ class _Watch:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A solution at one time, and how far it may be trusted.
+    """A solution at one time, and how far it may be trusted."""
 
-    Attributes:
-        t: Time since the problem's start (s).
-        u, v: (n,) coordinates and velocities.
-        multipliers: (m,) λ.
-        scales: (m,) what errors of λ are relative to, see `newmark_cli.problems.multipliers`.
-        source: Where it comes from: "exact", "published" or "converged".
-        u_error, v_error: Estimated errors, largest component over largest component.
-        multipliers_error: That of λ, the largest error of a multiplier over its scale.
-    """
-
-    t: float
-    u: Array
+    t: float  #: time since the problem's start (s)
+    u: Array  #: (n,) coordinates and velocities
     v: Array
-    multipliers: Array
-    scales: Array
-    source: str
-    u_error: float
+    multipliers: Array  #: (m,) λ
+    scales: Array  #: (m,) what errors of λ are relative to, see `newmark_cli.problems.multipliers`
+    source: str  #: where it comes from: "exact", "published" or "converged"
+    u_error: float  #: estimated errors, largest component over largest component
     v_error: float
-    multipliers_error: float
+    multipliers_error: float  #: that of λ, the largest error of a multiplier over its scale
 
 
 def relative_error(found: Array, reference: Array) -> float:
@@ -142,7 +132,7 @@ def relative_error(found: Array, reference: Array) -> float:
 
 
 def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: None) -> Reference:
-    """The solution of any problem, converged as far as rounding allows.
+    """The solution of any problem at a time since its start (s), as far as rounding allows.
 
     The estimated errors are three times the distances from a second solution whose
     tolerance is ten times as large, so that truncation is overestimated about thirtyfold;
@@ -152,12 +142,8 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     steps change in v and λ at the end, |M⁻¹G S⁻¹| δΦ' and |S⁻¹| δΦ'' with S = GᵀM⁻¹G, is
     added.  So is what the motion does while t changes by its rounding.  A motion that passes
     singular positions is computed anew, by `newmark_cli.problems.collocation`, if it is
-    smooth there and the problem has at most `collocation.LARGEST` unknowns.
-
-    Args:
-        problem: The problem.
-        t: Time since its start (s), not negative.
-        on_work: Called now and then; an exception that it raises ends the work.
+    smooth there and the problem has at most `collocation.LARGEST` unknowns.  ``on_work`` is called
+    now and then; an exception that it raises ends the work.
 
     Raises:
         NoReference: When the motion does not get there: the constraints lose rank

@@ -27,29 +27,19 @@ _ZERO = 1e-10
 
 
 class Crossing(NamedTuple):
-    """A singular position that a motion passes.
+    """A singular position that a motion passes."""
 
-    Attributes:
-        t: Time (s), by interpolation between samples.
-        straight: Whether the singular value passes through zero at some rate.  Where it
-            only touches zero, or creeps through it, branches of motions touch, and the
-            motion is not determined.
-    """
-
-    t: float
+    t: float  #: time (s), by interpolation between samples
+    #: whether the singular value passes through zero at some rate. Where it only touches zero, or
+    #: creeps through it, branches of motions touch, and the motion is not determined.
     straight: bool
 
 
 def gradient(problem: Problem, t: float, u: Array) -> Array:
-    """(n, m) G with columns of length 1; a column that vanishes stays.
+    """(n, m) G at t (s), u (n,) with columns of length 1; a column that vanishes stays.
 
     So links of any length, sliders and angles are alike, and singular values are numbers
     between 0 and √m.
-
-    Args:
-        problem: The problem.
-        t: Time (s).
-        u: (n,) coordinates.
     """
     values = problem.values(t, u, np.zeros(problem.n), np.zeros(problem.m))
     g = np.zeros((problem.n, problem.m))
@@ -68,15 +58,7 @@ def smallest(problem: Problem, t: float, u: Array) -> float | None:
 
     About the angle (rad) by which the position is away from a singular one.  Takes one
     evaluation of the problem and a decomposition, O(n m²): 0.1 ms for ten constraints,
-    some ms for the largest.
-
-    Args:
-        problem: The problem.
-        t: Time (s).
-        u: (n,) coordinates.
-
-    Returns:
-        The value; 0 where G is not finite; None for more than `LARGEST` unknowns n + m.
+    some ms for the largest.  0 where G is not finite; None for more than `LARGEST` unknowns.
     """
     if problem.n + problem.m > LARGEST:
         return None
@@ -89,11 +71,7 @@ def crossings(times: Array, g: Array) -> list[Crossing]:
 
     A singular value that vanishes in passing changes its sign if its vectors are
     continued; then G_i⁺ G_{i+1}, elsewhere close to the identity, has a negative
-    eigenvalue, the ratio of the two values.
-
-    Args:
-        times: (k,) times of the positions (s), increasing.
-        g: (k, n, m) `gradient` of each.
+    eigenvalue, the ratio of the two values.  Times are (k,), increasing (s), G (k, n, m).
     """
     least, steps = _least(g), np.diff(times)
     changes = np.linalg.norm(np.diff(g, axis=0), axis=(1, 2))

@@ -23,14 +23,11 @@ _NOISE = {"exact": 2.2e-16, "differences": 1e-11}
 
 
 def started(problem: Problem, u0: Array, v0: Array, project: bool = False) -> Problem:
-    """The problem with another start.
+    """The problem with another start u0, v0 (n,).
 
-    Args:
-        problem: The problem.
-        u0, v0: (n,) coordinates and velocities.
-        project: Whether a start that does not meet Φ = 0 and Gᵀ v + Φ_t = 0 is replaced
-            by the nearest that does: first the coordinates, then at these the
-            velocities, both in the norm of M, ‖d‖² = dᵀ M d.
+    With ``project`` one that does not meet Φ = 0 and Gᵀ v + Φ_t = 0 is replaced by the nearest
+    that does: first the coordinates, then at these the velocities, both in the norm of M,
+    ‖d‖² = dᵀ M d.
 
     Raises:
         ArgumentError: When the start misses the constraints, with the numbers, or cannot
@@ -54,16 +51,6 @@ def corrected_velocity(problem: Problem, h: float) -> Array:
 
     It is right for the trapezoidal rule only: Newmark with β = 1/4, γ = 1/2, generalized-α
     with ρ∞ = 1, HHT with α = 0.
-
-    Args:
-        problem: The problem; its start is consistent.
-        h: Step size (s).
-
-    Returns:
-        (n,) v0 + δv with Gᵀ δv = −(h²/12) Gᵀ u‴.
-
-    Raises:
-        numpy.linalg.LinAlgError: When the index-1 matrix is singular.
     """
     wanted = -(h**2) / 12 * constraint_jerk(problem)
     change, _ = Index1(problem).least_change(problem.t0, problem.u0, wanted)

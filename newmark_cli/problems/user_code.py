@@ -43,11 +43,7 @@ _LONGEST = 300
 def run(path: Path, source: bytes, name: str, spelled: str = "") -> ModuleType:
     """A module from the source of a file; raises whatever its code raises.
 
-    Args:
-        path: The file.
-        source: What it says.
-        name: Name of the module, which no other has.
-        spelled: How `described` names the file; the path if empty.
+    No other module has its name; `described` spells the file as given, if it is.
     """
     _spelled[str(path)] = spelled or str(path)
     module = ModuleType(name)
@@ -60,12 +56,8 @@ def run(path: Path, source: bytes, name: str, spelled: str = "") -> ModuleType:
 def described(error: BaseException, otherwise: str = "") -> str:
     """An error in one line that begins with the line of the user's code it comes from.
 
-    The innermost: ``mine.py, line 12: ZeroDivisionError: division by zero``.
-
-    Args:
-        error: The error.
-        otherwise: What the text begins with where no line is known, as for a division
-            by zero in compiled code.
+    The innermost: ``mine.py, line 12: ZeroDivisionError: division by zero``.  ``otherwise`` begins
+    the text where no line is known, as for a division by zero in compiled code.
     """
     where = f"{otherwise}: " if otherwise else ""
     frame = error.__traceback__
@@ -155,13 +147,7 @@ def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes
     """Modules of a folder can be imported in this context.
 
     Who has imported one keeps it; after the context the name stands for what it did before.
-
-    Args:
-        folder: The folder.
-        spelled: How `described` names it.
-
-    Yields:
-        Path, relative to the folder, → source of each that was imported until then.
+    Yields path, relative to the folder, → source of each that was imported until then.
     """
     folder = folder.absolute()
     beside = _Beside(folder, PurePath(spelled))

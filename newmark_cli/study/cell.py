@@ -43,51 +43,35 @@ Column = Annotated[Array | IndexArray, _AsList()]
 
 @dataclass(frozen=True)
 class Outcome:
-    """Measurements of a cell, and how it ended.
+    """Measurements of a cell, and how it ended."""
 
-    Attributes:
-        measurements: In the order of the CSV's rows.
-        not_converged: Steps that ended above the terminal-phase threshold.
-        newton_iterations: Corrections computed per step, mean; NaN without steps.
-        status: One of `STATUSES`.
-        reason: Why, where the status is failed or redundant.
-        met: Steps that met the tolerance; None where rounding stops Newton.
-        history: Rows of the time series, see `newmark_cli.study.results.history_text`.
-        drift: Rows of the file of drifts, as those of ``history``.
-        trajectory: Column → (k,) values of the steps that were kept: ``step``, ``t``,
-            ``u[A.x]`` and so on; empty where none were to be.
-        lacks: Why rows of the CSV are empty although the march reached its end: the
-            reason for each thing that was not to be had, such as a reference.
-        pivoted: Steps that static elimination left to partial pivoting.
-        operations: Multiplications and additions of the march, see
-            `newmark_cli.newmark.operations`; None where it did not get that far.
-    """
-
-    measurements: list[Measurement]
-    not_converged: int
-    newton_iterations: float
-    status: str
-    reason: str = ""
-    met: int | None = None
+    measurements: list[Measurement]  #: in the order of the CSV's rows
+    not_converged: int  #: steps that ended above the terminal-phase threshold
+    newton_iterations: float  #: corrections computed per step, mean; NaN without steps
+    status: str  #: one of `STATUSES`
+    reason: str = ""  #: why, where the status is failed or redundant
+    met: int | None = None  #: steps that met the tolerance; None where rounding stops Newton
+    #: rows of the time series, see `newmark_cli.study.results.history_text`
     history: Sequence[tuple[int, Vector]] = ()
+    #: why rows of the CSV are empty although the march reached its end: the reason for each thing
+    #: that was not to be had, such as a reference
     lacks: tuple[str, ...] = ()
-    drift: Sequence[tuple[int, Vector]] = ()
+    drift: Sequence[tuple[int, Vector]] = ()  #: rows of the file of drifts, as those of ``history``
+    #: column → (k,) values of the steps that were kept: ``step``, ``t``, ``u[A.x]`` and so on;
+    #: empty where none were to be
     trajectory: Mapping[str, Column] = field(default_factory=dict)
-    pivoted: int = 0
+    pivoted: int = 0  #: steps that static elimination left to partial pivoting
+    #: multiplications and additions of the march, see `newmark_cli.newmark.operations`; None where
+    #: it did not get that far
     operations: int | None = None
 
 
 @dataclass(frozen=True)
 class Done:
-    """A cell that has ended.
+    """A cell that has ended."""
 
-    Attributes:
-        outcome: What it found.
-        seconds: Its wall time (s).
-        march_seconds: That of its march by itself (s), where it was measured; see
-            `newmark_cli.study.compute.march_seconds`.
-    """
-
-    outcome: Outcome
-    seconds: float
+    outcome: Outcome  #: what it found
+    seconds: float  #: its wall time (s)
+    #: that of its march by itself (s), where it was measured; see
+    #: `newmark_cli.study.compute.march_seconds`
     march_seconds: float | None = None

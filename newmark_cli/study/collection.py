@@ -60,24 +60,16 @@ USUAL = 5
 
 @dataclass(frozen=True)
 class Choice:
-    """Which systems of a march.
+    """Which systems of a march."""
 
-    Attributes:
-        steps: These steps, the first being 1, ascending; without any see `every`.
-        every: Every so many steps; a handful, evenly spread, when omitted.
-        every_iteration: Systems of all of Newton's iterations, not of the first and the last.
-    """
-
+    #: these steps, the first being 1, ascending; without any see `every`
     steps: tuple[int, ...] = ()
-    every: int | None = None
+    every: int | None = None  #: every so many steps; a handful, evenly spread, when omitted
+    #: systems of all of Newton's iterations, not of the first and the last
     every_iteration: bool = False
 
     def of(self, cell: Cell) -> Sequence[int]:
-        """Steps of a cell's march.
-
-        Raises:
-            InputError: When the march does not come to one of them.
-        """
+        """Steps of a cell's march; raises InputError when it does not come to one of them."""
         last = cell.steps
         if self.steps:
             if self.steps[-1] > last:
@@ -99,17 +91,13 @@ class Choice:
 
 @dataclass
 class Exported:
-    """The result of an export.
+    """The result of an export."""
 
-    Attributes:
-        systems, marches: How many were written.
-        left_out: Why marches have no systems that they might have had.
-        ended: Why marches ended before the last of the chosen steps.
-    """
-
-    systems: int = 0
+    systems: int = 0  #: how many were written
     marches: int = 0
+    #: why marches have no systems that they might have had
     left_out: list[str] = field(default_factory=list)
+    #: why marches ended before the last of the chosen steps
     ended: list[str] = field(default_factory=list)
 
 
@@ -127,15 +115,7 @@ class Watcher(Protocol):
 
 
 def marches(cells: Sequence[Cell], exported: Exported) -> list[Cell]:
-    """Cells whose systems can be exported, those of equal systems once.
-
-    Args:
-        cells: Of a study.
-        exported: Told what is left out.
-
-    Raises:
-        InputError: When nothing is left.
-    """
+    """Cells whose systems can be exported, those of equal systems once."""
     found: dict[Cell, Cell] = {}
     without: dict[str, int] = {}
     for cell in cells:
@@ -168,12 +148,8 @@ def write(
 ) -> Exported:
     """Write the systems of marches into a folder, all or nothing.
 
-    Args:
-        cells: Which marches.
-        folder: Made, or replaced if an export has written all that is in it.
-        choice: Which systems of each.
-        force: Whether the folder may hold other files, which stay.
-        watcher: Told how it goes on.
+    The folder is made, or replaced if an export has written all that is in it; with ``force`` it
+    may hold other files, which stay.
 
     Raises:
         InputError: When there is nothing to export, or the march has no such steps.
@@ -418,16 +394,9 @@ def cells_of(
     t_end: float | None = None,
     allow_code: bool = False,
 ) -> list[Cell]:
-    """Marches of a study, or of a problem.
+    """Marches of a study, or of a problem, for values along the axes of `CHOSEN`.
 
-    Args:
-        subject: A study, file or shipped; or a problem: its name, a mechanism file, a member
-            of a family such as ``chain(links=200)``, or ``file.py:function``.
-        wanted: Axis among `CHOSEN` → values; of a study all, and of a problem those of
-            `CHOSEN`, where there are none.
-        choice: Which steps.
-        t_end: End of a problem's marches (s).
-        allow_code: Whether problems in Python may be loaded.
+    Of axes without values a study has all, and a problem those of `CHOSEN`.
 
     Raises:
         DocumentError: When the subject, or a value, is unknown or cannot be used.
@@ -452,15 +421,7 @@ def cells_of(
 
 
 def _filtered(cells: Sequence[Cell], wanted: Mapping[str, Sequence[Any]]) -> list[Cell]:
-    """Cells of a study that were asked for.
-
-    Args:
-        cells: All of them.
-        wanted: Axis → its values, as CSVs have them; every value when empty.
-
-    Raises:
-        InputError: When the study has no such value, or no cell with all of them.
-    """
+    """Cells of a study that were asked for."""
     write = {each.name: each.write for each in axes.cell_axes()}
     left = [*cells]
     for name, values in wanted.items():

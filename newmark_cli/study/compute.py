@@ -43,11 +43,7 @@ def scheme_of(cell: Cell) -> Scheme:
 
 
 def prepare(cell: Cell) -> None:
-    """Compile the kernel that a cell needs, unless it is: that is no time of the cell's.
-
-    Args:
-        cell: What is about to be computed.
-    """
+    """Compile the kernel that a cell needs, unless it is: that is no time of the cell's."""
     problem, scheme = cell.problem.load(), scheme_of(cell)
     if not is_ready(problem, scheme, cell.solver):
         March(problem, scheme, cell.solver, cell.krylov).advance(0)
@@ -60,12 +56,8 @@ def compute(
 ) -> Outcome:
     """March a cell and measure it.
 
-    Args:
-        cell: What to compute.
-        reference: The solution at the end, where errors are measured; without one
-            the errors are empty.
-        on_steps: Told how many steps were done, now and then; an exception
-            that it raises ends the march.
+    Without the reference, the solution at the end, errors are empty.  ``on_steps`` is told how many
+    steps were done, now and then; an exception that it raises ends the march.
     """
     problem, scheme = cell.problem.load(), scheme_of(cell)
     march = March(problem, scheme, cell.solver, cell.krylov)
@@ -136,12 +128,9 @@ def _marched(
 def with_rounding(
     row: Measurement, marches: Sequence[Deviations], unresolved: float = 0.0
 ) -> Measurement:
-    """A row with the rounding that a march and its twins tell.
+    """A row with the rounding that a march and its twins tell of what it is about.
 
-    Args:
-        row: Of the march.
-        marches: What it is about, of the march and then of each twin.
-        unresolved: By how much what they deviate from may be off itself.
+    ``unresolved`` is by how much what they deviate from may be off itself.
     """
     off = spread([each.get(row.quantity, np.empty(0)) for each in marches])
     rounding = float(np.hypot(off.max(), unresolved)) if off.size else np.nan
@@ -149,14 +138,9 @@ def with_rounding(
 
 
 def march_seconds(cell: Cell, on_steps: Callable[[int], None]) -> float | None:
-    """Wall time of a cell's march by itself (s): the least of some that take 0.2 s together.
+    """Wall time of a march by itself (s): the least of some that take 0.2 s together.
 
-    Args:
-        cell: A cell that has been computed, so that nothing needs to be compiled.
-        on_steps: As of `compute`, told of no step.
-
-    Returns:
-        None for a cell without steps.
+    Of a cell that has been computed, so that nothing needs to be compiled; None without steps.
     """
     found: list[float] = []
     while cell.steps and sum(found) < _MEASURED and len(found) < _MOST_MARCHES:

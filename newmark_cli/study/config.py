@@ -396,14 +396,6 @@ def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study
 
     Keys of a case may stand at the top: they hold for every case that does not
     set them, and without ``cases`` they are the only case.
-
-    Args:
-        path: The file.
-        name: How errors name it.
-        allow_code: Whether problems in Python may be loaded.
-
-    Raises:
-        DocumentError: For every mistake, each with file, line and key.
     """
     return parse(documents.read(path, name), Surroundings(path.parent, allow_code))
 
@@ -608,11 +600,7 @@ def load_shipped(name: str) -> Study:
 
 
 def find(config: str, allow_code: bool = False) -> Study:
-    """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name.
-
-    Raises:
-        DocumentError: When it is neither, or is not valid.
-    """
+    """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name."""
     if config in shipped():
         return load_shipped(config)
     config = with_ending(config)
@@ -648,15 +636,7 @@ def is_study(subject: str) -> bool:
 
 
 def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
-    """Problem that a command line names: shipped, a mechanism file, a label, or code.
-
-    Args:
-        text: Such as ``andrews``, ``my.yaml``, ``chain(links=20)`` or ``my.py:factory``.
-        allow_code: Whether problems in Python may be loaded.
-
-    Raises:
-        DocumentError: When there is none, or the file is not valid.
-    """
+    """Problem that a command line names: shipped, a mechanism file, a label, or code."""
     document = Document.of("command line", {"problem": text})
     around = Surroundings(allow_code=allow_code)
     spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
@@ -669,15 +649,7 @@ class _OneProblem(StrictModel):
 
 
 def describe(name: str, allow_code: bool) -> list[str]:
-    """Contents of a valid config or mechanism, in a line or a few.
-
-    Args:
-        name: The file, with or without its ending, a shipped study, or what names a problem.
-        allow_code: Whether problems in Python may be loaded.
-
-    Raises:
-        DocumentError: For every mistake.
-    """
+    """Contents of a valid config or mechanism, in a line or a few."""
     if name in shipped():
         path = _shipped.folder() / f"{name}.yaml"
     elif name in registry.PROBLEMS:

@@ -54,66 +54,47 @@ KINDS = ("orders", "work", "history", "drift", "mechanism")
 
 @dataclass(frozen=True)
 class Line:
-    """One entry of `curves`: series, and how a legend names them.
+    """One entry of `curves`: series, and how a legend names them."""
 
-    Attributes:
-        label: Name in the legend; made from its axes when empty.
-        panel: Title of the panel that it stands in, beside the axes that tell panels apart.
-        choice: Axis → its values, over those of the figure.
-        look: Its colour and marker, as matplotlib writes them, where they are given.
-    """
-
-    label: str = ""
-    panel: str = ""
+    label: str = ""  #: name in the legend; made from its axes when empty
+    panel: str = ""  #: title of the panel that it stands in, beside the axes that tell panels apart
+    #: axis → its values, over those of the figure
     choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: its colour and marker, as matplotlib writes them, where they are given
     look: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Definition:
-    """A figure as a study's config defines it, or several of one kind.
+    """A figure as a study's config defines it, or several of one kind."""
 
-    Attributes:
-        kinds: Kinds of rows, or `WORK_PRECISION`; a figure for each.
-        choice: Axis → values; which rows, all where it says nothing.
-        series, panels: Axes that tell the series of a panel and the panels apart; None
-            leaves the choice to the results.
-        title: Of the figure; empty for none, made from what it shows when None.
-        name: Of its files, behind that of the study; made likewise.
-        figure: Number or word by which `plot` knows it; such a figure names all its series.
-        kind: One of `KINDS`; empty for that of its rows.
-        curves: Its series, where they are named one by one.
-        note: What stands above the legend.
-        columns: Panels side by side; as suits them when None.
-        h: Step size of values over time (s).
-        within: Largest |fitted − predicted slope| of its series; that of their measure when None.
-        labels, colors: Value of an axis → how it is named, and how its series is coloured.
-        style: Settings of matplotlib.
-    """
-
-    kinds: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()  #: kinds of rows, or `WORK_PRECISION`; a figure for each
+    #: axis → values; which rows, all where it says nothing
     choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    #: axes that tell the series of a panel and the panels apart; None leaves the choice to the
+    #: results
     series: tuple[str, ...] | None = None
     panels: tuple[str, ...] | None = None
-    title: str | None = None
-    name: str = ""
-    figure: str = ""
-    kind: str = ""
-    curves: tuple[Line, ...] = ()
-    note: str = ""
-    columns: int | None = None
-    h: float | None = None
+    title: str | None = None  #: of the figure; empty for none, made from what it shows when None
+    name: str = ""  #: of its files, behind that of the study; made likewise
+    figure: str = ""  #: number or word by which `plot` knows it; such a figure names all its series
+    kind: str = ""  #: one of `KINDS`; empty for that of its rows
+    curves: tuple[Line, ...] = ()  #: its series, where they are named one by one
+    note: str = ""  #: what stands above the legend
+    columns: int | None = None  #: panels side by side; as suits them when None
+    h: float | None = None  #: step size of values over time (s)
+    #: largest |fitted − predicted slope| of its series; that of their measure when None
     within: float | None = None
+    #: value of an axis → how it is named, and how its series is coloured
     labels: Mapping[str, str] = field(default_factory=dict)
     colors: Mapping[str, str] = field(default_factory=dict)
-    style: Mapping[str, Any] = field(default_factory=dict)
+    style: Mapping[str, Any] = field(default_factory=dict)  #: settings of matplotlib
 
 
 def definitions(config: Any) -> list[Definition] | None:
     """Figures that a config defines; None where it leaves them to the results.
 
-    Args:
-        config: As in a study's record, or as a file has it with values spelled as in CSVs.
+    The config is that of a study's record, or of a file with values spelled as in CSVs.
 
     Raises:
         ValueError: When they are not as a run has written them.

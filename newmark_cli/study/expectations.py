@@ -15,39 +15,26 @@ from newmark_cli.study.measures import RECORDS
 
 @dataclass(frozen=True)
 class Expectation:
-    """One entry of `expect`.
+    """One entry of `expect`."""
 
-    Attributes:
-        number: Its place in the list, counted from 1.
-        measure: Kind of rows, as in the CSV.
-        choice: Axis → its values, as CSVs have them; an axis that it lacks may have any.
-        slope: Expected order; None where only a level is expected.
-        within: Largest |fitted − slope|; None for the tolerance of the measure.
-        at_most, at_least: Bounds of the values, or of their quotients.
-        h: Step size (s) at which the bounds hold; None for every step size.
-        over: Axis → value of the series that values are divided by, where it differs from that
-            of the numerator; None where values are not divided.
-        over_h: Step size (s) of the denominator; that of the numerator when None.
-        spread: Largest (max − min)/min over the step sizes; None for any.
-        status: How the cell at the smallest step size ends; empty for any way.
-        figure: The figure that it is a claim about; empty for none.
-        label: How the claim names the series; made from their axes when empty.
-    """
-
-    number: int
-    measure: str
+    number: int  #: its place in the list, counted from 1
+    measure: str  #: kind of rows, as in the CSV
+    #: axis → its values, as CSVs have them; an axis that it lacks may have any
     choice: Mapping[str, tuple[str, ...]]
-    slope: float | None = None
-    within: float | None = None
-    at_most: float = math.inf
+    slope: float | None = None  #: expected order; None where only a level is expected
+    within: float | None = None  #: largest |fitted − slope|; None for the tolerance of the measure
+    at_most: float = math.inf  #: bounds of the values, or of their quotients
     at_least: float = 0.0
-    h: float | None = None
+    h: float | None = None  #: step size (s) at which the bounds hold; None for every step size
+    #: axis → value of the series that values are divided by, where it differs from that of the
+    #: numerator; None where values are not divided
     over: Mapping[str, str] | None = None
+    #: step size (s) of the denominator; that of the numerator when None
     over_h: float | None = None
-    spread: float | None = None
-    status: str = ""
-    figure: str = ""
-    label: str = ""
+    spread: float | None = None  #: largest (max − min)/min over the step sizes; None for any
+    status: str = ""  #: how the cell at the smallest step size ends; empty for any way
+    figure: str = ""  #: the figure that it is a claim about; empty for none
+    label: str = ""  #: how the claim names the series; made from their axes when empty
 
     @property
     def name(self) -> str:
@@ -77,10 +64,7 @@ class Expectation:
 
 
 def expectations(config: Any) -> list[Expectation]:
-    """Expectations of a config.
-
-    Args:
-        config: As in a study's record, or as a file has it with values spelled as in CSVs.
+    """Expectations of a config; see `newmark_cli.study.drawing.definitions`.
 
     Raises:
         ValueError: When they are not as a run has written them.

@@ -18,11 +18,7 @@ Misfit = tuple[str, str]
 
 
 def of_each_other(at: Mapping[str, Any]) -> Iterator[Misfit]:
-    """Values that do not fit each other.
-
-    Args:
-        at: Axis → value: integrator, projection, multipliers, start.
-    """
+    """Values of integrator, projection, multipliers and start that do not fit each other."""
     if at["multipliers"] == TOTAL and not at["projection"].level:
         yield "multipliers", f"{TOTAL} needs a projection of velocities"
     if at["start"] == CORRECTED and not is_trapezoidal(at["integrator"]):
@@ -34,12 +30,9 @@ def of_each_other(at: Mapping[str, Any]) -> Iterator[Misfit]:
 
 
 def of_problem(counted: Counted, sample: Problem, at: Mapping[str, Any]) -> Iterator[Misfit]:
-    """Values that do not fit a problem.
+    """Values of form, formulation, projection and so on that do not fit a problem.
 
-    Args:
-        counted: The problem, or its name and sizes.
-        sample: The problem, or a small one that is quadratic and single where it is.
-        at: Axis → value: form, formulation, projection, evaluation, precision, linear_solver.
+    The sample is the problem, or a small one that is quadratic and single where it is.
     """
     if at["evaluation"] == COMPENSATED and not sample.quadratic:
         yield (

@@ -81,18 +81,13 @@ def _of_largest(measure: str, deviations: Deviations) -> list[Measurement]:
 
 
 class Observer:
-    """Watches one march; this one sees nothing.
+    """Watches one march; this one sees nothing."""
 
-    Attributes:
-        stops: Steps after which it wants to see the march.
-        looks: Steps whose states the march is to record for it on the way, ascending.
-            Only one measure may have any: each takes all that a stretch has recorded.
-        reason: Why the march is to end where it stands; empty as long as it may go on.
-    """
-
-    stops: frozenset[int] = frozenset()
+    stops: frozenset[int] = frozenset()  #: steps after which it wants to see the march
+    #: steps whose states the march is to record for it on the way, ascending. Only one measure may
+    #: have any: each takes all that a stretch has recorded.
     looks: Sequence[int] = ()
-    reason: str = ""
+    reason: str = ""  #: why the march is to end where it stands; empty as long as it may go on
 
     def took(self, stretch: "Stretch") -> None:
         """The march took these steps."""
@@ -135,50 +130,33 @@ def _unpredicted(key: SeriesKey) -> float:
 
 @dataclass(frozen=True)
 class Record:
-    """One kind of row: a value of the CSV's column ``measure``.
+    """One kind of row: a value of the CSV's column ``measure``."""
 
-    Attributes:
-        name: As in the CSV.
-        text: What the row measures, in the field's symbols, from its key.
-        label: Label of the ordinate, from its key, as mathtext.
-        statistic: Column that is drawn and fitted.
-        predicted: Order of the statistic in h, from the series' key; NaN where theory
-            says nothing.
-        tolerance: Largest |fitted − predicted|, unless a figure sets its own.
-        tolerance_at_start: The same at the initial state.
-        kind: What rules the values: ``rounding``, scattered from step to step;
-            ``truncation``, down to a floor of rounding; or ``determined``, smooth in h.
-        ok: Statuses of a cell with which its value counts.
-        linear: Whether its ordinate is linear, from zero.
-        share: Whether the statistic counts steps, and is drawn as a share of them.
-        may_vanish: Whether exact zeros at every h are within any order.
-        at_limit: Statistic that is drawn where a Krylov solver has stagnated, if another.
-        at_end: Whether it is taken at t_end, so that all of a series must end together.
-        coarse: Orders that a series may show while h is too coarse, from its key.
-        bounded: Why the predicted order is only a lower bound, from the key; empty where
-            it is the order.
-        alternates: Whether an error may alternate undamped from step to step, from the key.
-        quantities: What the rows may be about, as in the CSV.
-    """
-
-    name: str
-    text: Callable[[SeriesKey], str]
-    label: Callable[[SeriesKey], str]
-    statistic: str
+    name: str  #: as in the CSV
+    text: Callable[[SeriesKey], str]  #: what the row measures, in the field's symbols, from its key
+    label: Callable[[SeriesKey], str]  #: label of the ordinate, from its key, as mathtext
+    statistic: str  #: column that is drawn and fitted
+    #: order of the statistic in h, from the series' key; NaN where theory says nothing
     predicted: Callable[[SeriesKey], float] = _unpredicted
-    tolerance: float = np.nan
-    tolerance_at_start: float | None = None
+    tolerance: float = np.nan  #: largest |fitted − predicted|, unless a figure sets its own
+    tolerance_at_start: float | None = None  #: the same at the initial state
+    #: what rules the values: ``rounding``, scattered from step to step; ``truncation``, down to a
+    #: floor of rounding; or ``determined``, smooth in h
     kind: str = "determined"
-    ok: tuple[str, ...] = ("ok",)
-    linear: bool = False
-    share: bool = False
-    may_vanish: bool = False
+    ok: tuple[str, ...] = ("ok",)  #: statuses of a cell with which its value counts
+    linear: bool = False  #: whether its ordinate is linear, from zero
+    share: bool = False  #: whether the statistic counts steps, and is drawn as a share of them
+    may_vanish: bool = False  #: whether exact zeros at every h are within any order
+    #: statistic that is drawn where a Krylov solver has stagnated, if another
     at_limit: str | None = None
-    at_end: bool = False
+    at_end: bool = False  #: whether it is taken at t_end, so that all of a series must end together
+    #: orders that a series may show while h is too coarse, from its key
     coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
+    #: why the predicted order is only a lower bound, from the key; empty where it is the order
     bounded: Callable[[SeriesKey], str] = lambda key: ""
+    #: whether an error may alternate undamped from step to step, from the key
     alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
-    quantities: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()  #: what the rows may be about, as in the CSV
 
     def drawn(self, rows: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> Array:
         """Values as they are drawn and fitted, one for each row of a study's CSV."""
@@ -198,38 +176,26 @@ class Record:
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure, as a config names it.
+    """A measure, as a config names it."""
 
-    Attributes:
-        name: As in configs.
-        about: What it records, for the docs.
-        records: Kinds of rows that it gives.
-        observe: Observer of one march, from the cell, the march and the solution at its end.
-        along_steps: Whether it needs steps; else it can be taken at the initial state.
-        stop: Whether Newton must stop at a tolerance (True), or where rounding stops
-            it (False); None where it does not matter.
-        solvers: Linear solvers that it is about; any when empty.
-        at_end: Whether it is taken at t_end, which must then be a whole number of steps.
-        reference: Whether it needs the solution at the end.
-        twins: Whether twins of the march tell the rounding of its rows.
-        rows: Measure, quantity, role and row block of every row that a cell of a form has
-            of it, in their order; of all quantities of its records if omitted, and None where
-            these have none.
-        may_lack: Quantities of which there are rows for some problems only.
-    """
-
-    name: str
-    about: str
-    records: tuple[Record, ...]
+    name: str  #: as in configs
+    about: str  #: what it records, for the docs
+    records: tuple[Record, ...]  #: kinds of rows that it gives
+    #: observer of one march, from the cell, the march and the solution at its end
     observe: Callable[[Cell, "March", "Reference | None"], Observer]
-    along_steps: bool = True
+    along_steps: bool = True  #: whether it needs steps; else it can be taken at the initial state
+    #: whether Newton must stop at a tolerance (True), or where rounding stops it (False); None
+    #: where it does not matter
     stop: bool | None = None
-    solvers: tuple[str, ...] = ()
+    solvers: tuple[str, ...] = ()  #: linear solvers that it is about; any when empty
+    #: whether it is taken at t_end, which must then be a whole number of steps
     at_end: bool = False
-    reference: bool = False
-    twins: bool = False
+    reference: bool = False  #: whether it needs the solution at the end
+    twins: bool = False  #: whether twins of the march tell the rounding of its rows
+    #: measure, quantity, role and row block of every row that a cell of a form has of it, in their
+    #: order; of all quantities of its records if omitted, and None where these have none
     rows: Callable[[Form], Sequence[RowName]] | None = None
-    may_lack: tuple[str, ...] = ()
+    may_lack: tuple[str, ...] = ()  #: quantities of which there are rows for some problems only
 
     def __post_init__(self) -> None:
         names = tuple((one.name, q, "primary", "") for one in self.records for q in one.quantities)
@@ -268,14 +234,9 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
     """Measurements of the recorded Newton corrections.
 
     Physical corrections are D_R times the scaled ones; an eliminated field's
-    follows from the weights of the form, one kept field each.
-
-    Args:
-        scheme: The scheme that was marched.
-        norms: (steps, k) norms of the blocks that `Scheme.recorded` names, of
-            unknowns in their scaling.
-        iterations: (steps,) corrections computed; steps with a negative count
-            did not converge and are left out.
+    follows from the weights of the form, one kept field each.  Norms are (steps, k), of the blocks
+    that `Scheme.recorded` names; steps with a negative count of iterations (steps,) did not
+    converge and are left out.
     """
     counted = norms[iterations > 0]
     form = scheme.form
@@ -588,14 +549,8 @@ def errors(
 ) -> Deviations:
     """Errors of a final state, component by component, relative to the largest component.
 
-    Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.
-
-    Args:
-        reference: The solution at the state's time; None where there is none to be
-            had, and the statistics are empty.
-        state: The state.
-        problem: The problem, for errors of its outputs, if it has any.
-        t: Time of the state (s).
+    Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.  Without a
+    reference there are none; of a problem with outputs there are errors of these, too.
     """
     from newmark_cli.problems.multipliers import relative
 
@@ -800,11 +755,7 @@ class _Krylov(Observer):
 
 
 def krylov(iterations: Sequence[int], residuals: Sequence[float]) -> list[Measurement]:
-    """Measurements of a Krylov solver over all solves.
-
-    Args:
-        iterations, residuals: Of each; see `newmark_cli.newmark.linear.krylov.KrylovSystem`.
-    """
+    """Measurements of a Krylov solver over all solves, from iterations and residuals of each."""
     return [
         Measurement("jacobian", measure, "primary", statistics(np.array(values, float)))
         for measure, values in (("krylov_iterations", iterations), ("krylov_residual", residuals))

@@ -32,20 +32,14 @@ _MOST_STEPS = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions at evenly spread times, the first and the last included.
+    """Positions at evenly spread times, the first and the last included."""
 
-    Attributes:
-        positions: (n,) each.
-        h: Step size (s).
-        error: How far the positions are from those at twice the step size: the largest
-            over the frames, relative to the largest coordinate.
-        invariant: Largest relative error of Φ, Φ' and of the energy, if one is conserved.
-    """
-
-    positions: Sequence[Array]
-    h: float
+    positions: Sequence[Array]  #: (n,) each
+    h: float  #: step size (s)
+    #: how far the positions are from those at twice the step size: the largest over the frames,
+    #: relative to the largest coordinate
     error: float
-    invariant: float
+    invariant: float  #: largest relative error of Φ, Φ' and of the energy, if one is conserved
 
     @property
     def doubt(self) -> str:
@@ -64,18 +58,7 @@ def motion(
     h: float | None = None,
     integrator: Integrator = DAMPED,
 ) -> Motion:
-    """Positions along the motion, in the (u, λ) form with optimal scaling.
-
-    Args:
-        problem: The problem.
-        t_end: End (s), counted from the problem's start; positive.
-        frames: How many positions, at least 2.
-        h: Step size (s); when omitted it is halved until nothing visible changes.
-        integrator: Integrator of the family.
-
-    Raises:
-        InputError: When the march does not get to the end.
-    """
+    """Positions along the motion, in the (u, λ) form with optimal scaling."""
     if h is not None:
         if not t_end / h <= _MOST_STEPS:
             raise InputError(f"more than {_MOST_STEPS} steps to t = {t_end:g} with h = {h:g}")
@@ -164,15 +147,11 @@ def _spread(steps: int, looks: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts of a motion that a verdict needs.
+    """Facts of a motion that a verdict needs."""
 
-    Attributes:
-        singular: Times (s since the start) near which the constraints lose rank.
-        still: Whether nothing moves.
-    """
-
+    #: times (s since the start) near which the constraints lose rank
     singular: tuple[float, ...] = ()
-    still: bool = False
+    still: bool = False  #: whether nothing moves
 
 
 #: Steps of the march that looks for singular positions, and samples of it.
@@ -186,11 +165,6 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
 
     Looks along a damped march; of motions that it does not get through, of large
     problems and of plain Python, which would take too long, it says nothing.
-
-    Args:
-        problem: The problem.
-        t_end: End (s), counted from the problem's start; positive.
-        h: Smallest step size of the study (s).
     """
     if not problem.compiled or problem.n + problem.m > singular.LARGEST:
         return Facts()

@@ -43,14 +43,7 @@ def record(
     rows: int,
     checksums: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Provenance of results as far as it is the same wherever and whenever they are computed.
-
-    Args:
-        study: The study.
-        cells, outcomes: Cells, and what they found.
-        rows: Rows of the CSV.
-        checksums: File, relative to the results folder → `checksum` of its text.
-    """
+    """Provenance of results as far as it is the same wherever and whenever they are computed."""
     config = study.model_dump(mode="json", by_alias=True, exclude_none=True)
     return {
         "study": study.study,

@@ -32,12 +32,7 @@ NOT_STUDIES = ("slopes.csv",)
 
 
 def study_files(folder: Path) -> list[Path]:
-    """CSVs of the studies in a results folder, by name.
-
-    Raises:
-        ResultsError: When there is none, or a CSV has a name that no study has.
-        OSError: When the folder cannot be looked into, for its name or its mode.
-    """
+    """CSVs of the studies in a results folder, by name."""
     # From Python 3.13 on, a glob says nothing of what it cannot look into.
     with suppress(FileNotFoundError, NotADirectoryError, ValueError):
         folder.stat()
@@ -53,15 +48,7 @@ def study_files(folder: Path) -> list[Path]:
 
 
 def named_studies(folder: Path, names: Sequence[str]) -> list[str]:
-    """Names of studies in a results folder: those that are asked for, in the folder's order.
-
-    Args:
-        folder: Results folder.
-        names: Names of studies; all when empty.
-
-    Raises:
-        ResultsError: When there is no such study; offers the nearest name.
-    """
+    """Names of studies in a results folder: those that are asked for, in the folder's order."""
     found = [file.stem for file in study_files(folder)]
     require_known(folder, names, found)
     return [name for name in found if name in names or not names]
@@ -76,15 +63,10 @@ def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> N
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Rows of a CSV by columns.
+    """Rows of a CSV by columns."""
 
-    Attributes:
-        columns: Name of a column → what its rows have in it.
-        lines: The line in which each row begins, counted from 1.
-    """
-
-    columns: Mapping[str, list[Any]]
-    lines: Sequence[int]
+    columns: Mapping[str, list[Any]]  #: name of a column → what its rows have in it
+    lines: Sequence[int]  #: the line in which each row begins, counted from 1
 
     def __getitem__(self, column: str) -> list[Any]:
         return self.columns[column]
@@ -106,16 +88,10 @@ def read_csv(
     defaults: Mapping[str, str] = MappingProxyType({}),
     content: bytes | OSError | None = None,
 ) -> "pd.DataFrame":
-    """A CSV as text, cell by cell.
+    """A CSV as text, cell by cell; its index is the line in which each row begins, from 1.
 
-    Args:
-        path: The CSV.
-        columns: Which its header must have, in this order.
-        defaults: Column that it may lack → what it then has there.
-        content: Its content, or why it cannot be read, if that is known.
-
-    Returns:
-        Its rows; the index is the line in which each begins, counted from 1.
+    Its header must have these columns in this order, but for those with defaults, and its content
+    may be known already.
 
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
@@ -170,17 +146,7 @@ def read_texts(path: Path, content: bytes | OSError | None = None) -> Table:
 
 
 def read_study(path: Path) -> "pd.DataFrame":
-    """Rows of one study's CSV.
-
-    Args:
-        path: The CSV.
-
-    Returns:
-        A frame with the CSV's columns, numbers as floats, what is empty as NaN.
-
-    Raises:
-        ResultsError: When the file is missing, truncated or of another schema.
-    """
+    """Rows of one study's CSV."""
     return read_rows(path).frame()
 
 
@@ -283,11 +249,7 @@ def _parsed(content: bytes | OSError) -> dict[str, Any]:
 
 
 def number(path: Path, line: Any, column: str, given: str) -> float:
-    """A number of a CSV; NaN where the cell is empty.
-
-    Raises:
-        ResultsError: When it is none; names the line, counted from 1.
-    """
+    """A number of a CSV; NaN where the cell is empty."""
     if given == "":
         return math.nan
     try:

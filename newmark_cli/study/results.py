@@ -22,23 +22,17 @@ from newmark_cli.support.errors import ResultsError
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a study's CSV for what was measured; those of the axes come from these.
+    """A column of a study's CSV for what was measured; those of the axes come from these."""
 
-    Attributes:
-        name: As in the CSV.
-        about: What it holds.
-        value: What a row has in it, from the outcome of its cell and its own statistics, which
-            are None in the row of a cell that measured nothing.
-        since: Version of the columns that brought it: columns are appended, never moved, and
-            a column past version 0 is empty in a CSV that lacks it.
-        is_number: Whether it holds numbers.
-    """
-
-    name: str
-    about: str
+    name: str  #: as in the CSV
+    about: str  #: what it holds
+    #: what a row has in it, from the outcome of its cell and its own statistics, which are None in
+    #: the row of a cell that measured nothing
     value: Callable[[Outcome, Statistics | None], Any]
+    #: version of the columns that brought it: columns are appended, never moved, and a column past
+    #: version 0 is empty in a CSV that lacks it
     since: int = 0
-    is_number: bool = True
+    is_number: bool = True  #: whether it holds numbers
 
 
 def _statistic(name: str, about: str, since: int = 0) -> Column:
@@ -202,14 +196,7 @@ def _over_time(
     names: Sequence[str],
     of_cells: Sequence[Sequence[str]],
 ) -> str:
-    """CSV of values of these names: a row for each cell and recorded step; or empty.
-
-    Args:
-        study: Name of the study.
-        recording: Cells, and what they recorded.
-        names: Columns.
-        of_cells: The names of the values of each cell.
-    """
+    """CSV of values of these names: a row for each cell and recorded step; or empty."""
     if not recording:
         return ""
     labels = [axes.labels(cell) for cell, _ in recording]
@@ -227,11 +214,7 @@ def _over_time(
 
 
 def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Columns besides `HISTORY_COLUMNS` in which a value does not go without saying.
-
-    Args:
-        labels: Of each cell, as `axes.labels` gives them.
-    """
+    """Columns besides `HISTORY_COLUMNS` in which a value does not go without saying."""
     return [
         axis.name
         for axis in axes.cell_axes()
@@ -254,14 +237,7 @@ def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
 
 
 def parse_csv(text: str) -> tuple[list[list[str]], list[int]]:
-    """Fields of a CSV as `csv_text` was given them, and the line in which each row begins.
-
-    Args:
-        text: All of the file, its line ends as they are.
-
-    Raises:
-        csv.Error: When it is none.
-    """
+    """Fields of a CSV as `csv_text` was given them, and the line in which each row begins."""
     rows, begins, before = [], [], 0
     guarded = "'" in text
     # Lines end at line feeds only: a name may have what other programs end a line with.
@@ -298,29 +274,17 @@ def _unguarded(text: str) -> str:
 
 
 def study_paths(path: Path) -> tuple[Path, ...]:
-    """Files of a study that are replaced together: CSV, records, and what `series_paths` has.
-
-    Args:
-        path: The CSV.
-    """
+    """Files of a study that are replaced together: CSV, records, and what `series_paths` has."""
     return path, path.with_suffix(".json"), run_path(path), *series_paths(path)
 
 
 def run_path(path: Path) -> Path:
-    """Record of what differs from run to run: times, versions, machine.
-
-    Args:
-        path: The study's CSV.
-    """
+    """Record of what differs from run to run: times, versions, machine."""
     return path.parent / RUNS / path.with_suffix(".json").name
 
 
 def series_paths(path: Path) -> tuple[Path, ...]:
-    """Files of what a study records over time, of which it may have none.
-
-    Args:
-        path: Its CSV.
-    """
+    """Files of what a study records over time, of which it may have none."""
     return (
         history_path(path.parent, path.stem),
         drift_path(path.parent, path.stem),
@@ -335,18 +299,7 @@ def replace(
     record: Mapping[str, Any],
     run: Mapping[str, Any],
 ) -> None:
-    """Write the CSVs of a study and their records; readers see those of one run.
-
-    Args:
-        folder: Results folder; it exists, and is held.
-        study: Name of the study.
-        texts: File → what it holds.
-        record: What stands in the study's JSON.
-        run: What stands in that of the run.
-
-    Raises:
-        ResultsError: They cannot be written; those that were there stay.
-    """
+    """Write the CSVs of a study and their records; readers see those of one run."""
     path = folder / f"{study}.csv"
     series = series_paths(path)
     for file in series:
@@ -360,14 +313,9 @@ def replace(
 
 
 def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
-    """Contents of the files of a study, see `study_paths`.
+    """Contents of `study_paths` of a CSV, or why they cannot be read.
 
-    Args:
-        path: The CSV.
-        series: Whether those of `series_paths` are read too, which may be large.
-
-    Returns:
-        File → content, or why it cannot be read.
+    Those of `series_paths`, which may be large, only if asked for.
     """
     paths = study_paths(path)
     return {file: _content(file, path.parent) for file in (paths if series else paths[:3])}
@@ -392,15 +340,7 @@ def _content(file: Path, folder: Path) -> bytes | OSError:
 
 
 def require_writable(folder: Path, names: Iterable[str]) -> None:
-    """Refuse a results folder before hours of work rather than after.
-
-    Args:
-        folder: Results folder; made when it does not exist.
-        names: Files that will be written into it.
-
-    Raises:
-        ResultsError: When the folder cannot be made or written, or a file is a folder.
-    """
+    """Refuse a results folder before hours of work rather than after."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor, probe = tempfile.mkstemp(dir=folder, prefix=".probe.")

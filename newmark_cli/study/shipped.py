@@ -34,13 +34,7 @@ def configs() -> Mapping[str, Mapping[str, Any]]:
 
 
 def config_of(study: str, record: Mapping[str, Any], key: str) -> Any:
-    """The config in a study's record; the shipped one where that lacks a key.
-
-    Args:
-        study: Name of the study.
-        record: Its record; empty where it has none.
-        key: What is asked of the config, such as `expect`.
-    """
+    """The config in a study's record; the shipped one where that lacks a key."""
     own = record.get("config")
     if isinstance(own, Mapping) and own.get(key) is not None:
         return own

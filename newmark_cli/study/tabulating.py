@@ -38,33 +38,23 @@ class Heading:
 
 @dataclass(frozen=True)
 class Layout:
-    """A table of fitted orders, or several of one kind.
+    """A table of fitted orders, or several of one kind."""
 
-    Attributes:
-        rows: Axes that tell rows apart; those that vary when empty.
-        columns: Axes that tell columns apart.  Without any, and without headings, each series
-            has a row, and its values are the columns.
-        headings: Columns one by one; an entry is of the strongest of its series.
-        values: What it says of a series, of `VALUES`.
-        choice: Axis → values, which series it is about; all where it says nothing.
-        title: What it shows.
-        name: Number or word of its files; empty for none.
-    """
-
-    rows: tuple[str, ...] = ()
+    rows: tuple[str, ...] = ()  #: axes that tell rows apart; those that vary when empty
+    #: axes that tell columns apart. Without any, and without headings, each series has a row, and
+    #: its values are the columns.
     columns: tuple[str, ...] = ()
+    #: columns one by one; an entry is of the strongest of its series
     headings: tuple[Heading, ...] = ()
-    values: tuple[str, ...] = ("predicted", "fitted")
+    values: tuple[str, ...] = ("predicted", "fitted")  #: what it says of a series, of `VALUES`
+    #: axis → values, which series it is about; all where it says nothing
     choice: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    title: str = ""
-    name: str = ""
+    title: str = ""  #: what it shows
+    name: str = ""  #: number or word of its files; empty for none
 
 
 def layouts(config: Any) -> list[Layout]:
-    """Tables that a config defines.
-
-    Args:
-        config: As in a study's record, or as a file has it with values spelled as in CSVs.
+    """Tables that a config defines; see `newmark_cli.study.drawing.definitions`.
 
     Raises:
         ValueError: When they are not as a run has written them.

@@ -29,11 +29,7 @@ _TEXTS = frozenset((*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)) - {"h", "step", "t"}
 
 
 def require_parquet() -> None:
-    """Refuse to write Parquet where nobody can.
-
-    Raises:
-        InputError: When pyarrow is not installed.
-    """
+    """Refuse to write Parquet where nobody can."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
@@ -44,16 +40,11 @@ def require_parquet() -> None:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Trajectories that the cells of a study kept.
+    """Trajectories that the cells of a study kept."""
 
-    Attributes:
-        study: Its name.
-        columns: Of the file, in their order.
-        parts: What tells each cell from others, and what it kept.
-    """
-
-    study: str
-    columns: Sequence[str]
+    study: str  #: its name
+    columns: Sequence[str]  #: of the file, in their order
+    #: what tells each cell from others, and what it kept
     parts: Sequence[tuple[dict[str, Any], Outcome]]
 
     def csv(self) -> str:
@@ -93,12 +84,7 @@ class Table:
 
 
 def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Table | None:
-    """Trajectories of cells; None if they kept nothing.
-
-    Args:
-        study: Name of the study.
-        cells, outcomes: Its cells, and what they found.
-    """
+    """Trajectories of cells; None if they kept nothing."""
     parts = [
         (axes.labels(cell), outcome)
         for cell, outcome in zip(cells, outcomes, strict=True)
@@ -118,13 +104,8 @@ def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Tab
 def read(folder: Path, study: str) -> "pd.DataFrame":
     """Trajectories of a study, from the file that its last run wrote.
 
-    Args:
-        folder: Results folder.
-        study: Name of the study.
-
-    Returns:
-        The file's columns: ``step`` whole numbers, texts as text, all else floats, NaN
-        where a problem lacks a component.
+    Its columns: ``step`` whole numbers, texts as text, all else floats, NaN where a problem
+    lacks a component.
 
     Raises:
         ResultsError: When there is no such file, or it is not as a run writes it.
@@ -143,12 +124,7 @@ def read(folder: Path, study: str) -> "pd.DataFrame":
 
 
 def parse(path: Path, content: bytes | OSError) -> "pd.DataFrame":
-    """Trajectories from the content of a CSV; see `read`.
-
-    Args:
-        path: How errors name it.
-        content: What it holds, or why it cannot be read.
-    """
+    """Trajectories from the content of a CSV; see `read`."""
     frame = reading.read_csv(path, HISTORY_COLUMNS, content=content)
     for column in frame.columns:
         if column not in _TEXTS:

@@ -59,12 +59,6 @@ def choose(
     about.  Beyond, it takes static elimination, three times as fast and more, wherever that is
     possible; elsewhere partial pivoting, dense up to `DENSE_UP_TO` unknowns.
 
-    Args:
-        linear_solver: One of `LINEAR_SOLVERS`.
-        problem, form: What it is to solve.
-        formulated: Whether it is anything but index 3; see `Scheme.formulated`.
-        precision: That of the march; partial pivoting serves all.
-
     Raises:
         InputError: When a dense matrix is asked for that no memory holds, or static
             elimination of what it cannot eliminate.
@@ -103,19 +97,11 @@ class Stagnation(np.linalg.LinAlgError):
 
 @dataclass(frozen=True)
 class Krylov:
-    """When a Krylov solver stops.
+    """When a Krylov solver stops."""
 
-    Attributes:
-        tolerance: Largest residual relative to the right-hand side, both in balanced
-            rows; between 0 and 1.
-        limit: Most iterations of a solve; at least 1.
-
-    Raises:
-        InputError: For other values.
-    """
-
+    #: largest residual relative to the right-hand side, both in balanced rows; between 0 and 1
     tolerance: float = 1e-8
-    limit: int = 600
+    limit: int = 600  #: most iterations of a solve; at least 1
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:

@@ -42,12 +42,8 @@ def solve(
 ) -> tuple[Decimal, ...]:
     """Solution of A x = rhs to at least `DIGITS` significant digits in every component.
 
-    Components below 1e-100 of the largest, in balanced unknowns, are zeros.
-
-    Args:
-        matrix: A; shape (N, N).
-        rhs: (N,) right-hand side.
-        rows, columns: (N,) factors that balance A, as far as they are known.
+    Components below 1e-100 of the largest, in balanced unknowns, are zeros.  ``rows`` and
+    ``columns`` are factors that balance A, as far as they are known.
 
     Raises:
         numpy.linalg.LinAlgError: When A is singular.

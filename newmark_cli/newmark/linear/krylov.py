@@ -85,11 +85,7 @@ class KrylovSystem:
         return self._sparse.times_mass(vector)
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
-        """Solution of J̄ q̄ = rhs; NaN, and not counted, where one of them is not finite.
-
-        Raises:
-            Stagnation: When the residual stays above the tolerance.
-        """
+        """Solution of J̄ q̄ = rhs; NaN, and not counted, where one of them is not finite."""
         matrix = _matrix(self._sparse, values, self._turn, tangents)
         if not (np.all(np.isfinite(rhs)) and np.all(np.isfinite(matrix.data))):
             return np.full_like(rhs, np.nan)

@@ -39,10 +39,7 @@ class Order(NamedTuple):
 def static_order(problem: Problem, fields: int, rows: IndexArray, columns: IndexArray) -> Order:
     """Order of elimination of a form's Jacobian, pivots on the diagonal.
 
-    Args:
-        problem: The problem.
-        fields: p, number of kept fields; rows are D, p − 1 of V and K, and C.
-        rows, columns: Places of the entries of the Jacobian.
+    Of p kept fields; rows are D, p − 1 of V and K, and C, with entries at these places.
     """
     n, m = problem.n, problem.m
     size = fields * n + m
@@ -57,12 +54,8 @@ def static_order(problem: Problem, fields: int, rows: IndexArray, columns: Index
 def order_by_size(matrix: Array, rows: IndexArray, columns: IndexArray) -> Order | None:
     """Order by least work of the next pivot (Markowitz 1957), among entries that are large.
 
-    Args:
-        matrix: (N, N) at the start, in units in which its entries compare.
-        rows, columns: Places of the entries at any state.
-
-    Returns:
-        The order; None of a matrix that is singular.
+    Of a matrix (N, N) at the start, in units in which its entries compare, and the places of its
+    entries at any state; None if it is singular.
     """
     size, work = len(matrix), matrix.copy()
     there = np.zeros((size, size), bool)

@@ -58,12 +58,7 @@ class LinearSystem(Protocol):
 def system(
     linear_solver: str, problem: Problem, scheme: Scheme, krylov: Krylov | None = None
 ) -> LinearSystem:
-    """The linear system of a scheme on a problem.
-
-    Args:
-        linear_solver: One of `LINEAR_SOLVERS` but `AUTO`.
-        problem, scheme: What the system belongs to.
-        krylov: When `GMRES` and `MINRES` stop; its defaults when omitted.
+    """The linear system of a scheme on a problem, by one of `LINEAR_SOLVERS` but `AUTO`.
 
     Raises:
         InputError: When `MINRES` is asked for and J̄ is not symmetric.

@@ -71,12 +71,7 @@ class Exchanges:
         self.given_up += int(given_up.sum())
 
     def at(self, state: State, step: int) -> tuple[MatrixTables, Any]:
-        """Tables and function of `kernel.solve_type` to go on with; empty tables for loops.
-
-        Args:
-            state: Where the march stands.
-            step: After how many steps.
-        """
+        """Tables and function of `kernel.solve_type` to go on with; empty tables for loops."""
         if self._may_look and not (self.coded and self.given_up < _PATIENCE):
             self.looks, self.given_up = self.looks + 1, 0
             self._current = self._looked_up(state, step) or self._nothing

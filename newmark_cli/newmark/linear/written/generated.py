@@ -34,14 +34,10 @@ NAME = "solve"
 
 
 class Written(NamedTuple):
-    """An elimination that is written out.
+    """An elimination that is written out."""
 
-    Attributes:
-        tables: Its lists; of the numbers only their type matters.
-        pivoting: Whether its order is one of partial pivoting, `MatrixTables.work` empty.
-    """
-
-    tables: MatrixTables
+    tables: MatrixTables  #: its lists; of the numbers only their type matters
+    #: whether its order is one of partial pivoting, `MatrixTables.work` empty
     pivoting: bool = False
 
     def digest(self) -> str:
@@ -85,9 +81,6 @@ def _came_before(rows: Sequence[int]) -> list[set[int]]:
     """At each column of partial pivoting, the rows that stand above its pivot's.
 
     Among rows with equally large entries partial pivoting takes the first.
-
-    Args:
-        rows: Their order, as partial pivoting leaves it.
     """
     place = {row: k for k, row in enumerate(rows)}
     standing, found = sorted(rows), []

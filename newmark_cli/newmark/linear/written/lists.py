@@ -36,12 +36,7 @@ class EliminationLists:
         self.operations = int(below[self.upper_rows].sum())
 
     def tables(self, constants: Constants, sums: Sums, dtype: type) -> MatrixTables:
-        """A matrix with this pattern, as `static_elimination` reads it; without work space.
-
-        Args:
-            constants, sums: Its entries.
-            dtype: Type of the numbers.
-        """
+        """A matrix with this pattern, as `static_elimination` reads it; without work space."""
         keys, slots = np.unique(self._keys(constants.rows, constants.columns), return_inverse=True)
         columns = self._column_place[sums.columns]
         by_column = np.argsort(columns, kind="stable")

@@ -64,13 +64,9 @@ class Specialised(NamedTuple):
 def specialised(
     problem: Problem, scheme: Scheme, tables: ProblemTables, elimination: Written | None
 ) -> Specialised:
-    """Code of a problem and a form, where it is a mechanism with few elements.
+    """Code of a problem and a form of index 3, where it is a mechanism with few elements.
 
-    Args:
-        problem: What marches.
-        scheme: How: of index 3.
-        tables: The problem's, in the precision of the march.
-        elimination: What code is made for as well; None where another solves.
+    It includes the elimination, if there is one.
     """
     elements = problem.elements
     if elements is None or not 0 < len(elements.starts) <= ELEMENTS_AT_MOST:
@@ -88,12 +84,7 @@ def unspecialised(problem: Problem) -> Specialised:
 
 
 class _Parts:
-    """What a module is made of.
-
-    Attributes:
-        constants: Arrays that are written into the code.
-        shapes: Of all arrays.
-    """
+    """What a module is made of: arrays that are written into the code, and shapes of all arrays."""
 
     def __init__(
         self,

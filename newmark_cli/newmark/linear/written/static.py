@@ -34,12 +34,7 @@ _CHEAPER = 4
 
 
 class StaticElimination:
-    """D_L J D_R of index 3 as static elimination takes it.
-
-    Attributes:
-        size: N.
-        lists: Its order and fill.
-    """
+    """D_L J D_R of index 3, N by N, as static elimination takes it."""
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
         self.problem, self.scheme = problem, scheme
@@ -172,11 +167,7 @@ class StaticElimination:
 
 
 class StaticBalancedJacobian:
-    """J̄ at a state as static elimination has factorised it, which no scaling changes.
-
-    Attributes:
-        size: N.
-    """
+    """J̄ at a state as static elimination has factorised it, which no scaling changes."""
 
     def __init__(self, matrix: scipy.sparse.csc_array, tables: MatrixTables) -> None:
         """Of J̄ and the tables that `static_elimination.eliminate` has left."""

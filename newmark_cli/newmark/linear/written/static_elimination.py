@@ -47,14 +47,9 @@ ADDRESS, SIGNED = len(SECTIONS), len(SECTIONS) + 1
 def analyse(size, starts, rows):
     """Fill of an elimination without row exchanges.
 
-    Args:
-        size: N.
-        starts: (N + 1,) where the columns of the matrix begin.
-        rows: Rows of its entries, in the order of elimination.
-
-    Returns:
-        Starts and rows of the columns of the strict upper factor, then of the strict lower
-        one, rows ascending.
+    From (N + 1,) where the columns of the matrix begin, and the rows of its entries, in the order
+    of elimination.  Returns starts and rows of the columns of the strict upper factor, then of
+    the strict lower one, rows ascending.
     """
     upper_starts, lower_starts = np.zeros(size + 1, np.int64), np.zeros(size + 1, np.int64)
     upper_rows, lower_rows = np.empty(4 * size, np.int64), np.empty(4 * size, np.int64)
@@ -105,8 +100,7 @@ def _factors(structure, room, work):
 def eliminate(sources, constant, places, origins, coefficients, structure, room, work):
     """Factorise the matrix of these sources; see `solve_in_order` for the arguments.
 
-    Returns:
-        False where a pivot is not one: the matrix needs another order.
+    False where a pivot is not one: the matrix needs another order.
     """
     size = np.intp(room[-1])
     constant_starts = structure[np.intp(room[CONSTANT_STARTS]) :]
