@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.report.drawing import draw_mechanism, draw_spatial
+from newmark_cli.report.drawing import draw_mechanism
 from newmark_cli.study import config
 
 EXAMPLES = Path(__file__).parents[1] / "docs/examples"
@@ -134,50 +133,56 @@ def test_problems_that_cannot_be_used(cli, problem, words):
     assert not (cli.folder / "results").exists()
 
 
-PLANAR = [name for name in PROBLEMS if problem(name).axes == "xy"]
-
-
-@each("name", [*PLANAR, "chain(links=40)", "four-bars(windows=3)"])
+@each(
+    "name",
+    [*PROBLEMS, "chain(links=40)", "four-bars(windows=3)", "spatial-chain(bodies=30)"],
+)
 def test_every_mechanism_can_be_drawn(name):
-    """Shipped ones and members of every family: each bar and body has its line."""
+    """Each body, bar and joint has its line, and a small mechanism its names and a key."""
     subject = config.problem_named(name).load()
-    (axes,) = draw_mechanism.mechanism_figure(name, subject, subject.u0).axes
-    mechanism = subject.drawing
-    ends = {
-        (line.get_xdata()[0], line.get_ydata()[0], line.get_xdata()[-1], line.get_ydata()[-1])
+    drawn = draw_mechanism.mechanism_figure(name, subject, subject.u0)
+    (axes,) = drawn.axes
+    spatial, model = len(subject.axes) == 3, subject.drawing
+    mechanism = model.mechanism if spatial else model
+    in_millimetres = "(mm)" in axes.get_xlabel() or any(
+        text.get_text().endswith(" mm") for text in axes.texts
+    )
+    factor = 1e3 if in_millimetres else 1.0
+    lines = {
+        frozenset(zip(line.get_xdata().round(9), line.get_ydata().round(9), strict=True))
         for line in axes.get_lines()
     }
-    factor = 1e3 if "(mm)" in axes.get_xlabel() else 1.0
-    places = {n: factor * place for n, place in draw_mechanism.places(subject, subject.u0).items()}
-    for part in (*mechanism.bodies.values(), *mechanism.bars.values()):
-        start, end = places[part.from_], places[part.to]
-        assert (start.real, start.imag, end.real, end.imag) in ends
-    assert name.partition("(")[0] in (*PROBLEMS, *FAMILIES)
-
-
-@each("name", [*(name for name in PROBLEMS if name not in PLANAR), "spatial-chain(bodies=30)"])
-def test_every_spatial_mechanism_can_be_drawn(name):
-    """From the centre of each body a line to each of its joints, whose names are told."""
-    subject = config.problem_named(name).load()
-    (axes,) = draw_mechanism.mechanism_figure(name, subject, subject.u0).axes
-    places = draw_mechanism.places(subject, subject.u0)
-    factor = 1e3 if any(text.get_text().endswith(" mm") for text in axes.texts) else 1.0
-    ends = {
-        tuple(zip(line.get_xdata().tolist(), line.get_ydata().tolist(), strict=True))
-        for line in axes.get_lines()
-        if len(line.get_xdata()) == 2
-    }
-    joints = subject.drawing.joints
-    for joint, made in joints.items():
-        for k, side in enumerate(made.sides):
-            if side.body >= 0:
-                body = subject.drawing.bodies[side.body]
-                line = (factor * places[f"body {body}"], factor * places[f"joint {joint} {k}"])
-                assert tuple((place.real, place.imag) for place in line) in ends
+    if spatial:
+        # From where one looks: 58 degrees about the upright, 20 above the level.
+        up = int(np.argmax(np.abs(mechanism.gravity)))
+        a, b = np.radians([-58, 20])
+        right = np.roll([0, -np.sin(a), np.cos(a)], up)
+        above = np.roll([np.cos(b), -np.sin(b) * np.cos(a), -np.sin(b) * np.sin(a)], up)
+        paper = factor * np.stack([right, above], axis=1)
+        bodies = subject.u0.reshape(-1, 4, 3)
+        expected = [
+            (bodies[side.body, 0] + np.array(body.centre) @ bodies[side.body, 1:],
+             side.place(bodies))
+            for joint in model.joints.values() for side in joint.sides if side.body >= 0
+            for body in [mechanism.bodies[model.bodies[side.body]]]
+        ]  # fmt: skip
+    else:
+        paper = factor * np.eye(2)
+        places = dict(zip(subject.points, subject.u0.reshape(-1, 2), strict=True))
+        places |= {key: point.fixed for key, point in mechanism.points.items() if point.fixed}
+        parts = (*mechanism.bodies.values(), *mechanism.bars.values())
+        expected = [(places[part.from_], places[part.to]) for part in parts]
+    assert expected
+    for ends in np.array(expected) @ paper:
+        assert frozenset(map(tuple, ends.round(9))) in lines
     labels = {text.get_text() for text in axes.texts}
-    assert (labels >= joints.keys() | set(subject.drawing.bodies)) == (subject.n <= 60 * 3)
-    known = draw_spatial.symbols(subject.drawing)
-    assert ("point" in known) == bool(subject.drawing.points)
+    names = {*mechanism.bodies, *getattr(model, "joints", mechanism.points)}
+    assert (labels >= names) == ("=" not in name or "windows" in name)
+    key = {text.get_text() for legend in drawn.legends for text in legend.get_texts()}
+    assert (not key) == ("links" in name or "bodies" in name)
+    for symbol in ("spring", "damper"):
+        kinds = (f"{symbol}s", f"torsion_{symbol}s")
+        assert (symbol in key) == any(getattr(mechanism, kind) for kind in kinds)
 
 
 def test_animation(cli, monkeypatch):

@@ -30,18 +30,6 @@ from newmark_cli.mechanisms.models import (
     Torque,
     TorsionDamper,
     TorsionSpring,
-    size_of,
-)
-from newmark_cli.mechanisms.sketch import (
-    Arrow,
-    Coil,
-    Dashpot,
-    Disc,
-    Mark,
-    Scene,
-    Spiral,
-    Stroke,
-    Turn,
 )
 
 if TYPE_CHECKING:
@@ -67,10 +55,6 @@ def _no_row(part: Mapping[str, Any]) -> int:
     return 0
 
 
-def _nothing(scene: Scene, part: Any) -> tuple[Mark, ...]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Part:
     """A kind of part.
@@ -82,7 +66,6 @@ class Part:
         rows: Constraints of one, from what the file says of it; angles that become
             coordinates bring one more each.
         conserves: Whether one conserves energy.
-        sketch: (scene, model) → what one looks like.
     """
 
     key: str
@@ -90,7 +73,6 @@ class Part:
     build: Callable[["Builder", Any, "KeyPath"], None]
     rows: Callable[[Mapping[str, Any]], int] = _no_row
     conserves: Callable[[Any], bool] = _always
-    sketch: Callable[[Scene, Any], tuple[Mark, ...]] = _nothing
 
 
 # -- between two points ---------------------------------------------------------------------
@@ -100,30 +82,14 @@ def _bar(builder: "Builder", bar: Bar, path: "KeyPath") -> None:
     builder.distance(bar.from_, bar.to, bar.length, path)
 
 
-def _bar_sketch(scene: Scene, bar: Bar) -> tuple[Mark, ...]:
-    return (Stroke((scene.points[bar.from_], scene.points[bar.to]), "bar"),)
-
-
 def _spring(builder: "Builder", spring: Spring, path: "KeyPath") -> None:
     difference = builder.difference(spring.from_, spring.to, path)
     builder.on_vector("SPRING", difference, (spring.stiffness, spring.rest_length))
 
 
-def _spring_sketch(scene: Scene, spring: Spring) -> tuple[Mark, ...]:
-    return (Coil(scene.points[spring.from_], scene.points[spring.to]),)
-
-
 def _damper(builder: "Builder", damper: Damper, path: "KeyPath") -> None:
     difference = builder.difference(damper.from_, damper.to, path)
     builder.on_vector("DAMPER", difference, (damper.damping,))
-
-
-def _damper_sketch(scene: Scene, damper: Damper) -> tuple[Mark, ...]:
-    start, end = scene.points[damper.from_], scene.points[damper.to]
-    springs = scene.mechanism.springs.values()
-    sprung = any({spring.from_, spring.to} == {damper.from_, damper.to} for spring in springs)
-    aside = 0.045 * scene.size * 1j * (end - start) / abs(end - start) if sprung else 0j
-    return (Dashpot(start + aside, end + aside),)
 
 
 # -- on lines -------------------------------------------------------------------------------
@@ -144,20 +110,6 @@ def _slider(builder: "Builder", slider: Slider, path: "KeyPath") -> None:
     away = (normal.conjugate() * builder.vector(site)).real - level
     builder.require_on_line(slider.point, away, abs(through), path)
     builder.line(site, normal, path, (level,))
-
-
-def _slider_sketch(scene: Scene, slider: Slider) -> tuple[Mark, ...]:
-    # A guide does not travel with what it guides: it is drawn where that starts, and as far
-    # as that has got.
-    direction = complex(*slider.direction) / abs(complex(*slider.direction))
-    first = (scene.start or scene).seen_from(slider.on, slider.point)
-    moved = ((scene.seen_from(slider.on, slider.point) - first) * direction.conjugate()).real
-    half = 0.12 * scene.size / scene.factor
-    ends = (
-        scene.placed(slider.on, first + reach * direction)
-        for reach in (min(moved, 0) - half, max(moved, 0) + half)
-    )
-    return (Stroke(tuple(ends), "guide"),)
 
 
 # -- laws of time ---------------------------------------------------------------------------
@@ -227,11 +179,6 @@ def _torque(builder: "Builder", torque: Torque, path: "KeyPath") -> None:
                 builder.on_vector("TORQUE", difference, (sign * torque.torque,))
 
 
-def _torque_sketch(scene: Scene, torque: Torque) -> tuple[Mark, ...]:
-    centre = scene.centre(torque.on)
-    return () if centre is None else (Turn(centre, 0.11 * scene.size, size_of(torque.torque)),)
-
-
 def _conserving_torque(torque: Torque) -> bool:
     return not isinstance(torque.torque, Law) and torque.torque == 0
 
@@ -244,13 +191,6 @@ def _force(builder: "Builder", force: Force, path: "KeyPath") -> None:
         if given != 0:
             six = law.parameters()
             builder.on_vector("FORCE", site, (*normal, *six), (laws.Timed(law, six),))
-
-
-def _force_sketch(scene: Scene, force: Force) -> tuple[Mark, ...]:
-    towards = complex(*map(size_of, force.force))
-    if towards == 0:
-        return ()
-    return (Arrow(scene.points[force.at], towards / abs(towards), 0.14 * scene.size),)
 
 
 def _conserving_force(force: Force) -> bool:
@@ -273,13 +213,6 @@ def _torsion_spring(builder: "Builder", spring: TorsionSpring, path: "KeyPath") 
 
 def _torsion_damper(builder: "Builder", damper: TorsionDamper, path: "KeyPath") -> None:
     builder.twist(builder.relative(damper.from_, damper.to, path), 0.0, 0.0, damper.damping)
-
-
-def _torsion_sketch(scene: Scene, part: TorsionSpring | TorsionDamper) -> tuple[Mark, ...]:
-    centre = scene.centre(part.to)
-    radius = 0.05 * scene.size * (1.0 if isinstance(part, TorsionSpring) else 1.35)
-    damps = isinstance(part, TorsionDamper)
-    return () if centre is None else (Spiral(centre, radius, damps),)
 
 
 def _angle_joint(builder: "Builder", joint: AngleJoint, path: "KeyPath") -> None:
@@ -308,21 +241,6 @@ def _gear(builder: "Builder", gear: Gear, path: "KeyPath") -> None:
     if gear.on is not None and gear.ratio != 1:
         found.append((builder.angle(gear.on, (*path, "on")), gear.ratio - 1.0))
     builder.pair({}, {}, tuple(found), path, (builder.sum_of(tuple(found)),))
-
-
-def _gear_sketch(scene: Scene, gear: Gear) -> tuple[Mark, ...]:
-    start, end = scene.centre(gear.from_), scene.centre(gear.to)
-    if start is None or end is None:
-        return ()
-    distance = abs(end - start)
-    if distance == 0 or gear.ratio == 1:
-        return (Stroke((start, end), "mesh"),)
-    # Pitch circles meet between the axes, or beyond the smaller wheel where both turn alike.
-    share = 1 / abs(1 - gear.ratio)
-    return (
-        Disc(start, abs(gear.ratio) * share * distance, scene.along(gear.from_)),
-        Disc(end, share * distance, scene.along(gear.to)),
-    )
 
 
 def _rolling(builder: "Builder", rolling: Rolling, path: "KeyPath") -> None:
@@ -364,25 +282,6 @@ def _rolling(builder: "Builder", rolling: Rolling, path: "KeyPath") -> None:
     builder.pair({}, {}, tuple(angles), (*path, "rolling"), (now,))
 
 
-def _rolling_sketch(scene: Scene, rolling: Rolling) -> tuple[Mark, ...]:
-    wheel = scene.mechanism.bodies[rolling.wheel]
-    centre = scene.points[rolling.centre or wheel.from_]
-    radius = scene.factor * rolling.radius
-    marks: list[Mark] = [Disc(centre, radius, scene.along(rolling.wheel))]
-    if rolling.line is not None:
-        line = rolling.line
-        direction = complex(*line.direction) / abs(complex(*line.direction)) * scene.along(line.on)
-        through = scene.placed(line.on, complex(*line.through))
-        foot = through + direction * ((centre - through) * direction.conjugate()).real
-        half = 0.2 * scene.size * direction
-        marks.append(Stroke((foot - half, foot + half), "guide"))
-    if rolling.circle is not None:
-        turns = 0j if rolling.circle.body is None else scene.along(rolling.circle.body)
-        around = scene.points[rolling.circle.centre]
-        marks.append(Disc(around, scene.factor * rolling.circle.radius, turns))
-    return tuple(marks)
-
-
 def _python_force(builder: "Builder", force: PythonForce, path: "KeyPath") -> None:
     builder.push(force.python, force.on, path)
 
@@ -401,16 +300,14 @@ PARTS: Mapping[str, Part] = MappingProxyType(
         part.key: part
         for part in (
             Part(
-                "bars", "a constant distance: ½ (|Δ|² − L²) = 0", _bar, _one_row,
-                sketch=_bar_sketch,
+                "bars", "a constant distance: ½ (|Δ|² − L²) = 0", _bar, _one_row
             ),
             Part(
-                "springs", "a force along Δ: k (|Δ| − L)", _spring, sketch=_spring_sketch
+                "springs", "a force along Δ: k (|Δ| − L)", _spring
             ),
             Part(
                 "sliders", "a point on a line: n·Δ = 0 from a point of the line; on a body "
-                "d × Δ = 0, with d and the point fixed in the body", _slider, _one_row,
-                sketch=_slider_sketch,
+                "d × Δ = 0, with d and the point fixed in the body", _slider, _one_row
             ),
             Part(
                 "motions", "a law of time: x − x(t) = 0, y − y(t) = 0; n(t)·Δ = 0 with the normal "
@@ -420,23 +317,21 @@ PARTS: Mapping[str, Part] = MappingProxyType(
             ),
             Part(
                 "dampers", "a force along Δ: c |Δ|'", _damper,
-                conserves=lambda damper: damper.damping == 0, sketch=_damper_sketch,
+                conserves=lambda damper: damper.damping == 0
             ),
             Part(
                 "torques", "a torque τ(t) on a body, the opposite one on another", _torque,
-                conserves=_conserving_torque, sketch=_torque_sketch,
+                conserves=_conserving_torque
             ),
             Part(
-                "forces", "a force F(t) at a point", _force, conserves=_conserving_force,
-                sketch=_force_sketch,
+                "forces", "a force F(t) at a point", _force, conserves=_conserving_force
             ),
             Part(
-                "torsion_springs", "a torque k (θ_b − θ_a − φ)", _torsion_spring,
-                sketch=_torsion_sketch,
+                "torsion_springs", "a torque k (θ_b − θ_a − φ)", _torsion_spring
             ),
             Part(
                 "torsion_dampers", "a torque c (θ_b' − θ_a')", _torsion_damper,
-                conserves=lambda damper: damper.damping == 0, sketch=_torsion_sketch,
+                conserves=lambda damper: damper.damping == 0
             ),
             Part(
                 "angle_joints", "a constant angle: (Δ_a turned by φ) × Δ_b = 0", _angle_joint,
@@ -444,12 +339,12 @@ PARTS: Mapping[str, Part] = MappingProxyType(
             ),
             Part(
                 "gears", "turns in a ratio, counted from the start: θ_b − ψ = i (θ_a − ψ), with ψ "
-                "of the carrier", _gear, _one_row, sketch=_gear_sketch,
+                "of the carrier", _gear, _one_row
             ),
             Part(
                 "rolling", "contact and rolling without slip: d × Δ = ±r and d·Δ ± r (θ − ψ) "
                 "constant on a line; |Δ| = R ± r and (R ± r) ψ − R θ_b ∓ r θ constant on a circle",
-                _rolling, _rows_of_rolling, sketch=_rolling_sketch,
+                _rolling, _rows_of_rolling
             ),
             Part(
                 "python_forces", "forces F(P, P', t) on points, from a function in Python",
