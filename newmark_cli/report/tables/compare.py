@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -36,17 +36,9 @@ _UNUSUAL = {
 }
 
 
-T = TypeVar("T")
-
-
 @dataclass(frozen=True)
 class Difference:
-    """Something that is not the same in both folders.
-
-    Attributes:
-        what: What it is.
-        first, second: What it is in either folder.
-    """
+    """Something that is not the same in both folders, and what it is in either."""
 
     what: str
     first: str
@@ -60,15 +52,13 @@ class Comparison:
     Attributes:
         folders: The two.
         rtol: Relative tolerance of the measures in `DETERMINED`.
-        cells: How many are in both.
+        cells, compared, slopes, claims: How many cells, values, slopes, and claims and
+            expectations are in both.
         lacking: Studies that are in one folder only: of either folder.
         only: Cells, series and rows of studies in both folders that are in one of them only.
         statuses: Cells that ended differently.
-        compared: How many values were compared.
-        values: Those that do not agree.
-        slopes: How many slopes were compared.
+        values: Values that do not agree.
         farthest: The slope that differs most; None without any.
-        claims: How many claims and expectations were compared.
         verdicts: Slopes, claims and expectations whose verdict is another one.
         environment: What the folders were computed with, where it differs.
     """
@@ -95,7 +85,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class _Row:
-    """A value of a CSV: measure, value, and in words the study, the cell and the series."""
+    """A value of a CSV, and in words the study, the cell and the series."""
 
     measure: str
     value: float
@@ -104,32 +94,14 @@ class _Row:
     series: str
 
 
-@dataclass(frozen=True)
 class _Folder:
-    """The content of one results folder, as far as it is compared, by names in words.
+    """The content of one results folder, as far as it is compared, by names in words."""
 
-    Attributes:
-        path: The folder.
-        statuses: Cell → its status.
-        rows: Row → what it has.
-        slopes: Series → its slope.
-        claims: Claim or expectation → what was measured, and the verdict.
-        environment: Study → what it was computed with; nothing of a study without a record.
-    """
-
-    path: Path
-    statuses: Mapping[str, str]
-    rows: Mapping[str, _Row]
-    slopes: Mapping[str, Slope]
-    claims: Mapping[str, tuple[str, str]]
-    environment: Mapping[str, Mapping[str, str]]
-
-    @classmethod
-    def read(cls, path: Path) -> "_Folder":
-        statuses: dict[str, str] = {}
-        rows: dict[str, _Row] = {}
+    def __init__(self, path: Path) -> None:
+        self.statuses: dict[str, str] = {}  # by cell
+        self.rows: dict[str, _Row] = {}
+        self.environment: dict[str, dict[str, str]] = {}  # by study
         slopes: list[Slope] = []
-        environment = {}
         for file in study_files(path):
             frame = read_study(file)
             slopes += study_slopes(frame, file)
@@ -139,35 +111,30 @@ class _Folder:
                 for row, value in zip(of_measure.to_dict("records"), values, strict=True):
                     at = f"h = {row['h']:g}, {row['steps']:g} steps"
                     cell, series = f"{_where(row)}, {at}", f"{_where(row)}, {_what(row)}"
-                    statuses[cell] = str(row["status"])
+                    self.statuses[cell] = str(row["status"])
                     if record:  # else of a cell that failed before it measured anything
                         entry = _Row(str(measure), float(value), str(row["study"]), cell, series)
-                        rows[f"{series}, {at}"] = entry
-            record_of = records.known(file)
-            if record_of:
+                        self.rows[f"{series}, {at}"] = entry
+            if record_of := records.known(file):
                 digest = str(record_of.get("config_sha256", records.UNKNOWN))
-                said = records.environment(record_of)
-                environment[file.stem] = said | {f"config of {file.stem}": digest}
-        judged = expectations.judge(path, slopes)
-        claims = {
+                computed_with = records.environment(record_of)
+                self.environment[file.stem] = computed_with | {f"config of {file.stem}": digest}
+        # Of claims and series what was measured, and the verdict.
+        self.claims = {
             f"{each.name if each.figure else f'expectation of {each.study}'}: {each.text}": (
                 each.measured,
                 each.verdict,
             )
-            for each in judged
+            for each in expectations.judge(path, slopes)
             if not each.missing
         }
-        named = {f"{_where(key)}, {_what(key)}": s for s in slopes for key in (s.key.named(),)}
-        return cls(path, statuses, rows, named, claims, environment)
-
-    @property
-    def studies(self) -> Counter[str]:
-        """Study → how many cells it has."""
-        return Counter(cell.partition(" ")[0] for cell in self.statuses)
+        keys = [(slope, slope.key.named()) for slope in slopes]
+        self.slopes = {f"{_where(key)}, {_what(key)}": slope for slope, key in keys}
+        self.studies = Counter(cell.partition(" ")[0] for cell in self.statuses)
 
     def alone(self, other: "_Folder") -> tuple[str, ...]:
         """Cells, series and rows of studies in both folders that the other one lacks."""
-        found = [
+        cells = [
             cell
             for cell in self.statuses
             if cell not in other.statuses and cell.partition(" ")[0] in other.studies
@@ -179,19 +146,16 @@ class _Folder:
             if name not in other.rows and row.cell in other.statuses
         }
         whole = Counter(row.series for row in lacking.values() if row.series not in theirs)
-        found += [f"{name}, {n} row{'s' if n > 1 else ''}" for name, n in whole.items()]
-        return (*found, *(name for name, row in lacking.items() if row.series in theirs))
+        series = [f"{name}, {n} row{'s' if n > 1 else ''}" for name, n in whole.items()]
+        return (*cells, *series, *(n for n, row in lacking.items() if row.series in theirs))
 
     def lacked(self, other: "_Folder") -> tuple[str, ...]:
         """Studies that the other folder lacks altogether."""
-        return tuple(
-            f"study {study}, {count} cells"
-            for study, count in self.studies.items()
-            if study not in other.studies
-        )
+        missing = self.studies.keys() - other.studies.keys()
+        return tuple(f"study {s}, {n} cells" for s, n in self.studies.items() if s in missing)
 
 
-def _both(mine: Mapping[str, T], theirs: Mapping[str, T]) -> dict[str, tuple[T, T]]:
+def _both(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """What has the same name in either folder."""
     return {name: (mine[name], theirs[name]) for name in mine if name in theirs}
 
@@ -207,7 +171,7 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
     Raises:
         ResultsError: When a folder has no results, or a CSV cannot be used.
     """
-    a, b = _Folder.read(first), _Folder.read(second)
+    a, b = _Folder(first), _Folder(second)
     cells, rows = _both(a.statuses, b.statuses), _both(a.rows, b.rows)
     slopes, claims = _both(a.slopes, b.slopes), _both(a.claims, b.claims)
     verdicts = claims | {
@@ -255,64 +219,46 @@ def agree(measure: str, a: float, b: float, rtol: float) -> bool:
     return high <= FACTOR * low
 
 
-def as_text(found: Comparison, most: int | None) -> str:
+def as_text(comparison: Comparison, most: int | None) -> str:
     """For a terminal.
 
     Args:
-        found: The comparison.
+        comparison: The comparison.
         most: How many lines a list may have; any number when None.
     """
-    names = [str(folder) for folder in found.folders]
-    blocks = [
-        "\n".join(
-            [
-                f"cells in both: {found.cells}",
-                *(
-                    line
-                    for parts in (found.lacking, found.only)
-                    for name, only in zip(names, parts, strict=True)
-                    for line in _listed(f"only in {name}", only, most)
-                ),
-            ]
+    names = [str(folder) for folder in comparison.folders]
+    lines = [f"cells in both: {comparison.cells}"]
+    for parts in (comparison.lacking, comparison.only):
+        for name, only in zip(names, parts, strict=True):
+            lines += [visible(f"only in {name}: {entry}") for entry in only[:most]]
+            if more := len(only[len(only) if most is None else most :]):
+                lines.append(visible(f"only in {name}: {more} more (--all)"))
+    farthest, environment = comparison.farthest, comparison.environment
+    lists: list[tuple[str, Sequence[Difference]]] = [
+        (f"cells that ended differently: {len(comparison.statuses)}", comparison.statuses),
+        (
+            f"values beyond tolerance: {len(comparison.values)} of {comparison.compared} "
+            f"({', '.join(DETERMINED)}: {comparison.rtol:g}; others: a factor of {FACTOR:g})",
+            comparison.values,
         ),
-        _table(f"cells that ended differently: {len(found.statuses)}", names, found.statuses, most),
-        _table(
-            f"values beyond tolerance: {len(found.values)} of {found.compared} "
-            f"({', '.join(DETERMINED)}: {found.rtol:g}; others: a factor of {FACTOR:g})",
-            names, found.values, most,
+        ("slope farthest apart:", [farthest]) if farthest else ("no slope differs", []),
+        ("computed with something else:", environment)
+        if environment
+        else ("no difference in what was recorded of code and machine", []),
+        (
+            f"verdicts changed: {len(comparison.verdicts)}, "
+            f"of {comparison.slopes} slopes and {comparison.claims} claims",
+            comparison.verdicts,
         ),
-        _table(
-            "slope farthest apart:" if found.farthest else "no slope differs",
-            names, [found.farthest] if found.farthest else [], most,
-        ),
-        _table("computed with something else:", names, found.environment, most)
-        if found.environment
-        else "no difference in what was recorded of code and machine",
-        _table(
-            f"verdicts changed: {len(found.verdicts)}, "
-            f"of {found.slopes} slopes and {found.claims} claims",
-            names, found.verdicts, most,
-        ),
-    ]  # fmt: skip
+    ]
+    blocks = ["\n".join(lines)]
+    for title, entries in lists:
+        rows = [("", *names), *((e.what, e.first, e.second) for e in entries[:most])]
+        block = f"{title}\n{text_table(rows, indent=2)}" if entries else title
+        if len(entries) >= len(rows):
+            block += f"\n  {len(entries) - len(rows) + 1} more (--all)"
+        blocks.append(block)
     return "\n\n".join(blocks)
-
-
-def _listed(title: str, entries: Sequence[str], most: int | None) -> list[str]:
-    lines = [f"{title}: {entry}" for entry in entries[:most]]
-    more = len(entries) - len(lines)
-    lines += [f"{title}: {more} more (--all)"] if more else []
-    return list(map(visible, lines))
-
-
-def _table(
-    title: str, names: Sequence[str], entries: Sequence[Difference], most: int | None
-) -> str:
-    if not entries:
-        return title
-    rows = [("", *names), *((e.what, e.first, e.second) for e in entries[:most])]
-    lines = [title, text_table(rows, indent=2)]
-    more = len(entries) - (len(rows) - 1)
-    return "\n".join([*lines, f"  {more} more (--all)"] if more else lines)
 
 
 def _farthest(slopes: Mapping[str, tuple[Slope, Slope]]) -> Difference | None:
@@ -334,21 +280,17 @@ def _environments(
     shared = [study for study in first if study in second]
     ran = [study for study in shared if "python" in first[study] and "python" in second[study]]
     names = dict.fromkeys(name for study in shared for name in (*first[study], *second[study]))
-    found = []
+    differences = []
     for name in names:
-        given = [
-            ", ".join(
-                dict.fromkeys(
-                    folder[study].get(name, records.UNKNOWN)
-                    for study in shared
-                    if (name in first[study]) + (name in second[study]) > (study not in ran)
-                )
-            )
+        of_run = [study for study in shared if name in first[study] or name in second[study]]
+        of_run = [s for s in of_run if s in ran or (name in first[s] and name in second[s])]
+        texts = [
+            ", ".join(dict.fromkeys(folder[s].get(name, records.UNKNOWN) for s in of_run))
             for folder in (first, second)
         ]
-        if given[0] != given[1]:
-            found.append(Difference(name, *given))
-    return tuple(found)
+        if texts[0] != texts[1]:
+            differences.append(Difference(name, *texts))
+    return tuple(differences)
 
 
 def _where(row: Mapping[Any, Any]) -> str:

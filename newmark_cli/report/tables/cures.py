@@ -6,11 +6,11 @@ measured values come from the CSVs, and the cost from the operations in their re
 the bounds beyond which a value counts as good or bad are numbers that somebody typed in.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,22 +23,18 @@ from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import costs
 from newmark_cli.report.judging import slopes
 from newmark_cli.report.judging.fits import format_order
+from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import MISS, PASS
 from newmark_cli.report.reading.curves import TRAPEZOIDAL, Curve
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Report, pivoted
 from newmark_cli.study import shipped
-from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import definitions
 from newmark_cli.support.errors import ResultsError
-
-if TYPE_CHECKING:
-    from newmark_cli.report.judging.slopes import Slope
 
 #: Studies that the table reads.
 TABLED = STUDY, TOLERANCE_STUDY, KRYLOV_STUDY = "cures", "cures-tolerance", "cures-krylov"
 #: Where orders are read, and where the alternation starts with the motion.
 PROBLEM, MOVING = "andrews", "slider-crank"
-FORM = "a-lambda"
 DAMPED = GeneralizedAlpha(0.9).label
 
 #: What an entry comes to; nothing where there is no such question.
@@ -55,21 +51,28 @@ class Cure:
     Attributes:
         name: In legends and tables.
         axes: Axis → value, where it differs from the usual one.
+        group: Panel of Figure 16.
     """
 
     name: str
     axes: Mapping[str, str] = field(default_factory=dict)
+    group: str = ""
 
     def curve(self, study: str, problem: str, quantity: str, measure: str, **axes: str) -> Curve:
-        """A series of it.
+        """A series of it, as CSVs name it, with values of axes over those of the cure."""
+        usual = {"form": "a-lambda", "preconditioning": "none", "integrator": TRAPEZOIDAL}
+        return Curve(self.name, study, problem, quantity, measure, **{**usual, **self.axes, **axes})
 
-        Args:
-            study, problem, quantity, measure: As in the CSV.
-            axes: Values over those of the cure.
-        """
-        named = {"form": FORM, "preconditioning": "none", "integrator": TRAPEZOIDAL}
-        every = {**named, **self.axes, **axes}
-        return Curve(self.name, study, problem, quantity, measure, **every)
+    def series(
+        self, results: Results, quantity: str, measure: str, problem: str = PROBLEM, **axes: str
+    ) -> Slope | None:
+        """The same in results; None where they lack it."""
+        study = axes.pop("study", STUDY)
+        return results.by_key.get(self.curve(study, problem, quantity, measure, **axes).key)
+
+    def on(self, *axes: str) -> "Cure":
+        """The part of it that is about these axes."""
+        return Cure(self.name, {a: value for a, value in self.axes.items() if a in axes})
 
     @property
     def damped(self) -> "Cure":
@@ -77,48 +80,35 @@ class Cure:
         return Cure(self.name, {**self.axes, "integrator": DAMPED})
 
     @property
-    def on(self) -> "Cure":
-        """The part of it that remains in the matrix of Newton's iteration."""
-        of_matrix = ("preconditioning", "formulation")
-        return Cure(self.name, {k: v for k, v in self.axes.items() if k in of_matrix})
-
-    @property
     def needs(self) -> str:
         """Inputs that a problem or a user must supply besides those of index 3."""
         formulation = Formulation.parse(self.axes.get("formulation", "index-3"))
         projection = Projection.parse(self.axes.get("projection", "none"))
-        needed = []
-        if self.axes.get("evaluation") == COMPENSATED:
-            needed.append("quadratic constraints")
-        if formulation.kind.derivatives:
-            needed.append("rate tangent")
-        if formulation.kind.derivatives == 2:
-            needed.append("curvature and its tangent")
-        if formulation.parameter is not None:
-            words = {"rate": "decay rate α", "rate_h": "decay αh", "factor": "penalty factor"}
-            needed.append(words[formulation.parameter[0]])
-        if projection.level or self.axes.get("multipliers") == "recovered":
-            needed.append("curvature")
-        if self.axes.get("start") == "corrected":
-            needed.append("derivatives of the curvature")
-        return "; ".join(needed) or MISSING
+        recovered = self.axes.get("multipliers") == "recovered"
+        parameters = {"rate": "decay rate α", "rate_h": "decay αh", "factor": "penalty factor"}
+        name, _ = formulation.parameter or ("", 0.0)
+        needed = {
+            "quadratic constraints": self.axes.get("evaluation") == COMPENSATED,
+            "rate tangent": formulation.kind.derivatives > 0,
+            "curvature and its tangent": formulation.kind.derivatives == 2,
+            parameters.get(name, ""): bool(name),
+            "curvature": bool(projection.level) or recovered,
+            "derivatives of the curvature": self.axes.get("start") == "corrected",
+        }
+        return "; ".join(each for each, is_needed in needed.items() if is_needed) or MISSING
 
 
 @cache
-def of_problem(problem: str) -> Mapping[str, tuple[str, Cure]]:
-    """Name → group and cure, of those that a problem admits.
+def of_problem(problem: str) -> Mapping[str, Cure]:
+    """Name → cure, of those that a problem of the study admits.
 
     A rate of Baumgarte's must suit its step sizes, and compensated evaluation is not for all.
-
-    Args:
-        problem: One of the study's.
     """
     every = definitions(shipped.configs()[STUDY]) or ()
     (figure,) = (each for each in every if each.figure == "16")
     return {
-        line.label: (
-            line.panel,
-            Cure(line.label, {a: v[0] for a, v in line.choice.items() if a != "problem"}),
+        line.label: Cure(
+            line.label, {a: v[0] for a, v in line.choice.items() if a != "problem"}, line.panel
         )
         for line in figure.curves
         if problem in line.choice.get("problem", (problem,))
@@ -126,7 +116,7 @@ def of_problem(problem: str) -> Mapping[str, tuple[str, Cure]]:
 
 
 #: The cures of Andrews' mechanism.
-CURES = tuple(cure for _, cure in of_problem(PROBLEM).values())
+CURES = tuple(of_problem(PROBLEM).values())
 
 
 @dataclass(frozen=True)
@@ -138,55 +128,27 @@ class Cell:
         measured: What was measured, as text.
         predicted: Order in h, or a word; empty where theory says nothing.
         agrees: Whether it is as predicted.
-        said: What the table says of it behind the mark; what was measured when empty.
+        words: What the table says of it behind the mark; what was measured when empty.
     """
 
     mark: str = NONE
     measured: str = "n/a"
     predicted: str = ""
     agrees: bool = True
-    said: str = ""
+    words: str = ""
 
     @property
     def text(self) -> str:
         """The entry in words."""
-        words = ": ".join(filter(None, (self.mark, self.said or self.measured)))
+        words = ": ".join(filter(None, (self.mark, self.words or self.measured)))
         return words + ("" if self.agrees else MARK)
 
 
-class Evidence:
-    """Series of the studies, by cure."""
-
-    def __init__(self, results: Results) -> None:
-        """Take results that have the studies."""
-        self._results = results
-
-    def series(
-        self, cure: Cure, quantity: str, measure: str, problem: str = PROBLEM, **axes: str
-    ) -> "Slope | None":
-        """A series of a cure; None where the results lack it."""
-        study = axes.pop("study", STUDY)
-        return self._results.by_key.get(cure.curve(study, problem, quantity, measure, **axes).key)
-
-    @cached_property
-    def _operations(self) -> Mapping[SeriesKey, Any]:
-        ours = [
-            slope
-            for slope in self._results.slopes
-            if (slope.study, slope.problem, slope.measure) == (STUDY, PROBLEM, "error")
-        ]
-        return costs(self._results, ours)
-
-    def per_step(self, cure: Cure) -> Any:
-        """(points,) operations per step at the three smallest step sizes; NaN if not known."""
-        slope = self.series(cure, "u", "error")
-        if slope is None:
-            return np.full(3, np.nan)
-        chosen = np.argsort(slope.h)[:3]
-        return (self._operations[slope.key] / slope.steps)[chosen]
+def _mark(good: bool, half: bool) -> str:
+    return YES if good else PARTLY if half else NO
 
 
-def _smallest(slope: "Slope") -> float:
+def _smallest(slope: Slope) -> float:
     """The value at the smallest step size."""
     return float(slope.values[np.argmin(slope.h)])
 
@@ -195,7 +157,7 @@ def _number(value: float) -> str:
     return f"{value:.1g}".replace("e-0", "e-").replace("e+0", "e")
 
 
-def _fitted(slope: "Slope") -> str:
+def _fitted(slope: Slope) -> str:
     return f"{slope.fit.slope:.1f}".replace("-0.0", "0.0").replace("-", "−")
 
 
@@ -208,7 +170,11 @@ def _like(order: float) -> str:
     return f"{'falls' if order > 0 else 'grows'} like {power('h', f'{order:g}')}"
 
 
-def _of_order(slope: "Slope", good: float, half: float) -> Cell:
+def _listed(*parts: str) -> str:
+    return ", ".join(filter(None, parts))
+
+
+def _of_order(slope: Slope, good: float, half: float) -> Cell:
     """An order that should not be far below 0.
 
     Args:
@@ -216,24 +182,21 @@ def _of_order(slope: "Slope", good: float, half: float) -> Cell:
         good, half: Least slopes for yes and for partly.
     """
     fitted = slope.fit.slope
-    mark = YES if fitted > good else PARTLY if fitted > half else NO
     # However few its points are, a fit must be near its order.
-    near = not abs(fitted - slope.expected) > _FAR
-    said = ", ".join(filter(None, (_like(slope.expected), f"fitted {_fitted(slope)}")))
-    return Cell(
-        mark, _fitted(slope), format_order(slope.expected), slope.verdict != MISS and near, said
-    )
+    agrees = slope.verdict != MISS and not abs(fitted - slope.expected) > _FAR
+    words = _listed(_like(slope.expected), f"fitted {_fitted(slope)}")
+    mark, predicted = _mark(fitted > good, fitted > half), format_order(slope.expected)
+    return Cell(mark, _fitted(slope), predicted, agrees, words)
 
 
-def _tolerance(found: Evidence, cure: Cure) -> Cell:
+def _tolerance(results: Results, cure: Cure) -> Cell:
     # Neither recovered λ nor a corrected start changes what Newton's method does.
-    kept = {k: v for k, v in cure.axes.items() if k != "start"}
-    iterated = Cure(cure.name, kept)
-    alone = "multipliers" in kept and "projection" not in kept
-    slope = found.series(
-        (cure.on if alone else iterated).damped, "newton", "tolerance",
-        study=TOLERANCE_STUDY, stop="absolute 1e-08",
-    )  # fmt: skip
+    iterated = cure.on(*(set(cure.axes) - {"start"}))
+    reported_alone = "multipliers" in cure.axes and "projection" not in cure.axes
+    of_matrix = cure.on("preconditioning", "formulation")
+    slope = (of_matrix if reported_alone else iterated).damped.series(
+        results, "newton", "tolerance", study=TOLERANCE_STUDY, stop="absolute 1e-08"
+    )
     if slope is None:
         return Cell()
     share = _smallest(slope)
@@ -241,120 +204,117 @@ def _tolerance(found: Evidence, cure: Cure) -> Cell:
         series.expected
         for unknown in ("a", "lambda", "eta")
         for one in (iterated.damped, iterated)
-        if (series := found.series(one, unknown, "correction")) and np.isfinite(series.expected)
+        if (series := one.series(results, unknown, "correction")) and np.isfinite(series.expected)
     ]
     least = min(orders, default=np.nan)
-    mark = YES if share == 1 else NO if share < 0.5 else PARTLY
-    text = f"{100 * share:.0f} %"
-    return Cell(mark, text, format_order(least), not (least >= 0 and share < 1))
+    agrees = not (least >= 0 and share < 1)
+    return Cell(
+        _mark(share == 1, share >= 0.5), f"{100 * share:.0f} %", format_order(least), agrees
+    )
 
 
-def _condition(found: Evidence, cure: Cure) -> Cell:
-    slope = found.series(cure, "jacobian", "condition")
+def _condition(results: Results, cure: Cure) -> Cell:
+    slope = cure.series(results, "jacobian", "condition")
     return Cell() if slope is None else _of_order(slope, -0.25, -1.5)
 
 
-def _krylov(found: Evidence, cure: Cure) -> Cell:
-    slope = found.series(
-        cure.on, "jacobian", "krylov_iterations", "random-chain(links=200)",
+def _krylov(results: Results, cure: Cure) -> Cell:
+    of_matrix = cure.on("preconditioning", "formulation")
+    slope = of_matrix.series(
+        results, "jacobian", "krylov_iterations", "random-chain(links=200)",
         study=KRYLOV_STUDY, linear_solver=GMRES,
     )  # fmt: skip
     if slope is None:
         return Cell()
     ends = np.argmax(slope.h), np.argmin(slope.h)
-    low, high = (slope.values[i] for i in ends)
-    more = ["more than " if slope.statuses[i] == "stagnated" else "" for i in ends]
-    counts = f"{more[0]}{low:.0f} to {more[1]}{high:.0f}"
-    condition = found.series(cure.on, "jacobian", "condition")
+    counts = " to ".join(
+        f"{'more than ' if slope.statuses[i] == 'stagnated' else ''}{slope.values[i]:.0f}"
+        for i in ends
+    )
+    condition = of_matrix.series(results, "jacobian", "condition")
     predicted = ""
     if condition is not None and np.isfinite(condition.expected):
         predicted = "same" if condition.expected >= 0 else "grow"
     stagnated = "stagnated" in slope.statuses
-    mark = NO if stagnated else YES if high < 1.3 * low else PARTLY
+    few = slope.values[ends[1]] < 1.3 * slope.values[ends[0]]
+    mark = _mark(bool(few) and not stagnated, not stagnated)
     return Cell(mark, counts, predicted, not (predicted == "same" and mark == NO))
 
 
-def _error(problem: str) -> "Callable[[Evidence, Cure], Cell]":
-    def cell(found: Evidence, cure: Cure) -> Cell:
-        _, ours = of_problem(problem).get(cure.name, ("", cure))
-        slope = found.series(ours, "lambda", "error", problem)
-        if slope is None:
-            return Cell()
-        value = _smallest(slope)
-        # A corrected start ends at larger steps than the others.
-        falling = slope.verdict == PASS and value == np.min(slope.values)
-        mark = YES if value < 1e-5 or falling else PARTLY if value < 1e-2 else NO
-        said = ", ".join(filter(None, (_number(value), _like(slope.expected))))
-        predicted = format_order(slope.expected)
-        return Cell(mark, _number(value), predicted, slope.verdict != MISS, said)
-
-    return cell
-
-
-def _floor(evaluation: str) -> "Callable[[Evidence, Cure], Cell]":
-    def cell(found: Evidence, cure: Cure) -> Cell:
-        if "start" in cure.axes:
-            return Cell()
-        ours = Cure(cure.name, {**cure.axes, "evaluation": evaluation})
-        if cure.axes.get("multipliers") == "recovered":
-            # Nothing that is left of Newton's λ is reported.
-            slope = found.series(ours.damped, "multiplier", "invariant")
-            if slope is None:
-                return Cell()
-            return Cell(YES, _number(_smallest(slope)), "0", said="constant, recovered")
-        for one in (ours.damped, ours):
-            slope = found.series(one, "lambda", "physical_correction")
-            if slope is not None:
-                return _of_order(slope, -0.3, -1.5)
+def _error(problem: str, results: Results, cure: Cure) -> Cell:
+    slope = of_problem(problem).get(cure.name, cure).series(results, "lambda", "error", problem)
+    if slope is None:
         return Cell()
-
-    return cell
-
-
-def _drift(quantity: str) -> "Callable[[Evidence, Cure], Cell]":
-    def cell(found: Evidence, cure: Cure) -> Cell:
-        slope = found.series(cure, quantity, "invariant")
-        if slope is None:
-            return Cell()
-        agrees, value = slope.verdict != MISS, float(np.max(slope.values))
-        order = format_order(slope.expected)
-        if value < 1e-11:
-            return Cell(YES, _number(value), order or "eps", agrees, f"rounding, {_number(value)}")
-        at_end = _number(_smallest(slope))
-        # Rounding may leave no two step sizes to fit.
-        fitted = _fitted(slope) if np.isfinite(slope.fit.slope) else ""
-        mark = PARTLY if slope.fit.slope > 1.5 else NO
-        said = [at_end, _like(slope.expected), fitted and f"fitted {fitted}"]
-        measured = ", ".join(filter(None, (fitted, at_end)))
-        return Cell(mark, measured, order, agrees, ", ".join(filter(None, said)))
-
-    return cell
+    value = _smallest(slope)
+    # A corrected start ends at larger steps than the others.
+    falling = slope.verdict == PASS and value == np.min(slope.values)
+    words = _listed(_number(value), _like(slope.expected))
+    mark, predicted = _mark(value < 1e-5 or falling, value < 1e-2), format_order(slope.expected)
+    return Cell(mark, _number(value), predicted, slope.verdict != MISS, words)
 
 
-def _cost(found: Evidence, cure: Cure) -> Cell:
-    ratios = found.per_step(cure) / found.per_step(CURES[0])
+def _floor(evaluation: str, results: Results, cure: Cure) -> Cell:
+    ours = Cure(cure.name, {**cure.axes, "evaluation": evaluation})
+    if "start" in cure.axes:
+        return Cell()
+    if cure.axes.get("multipliers") == "recovered":
+        # Nothing that is left of Newton's λ is reported.
+        slope = ours.damped.series(results, "multiplier", "invariant")
+        words = "constant, recovered"
+        return Cell() if slope is None else Cell(YES, _number(_smallest(slope)), "0", words=words)
+    for one in (ours.damped, ours):
+        if slope := one.series(results, "lambda", "physical_correction"):
+            return _of_order(slope, -0.3, -1.5)
+    return Cell()
+
+
+def _drift(quantity: str, results: Results, cure: Cure) -> Cell:
+    slope = cure.series(results, quantity, "invariant")
+    if slope is None:
+        return Cell()
+    agrees, value = slope.verdict != MISS, float(np.max(slope.values))
+    order = format_order(slope.expected)
+    if value < 1e-11:
+        return Cell(YES, _number(value), order or "eps", agrees, f"rounding, {_number(value)}")
+    at_end = _number(_smallest(slope))
+    # Rounding may leave no two step sizes to fit.
+    fitted = _fitted(slope) if np.isfinite(slope.fit.slope) else ""
+    words = _listed(at_end, _like(slope.expected), fitted and f"fitted {fitted}")
+    mark = _mark(False, slope.fit.slope > 1.5)
+    return Cell(mark, _listed(fitted, at_end), order, agrees, words)
+
+
+def _cost(results: Results, cure: Cure) -> Cell:
+    ratios = _per_step(results, cure) / _per_step(results, CURES[0])
     if not np.isfinite(ratios).any():
         return Cell()
     ratio = float(np.nanmedian(ratios))
-    mark = YES if ratio <= 1.3 else PARTLY if ratio <= 2 else NO
-    return Cell(mark, f"{ratio:.1f}", said=f"{ratio:.1f} times")
+    return Cell(_mark(ratio <= 1.3, ratio <= 2), f"{ratio:.1f}", words=f"{ratio:.1f} times")
 
 
-def _needs(found: Evidence, cure: Cure) -> Cell:
+def _per_step(results: Results, cure: Cure) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """(points,) operations per step at the three smallest step sizes; NaN if not known."""
+    slope = cure.series(results, "u", "error")
+    if slope is None:
+        return np.full(3, np.nan)
+    operations = costs(results, [slope])[slope.key]
+    return np.asarray((operations / slope.steps)[np.argsort(slope.h)[:3]])
+
+
+def _needs(results: Results, cure: Cure) -> Cell:
     return Cell(NONE, cure.needs)
 
 
-@dataclass(frozen=True)
-class Symptom:
+class Symptom(NamedTuple):
     """A column: its name, what it says in a sentence, and its entry for a cure."""
 
     name: str
     about: str
-    cell: Callable[[Evidence, Cure], Cell]
+    cell: Callable[[Results, Cure], Cell]
 
 
 #: Title → columns of each table.
-TABLES: Mapping[str, Sequence[Symptom]] = {
+TABLES: Mapping[str, Iterable[Symptom]] = {
     "Which cure helps the solver": (
         Symptom(
             "fixed tolerance",
@@ -394,33 +354,39 @@ TABLES: Mapping[str, Sequence[Symptom]] = {
             "error of λ from rest",
             "error at the end of the run at the smallest h, with its predicted order, of Andrews' "
             "mechanism, which starts from rest",
-            _error(PROBLEM),
+            partial(_error, PROBLEM),
         ),
         Symptom(
             "error of λ in motion",
             "the same of a slider-crank that starts in motion",
-            _error(MOVING),
+            partial(_error, MOVING),
         ),
         Symptom(
             "rounding of λ",
             "whether the last correction of λ in physical units, which is what rounding leaves of "
             "it, stays as it is when h falls; λ that is recovered from u and v is free of it",
-            _floor("direct"),
+            partial(_floor, "direct"),
         ),
-        Symptom("rounding of λ, compensated", "the same in compensated evaluation",
-                _floor("compensated")),
+        Symptom(
+            "rounding of λ, compensated",
+            "the same in compensated evaluation",
+            partial(_floor, COMPENSATED),
+        ),
     ),
     "Which cure holds the constraints": (
         Symptom(
             "positions hold",
             "largest relative misfit of Φ = 0; where it is more than rounding at the smallest h, "
             "with its predicted and its fitted order",
-            _drift("position"),
+            partial(_drift, "position"),
         ),
-        Symptom("velocities hold", "the same of the rate of the constraints, Gᵀv = 0",
-                _drift("velocity")),
+        Symptom(
+            "velocities hold",
+            "the same of the rate of the constraints, Gᵀv = 0",
+            partial(_drift, "velocity"),
+        ),
     ),
-}  # fmt: skip
+}
 SYMPTOMS = tuple(symptom for several in TABLES.values() for symptom in several)
 
 COLUMNS = ("group", "cure", "symptom", "mark", "predicted", "measured", "agrees")
@@ -439,12 +405,7 @@ def build(results: Results) -> dict[tuple[str, str], Cell]:
     """
     if all(slope.study != STUDY for slope in results.slopes):
         raise ResultsError(f"no results of {STUDY}; run 'newmark-study run {STUDY}' first")
-    evidence = Evidence(results)
-    return {
-        (cure.name, symptom.name): symptom.cell(evidence, cure)
-        for cure in CURES
-        for symptom in SYMPTOMS
-    }
+    return {(c.name, s.name): s.cell(results, c) for c in CURES for s in SYMPTOMS}
 
 
 def collect(folder: Path) -> Results:
@@ -459,7 +420,7 @@ def report(cells: Mapping[tuple[str, str], Cell]) -> Report:
     Args:
         cells: As `build` makes them.
     """
-    groups = {name: group for name, (group, _) in of_problem(PROBLEM).items()}
+    groups = {cure.name: cure.group for cure in CURES}
     records = [
         {
             "group": groups[cure], "cure": cure, "symptom": symptom, "mark": cell.mark,
