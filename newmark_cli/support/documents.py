@@ -417,8 +417,9 @@ def read(path: Path, name: str | None = None) -> Document:
 
 def parse(text: str, name: str) -> Document:
     """Parse YAML text; see :func:`read`."""
+    reader = _Reader(name, yaml.parse(text, Loader=_LOADER))
     try:
-        node = _Composer(name, yaml.parse(text, Loader=_LOADER)).document()
+        return Document(name, reader.document(), reader.lines)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
@@ -432,10 +433,6 @@ def parse(text: str, name: str) -> Document:
         if isinstance(error, DocumentError):
             raise
         raise DocumentError(f"{name}, line 1: not YAML: {type(error).__name__}") from None
-    if node is None:
-        raise DocumentError(f"{name}, line 1: the file is empty")
-    reader = _NodeReader(name)
-    return Document(name, reader.value(node, ()), reader.lines)
 
 
 def validate(
@@ -478,140 +475,111 @@ def validate(
     raise DocumentError("reported already", [])
 
 
-class _Scalar(NamedTuple):
-    line: int
-    text: str
-    value: Any  #: what it means: text where it is quoted
+class _Reader:
+    """Turns the events of a parser into data, notes the line of each, and stops at no config.
 
-
-class _List(NamedTuple):
-    line: int
-    items: "list[_Node]"
-
-
-class _Mapping(NamedTuple):
-    line: int
-    pairs: "list[tuple[_Node, _Node]]"
-
-
-_Node = _Scalar | _List | _Mapping
-
-
-class _Composer:
-    """Turns the events of a parser into nodes, and stops at what is no config.
-
-    PyYAML's own composers do not bound their recursion, and the one in C then
-    overflows the stack.
+    PyYAML's own composers do not bound their recursion, and the one in C then overflows the
+    stack.  An alias reads the events of what it refers to again, so that limits hold for what
+    aliases expand to, too.
     """
 
     def __init__(self, name: str, events: Iterator[Any]) -> None:
-        self.name = name
-        self._events = events
-        self._anchors: dict[str, _Node | None] = {}
-        self._values = 0
+        self.name, self._events = name, events
+        self.lines: dict[KeyPath, int] = {}
+        self._anchors: dict[str, list[Any]] = {}  # events; none of what is being read
+        self._values = self._characters = 0
 
-    def document(self) -> _Node | None:
-        """The one document of a file; None when there is none."""
-        node = None
+    def document(self) -> Any:
+        """The one document of a file."""
+        data = missing = object()
         for event in self._events:
             if isinstance(event, yaml.DocumentStartEvent):
-                if node is not None:
+                if data is not missing:
                     raise self._error(event, "more than one document")
-                node = self._node(next(self._events), 1)
-        return node
+                data = self._value(next(self._events), self._events, ())
+        if data is missing:
+            raise DocumentError(f"{self.name}, line 1: the file is empty")
+        return data
 
-    def _node(self, event: Any, depth: int) -> _Node:
+    def _value(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
+        """Data of an event and of those that belong to it."""
+        event, events = self._referred(event, events)
+        self.lines.setdefault(path, event.start_mark.line + 1)
+        self._count(event)
+        if len(path) > _DEEPEST:
+            raise self._error(event, _TOO_DEEP)
+        if event.anchor is None:
+            return self._content(event, events, path)
+        inside = list(_inside(event, events))
+        self._anchors[event.anchor] = []
+        data = self._content(event, iter(inside), path)
+        self._anchors[event.anchor] = [event, *inside]
+        return data
+
+    def _referred(self, event: Any, events: Iterator[Any]) -> tuple[Any, Iterator[Any]]:
+        """An event, and what follows it: of an alias, those that it refers to."""
+        if not isinstance(event, yaml.AliasEvent):
+            return event, events
+        if not self._anchors.get(event.anchor):
+            inside = event.anchor in self._anchors
+            why = "stands inside what it refers to" if inside else "refers to nothing"
+            raise self._error(event, f"*{event.anchor} {why}")
+        replayed = iter(self._anchors[event.anchor])
+        return next(replayed), replayed
+
+    def _content(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
+        if isinstance(event, yaml.ScalarEvent):
+            return event.value if event.style else plain(event.value)
+        if isinstance(event, yaml.SequenceStartEvent):
+            items = enumerate(_until_end(events))
+            return [self._value(item, events, (*path, i)) for i, item in items]
+        mapping: dict[str, Any] = {}
+        for begun in _until_end(events):
+            key, _ = self._referred(begun, events)
+            if not isinstance(key, yaml.ScalarEvent):
+                raise self._error(key, "a key must be plain text")
+            self._count(key)
+            name = key.value
+            if name in mapping:
+                first = self.lines[(*path, name)]
+                message = f"duplicate key {_short(name)}, first given in line {first}"
+                raise self._error(key, message)
+            if key.anchor is not None:
+                self._anchors[key.anchor] = [key]
+            self.lines[(*path, name)] = key.start_mark.line + 1
+            mapping[name] = self._value(next(events), events, (*path, name))
+        return mapping
+
+    def _count(self, event: Any) -> None:
         self._values += 1
         if self._values > _MOST_VALUES:
             raise self._error(event, _TOO_MANY)
-        if depth > _DEEPEST:
-            raise self._error(event, _TOO_DEEP)
-        anchor = event.anchor
-        if isinstance(event, yaml.AliasEvent):
-            known = self._anchors.get(anchor)
-            if known is None:
-                inside = anchor in self._anchors
-                why = "stands inside what it refers to" if inside else "refers to nothing"
-                raise self._error(event, f"*{anchor} {why}")
-            return known
-        if anchor is not None:
-            self._anchors[anchor] = None
-        node = self._content(event, depth)
-        if anchor is not None:
-            self._anchors[anchor] = node
-        return node
-
-    def _content(self, event: Any, depth: int) -> _Node:
-        line = event.start_mark.line + 1
         if isinstance(event, yaml.ScalarEvent):
-            # Once: it may be long, and referred to very often.
-            value = event.value if event.style else plain(event.value)
-            return _Scalar(line, event.value, value)
-        children = []
-        for child in self._events:
-            if isinstance(child, yaml.CollectionEndEvent):
-                break
-            children.append(self._node(child, depth + 1))
-        if isinstance(event, yaml.SequenceStartEvent):
-            return _List(line, children)
-        return _Mapping(line, list(zip(children[::2], children[1::2], strict=True)))
+            self._characters += len(event.value)
+            if self._characters > _MOST_BYTES:
+                raise self._error(event, _TOO_LONG)
 
     def _error(self, event: Any, message: str) -> DocumentError:
         line = event.start_mark.line + 1
         return DocumentError(f"{self.name}, line {line}: {one_line(message)}")
 
 
-class _NodeReader:
-    """Turns composed nodes into data, noting the line of each."""
+def _until_end(events: Iterator[Any]) -> Iterator[Any]:
+    """Events that begin the entries of a collection; each is read to its end in between."""
+    for event in events:
+        if isinstance(event, yaml.CollectionEndEvent):
+            return
+        yield event
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.lines: dict[KeyPath, int] = {}
-        self._values = self._characters = 0
 
-    def value(self, node: _Node, path: KeyPath) -> Any:
-        self.lines.setdefault(path, node.line)
-        self._count(node)
-        if len(path) > _DEEPEST:
-            raise self._error(node, _TOO_DEEP)
-        if isinstance(node, _Mapping):
-            return self._mapping(node, path)
-        if isinstance(node, _List):
-            return [self.value(item, (*path, i)) for i, item in enumerate(node.items)]
-        return node.value
-
-    def _mapping(self, node: _Mapping, path: KeyPath) -> dict[str, Any]:
-        mapping: dict[str, Any] = {}
-        for key_node, value_node in node.pairs:
-            if not isinstance(key_node, _Scalar):
-                raise self._error(key_node, "a key must be plain text")
-            self._count(key_node)
-            key = key_node.text
-            if key in mapping:
-                first = self.lines[(*path, key)]
-                raise self._error(
-                    key_node, f"duplicate key {_short(key)}, first given in line {first}"
-                )
-            self.lines[(*path, key)] = key_node.line
-            mapping[key] = self.value(value_node, (*path, key))
-        return mapping
-
-    def _count(self, node: _Node) -> None:
-        """As the composer and `read` did, now that aliases stand for what they refer to.
-
-        A text is one object however often it is referred to, but everything that is
-        made of it, such as a message, is not.
-        """
-        self._values += 1
-        if self._values > _MOST_VALUES:
-            raise self._error(node, _TOO_MANY)
-        if isinstance(node, _Scalar):
-            self._characters += len(node.text)
-            if self._characters > _MOST_BYTES:
-                raise self._error(node, _TOO_LONG)
-
-    def _error(self, node: _Node, message: str) -> DocumentError:
-        return DocumentError(f"{self.name}, line {node.line}: {message}")
+def _inside(event: Any, events: Iterator[Any]) -> Iterator[Any]:
+    """All events of a collection behind its first."""
+    depth = int(isinstance(event, yaml.CollectionStartEvent))
+    while depth:
+        following = next(events)
+        depth += isinstance(following, yaml.CollectionStartEvent)
+        depth -= isinstance(following, yaml.CollectionEndEvent)
+        yield following
 
 
 def plain(text: str) -> Any:
