@@ -14,7 +14,6 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-# isort: split
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# isort: split
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D

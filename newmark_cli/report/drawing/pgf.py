@@ -10,7 +10,6 @@ import unicodedata
 from typing import Any
 from unittest.mock import patch
 
-# isort: split
 from matplotlib.backends import backend_pgf
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure

@@ -27,8 +27,8 @@ from newmark_cli.support.spelling import nearest
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
 
-#: Formats of the files, and those that are written unless others are asked for.
-FORMATS, USUAL_FORMATS = ("png", "svg", "pdf", "pgf"), ("png", "svg")
+#: Formats of the files unless others are asked for.
+USUAL_FORMATS = ("png", "svg")
 
 #: Most figures that are named where not all are drawn.
 NAMED = 8
@@ -284,7 +284,7 @@ def plot(
     Args:
         figures: Which.
         results: What they are made from.
-        formats: Which of `FORMATS`.
+        formats: Of png, svg, pdf and pgf.
         size: Width and height of each (inch); as suits it when omitted, or None.
         style_file: Style file of matplotlib, over the project's style.
 

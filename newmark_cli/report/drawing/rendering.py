@@ -1,19 +1,16 @@
 """Many figures at once, on as many processors as there are.
 
 Drawing takes longer than most studies.  Half of the figures of two processors are drawn by
-another process, which takes pickled sheets on its standard input and gives back the files.
-It is a fresh interpreter, not a fork: nothing of the program runs twice.
+another process: a fresh interpreter, not a fork, so that nothing of the program runs twice.
 """
 
-import contextlib
 import pickle
 import subprocess
 import sys
-import tempfile
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import IO, Any, NamedTuple
+from typing import Any
 
 from newmark_cli.report.drawing.panels import Sheet
 from newmark_cli.support.processors import usable
@@ -23,7 +20,7 @@ _WORTH = 3
 
 _START = (
     "import sys; sys.path[:] = {path!r}; from newmark_cli.report.drawing import rendering; "
-    "rendering.serve(sys.stdin.buffer, sys.stdout.buffer)"
+    "rendering.serve()"
 )
 
 #: Contents of a figure's files, by kind.
@@ -51,27 +48,17 @@ def rendered(
         InputError: When the size leaves no room for the panels.
     """
     count = max(min(processes or usable(), len(sheets) // _WORTH), 1)
-    shares = [range(first, len(sheets), count) for first in range(count)]
-    found: dict[int, Files] = {}
-    with contextlib.ExitStack() as stack:
-        others = []
-        for share in shares[1:]:
-            asked = [_portable(sheets[k]) for k in share], kinds, size, dict(settings)
-            others.append((share, stack.enter_context(_process(asked))))
-        for k in shares[0]:
-            found[k] = _files(sheets[k], kinds, size, settings)
-        for share, other in others:
-            answers: Iterator[Files | None] = other.answers() if other else iter(())
-            for k in share:
-                # Whatever went wrong there is found out here, and said as it always is.
-                drawn = next(answers, None)
-                found[k] = drawn or _files(sheets[k], kinds, size, settings)
-    return [found[k] for k in range(len(sheets))]
-
-
-def _portable(sheet: Sheet) -> Sheet:
-    """The same sheet; pickle takes no read-only mapping."""
-    return replace(sheet, settings=dict(sheet.settings))
+    with ThreadPoolExecutor(count) as threads:
+        others = [
+            threads.submit(_elsewhere, (sheets[first::count], kinds, size, settings))
+            for first in range(1, count)
+        ]
+        files = {i: _files(sheets[i], kinds, size, settings) for i in range(0, len(sheets), count)}
+    for first, other in enumerate(others, 1):
+        # What was not drawn there fails here, too, and says why.
+        for i, drawn in zip(range(first, len(sheets), count), other.result(), strict=True):
+            files[i] = drawn or _files(sheets[i], kinds, size, settings)
+    return [files[i] for i in range(len(sheets))]
 
 
 def _files(
@@ -86,65 +73,36 @@ def _files(
     return {kind: style.rendered(drawing, kind, settings) for kind in kinds}
 
 
-@contextlib.contextmanager
-def _process(asked: Any) -> Iterator["_Other | None"]:
-    """Another process, at work; None where there can be none.  It is ended on leaving."""
+def _elsewhere(request: tuple[Sequence[Sheet], Any, Any, Any]) -> Sequence[Files | None]:
+    """Files that another process draws; None for those that it does not."""
+    sheets, *rest = request
     try:
-        request = pickle.dumps(asked)
-    except (pickle.PicklingError, AttributeError, TypeError):
-        yield None
-        return
-    # Files, as a pipe takes no more than a part of a figure until somebody reads it.
-    with tempfile.TemporaryFile() as question, tempfile.TemporaryFile() as answers:
-        question.write(request)
-        question.seek(0)
-        process = subprocess.Popen(
+        # Pickle takes no read-only mapping.
+        portable = [replace(sheet, settings=dict(sheet.settings)) for sheet in sheets]
+        done = subprocess.run(
             [sys.executable, "-c", _START.format(path=sys.path)],
-            stdin=question,
-            stdout=answers,
-            stderr=subprocess.DEVNULL,
+            input=pickle.dumps((portable, *rest)),
+            capture_output=True,
+            check=True,
             start_new_session=True,  # an interrupt is the matter of this process
         )
-        try:
-            yield _Other(process, answers)
-        finally:
-            process.kill()
-            process.wait()
+        files: Sequence[Files | None] = pickle.loads(done.stdout)
+    except (pickle.PickleError, AttributeError, TypeError, EOFError, subprocess.SubprocessError):
+        return [None] * len(sheets)
+    return files
 
 
-class _Other(NamedTuple):
-    """A process that draws."""
+def serve() -> None:
+    """Draw the pickled sheets on standard input; of one that warns or fails the answer is None."""
+    import warnings
 
-    process: "subprocess.Popen[bytes]"
-    output: IO[bytes]
-
-    def answers(self) -> Iterator[Files | None]:
-        """Files of one figure after the other, until there are no more."""
-        self.process.wait()
-        self.output.seek(0)
-        with contextlib.suppress(EOFError, pickle.UnpicklingError):
-            while True:
-                files, told = pickle.load(self.output)
-                for message, category in told:
-                    warnings.warn_explicit(message, category, "", 0)
-                yield files
-
-
-def serve(asked: IO[bytes], answers: IO[bytes]) -> None:
-    """Draw what is asked for; of a figure that cannot be drawn the answer is None.
-
-    Args:
-        asked: Has pickled sheets, kinds, size and settings.
-        answers: Takes files and warnings of each, pickled.
-    """
-    sheets, kinds, size, settings = pickle.load(asked)
+    sheets, *rest = pickle.load(sys.stdin.buffer)
+    answers: list[Files | None] = []
     for sheet in sheets:
         with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
             try:
-                files: Files | None = _files(sheet, kinds, size, settings)
+                files: Files | None = _files(sheet, *rest)
             except Exception:
                 files = None
-        told = [(str(each.message), each.category) for each in caught] if files else []
-        pickle.dump((files, told), answers)
-        answers.flush()
+        answers.append(None if caught else files)
+    sys.stdout.buffer.write(pickle.dumps(answers))

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-# isort: split
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
@@ -37,6 +36,7 @@ STYLE: Any = {
     "ytick.right": True,
     "mathtext.fontset": "dejavusans",
     "svg.hashsalt": "newmark-study",
+    "text.usetex": False,
     "savefig.dpi": 300,
 }
 
