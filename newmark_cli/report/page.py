@@ -27,42 +27,25 @@ _LINK = "{http://www.w3.org/1999/xlink}href"
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure on the page.
+    """A figure on the page."""
 
-    Attributes:
-        name: Its name.
-        title: What it shows.
-        caption: What stands below it.
-        label: What it says, for those who do not see it.
-        svg: Markup, its ids unique on the page.
-        wide: Whether it is wider than a journal's column.
-    """
-
-    name: str
-    title: str
-    caption: str
-    label: str
-    svg: str
-    wide: bool
+    name: str  #: its name
+    title: str  #: what it shows
+    caption: str  #: what stands below it
+    label: str  #: what it says, for those who do not see it
+    svg: str  #: markup, its ids unique on the page
+    wide: bool  #: whether it is wider than a journal's column
 
 
 @dataclass(frozen=True)
 class Run:
-    """A study on the page.
+    """A study on the page."""
 
-    Attributes:
-        study: Its name.
-        description: One line; empty where the config has none.
-        facts: Where its results come from, by name; empty without a record.
-        cells: Table of its cells, headings first.
-        config: The resolved config as YAML.
-    """
-
-    study: str
-    description: str
-    facts: Mapping[str, str]
-    cells: Sequence[tuple[str, ...]]
-    config: str
+    study: str  #: its name
+    description: str  #: one line; empty where the config has none
+    facts: Mapping[str, str]  #: where its results come from, by name; empty without a record
+    cells: Sequence[tuple[str, ...]]  #: table of its cells, headings first
+    config: str  #: the resolved config as YAML
 
 
 def write(folder: Path, output: Path | None = None) -> Path:

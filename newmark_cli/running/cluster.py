@@ -168,17 +168,11 @@ def _only_own_imports() -> Iterator[dict[str, str]]:
 
 @dataclass(frozen=True)
 class _Core:
-    """Sources of the numbers; see `newmark_cli.running.store`.
+    """Sources of the numbers; see `newmark_cli.running.store`."""
 
-    Attributes:
-        digest: Of the numerical core.
-        versions: Of what it computes with.
-        shipped: Digest of the shipped mechanisms, which travel by their names.
-    """
-
-    digest: str
-    versions: Mapping[str, str]
-    shipped: str
+    digest: str  #: of the numerical core
+    versions: Mapping[str, str]  #: of what it computes with
+    shipped: str  #: digest of the shipped mechanisms, which travel by their names
 
 
 def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:

@@ -27,19 +27,14 @@ from newmark_cli.support.errors import InputError
 
 @dataclass(frozen=True)
 class Task:
-    """A cell with what it needs to run.
+    """A cell with what it needs to run."""
 
-    Attributes:
-        cell: The cell.
-        reference: Solution that its errors are taken from, if it measures any.
-        compiled: Whether its problem is compiled, of a task that travels; see `perform_apart`.
-        timed: Whether its march is timed by itself, too.
-    """
-
-    cell: Cell
+    cell: Cell  #: the cell
+    #: Solution that its errors are taken from, if it measures any.
     reference: Reference | None = None
+    #: Whether its problem is compiled, of a task that travels; see `perform_apart`.
     compiled: bool = True
-    timed: bool = False
+    timed: bool = False  #: whether its march is timed by itself, too
 
     def of(self, problem: ProblemSpec) -> "Task":
         """The same task, with its problem in the shape that travels."""

@@ -45,37 +45,24 @@ _LONG_AGO = 3600.0
 
 @dataclass(frozen=True)
 class Removed:
-    """Files that are removed for one reason.
+    """Files that are removed for one reason."""
 
-    Attributes:
-        one, many: What they are, such as "damaged cell" and "damaged cells".
-        files: The files.
-        size: Their bytes.
-    """
-
+    #: What they are, such as "damaged cell" and "damaged cells".
     one: str
     many: str
-    files: tuple[Path, ...]
-    size: int
+    files: tuple[Path, ...]  #: the files
+    size: int  #: their bytes
 
 
 @dataclass(frozen=True)
 class Pruned:
-    """How a results folder was pruned.
+    """How a results folder was pruned."""
 
-    Attributes:
-        removed: What was removed, without reasons that hold for nothing.
-        stay: Cells that stay.
-        size: Their bytes.
-        outdated: How many of them are of another numerical core.
-        unfinished: Studies that have begun and are not finished.
-    """
-
-    removed: tuple[Removed, ...]
-    stay: int
-    size: int
-    outdated: int
-    unfinished: tuple[str, ...]
+    removed: tuple[Removed, ...]  #: what was removed, without reasons that hold for nothing
+    stay: int  #: cells that stay
+    size: int  #: their bytes
+    outdated: int  #: how many of them are of another numerical core
+    unfinished: tuple[str, ...]  #: studies that have begun and are not finished
 
 
 def begun(folder: Path, study: "Study") -> None:

@@ -32,66 +32,40 @@ from newmark_cli.support.errors import InputError
 
 @dataclass(frozen=True)
 class Options:
-    """How studies are run.
+    """How studies are run."""
 
-    Attributes:
-        jobs: Most threads, and most processes.
-        force: Whether cells that are kept are computed again.
-        fail_fast: Whether the first cell that does not end well ends the run.
-        timeout: Most wall time of a cell (s).
-        executor: ``local`` or ``dask``.
-        scheduler: Address of a dask scheduler.
-        shard: (i, N): the i-th of N parts alone, counted from 1.
-        parquet: Whether trajectories are written as Parquet, not as CSV.
-        timed: Whether the march of each cell that is computed is timed by itself.
-    """
-
-    jobs: int
-    force: bool = False
-    fail_fast: bool = False
-    timeout: float | None = None
-    executor: str = "local"
-    scheduler: str | None = None
-    shard: tuple[int, int] | None = None
-    parquet: bool = False
-    timed: bool = False
+    jobs: int  #: most threads, and most processes
+    force: bool = False  #: whether cells that are kept are computed again
+    fail_fast: bool = False  #: whether the first cell that does not end well ends the run
+    timeout: float | None = None  #: most wall time of a cell (s)
+    executor: str = "local"  #: ``local`` or ``dask``
+    scheduler: str | None = None  #: address of a dask scheduler
+    shard: tuple[int, int] | None = None  #: (i, N): the i-th of N parts alone, counted from 1
+    parquet: bool = False  #: whether trajectories are written as Parquet, not as CSV
+    timed: bool = False  #: whether the march of each cell that is computed is timed by itself
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A cell of a study before it runs.
+    """A cell of a study before it runs."""
 
-    Attributes:
-        study: Which of the studies, counted from 0.
-        cell: The cell.
-        done: What is kept of it, if anything.
-        why: Why it is to run, if it is.
-    """
-
-    study: int
-    cell: Cell
-    done: Done | None
-    why: str = ""
+    study: int  #: which of the studies, counted from 0
+    cell: Cell  #: the cell
+    done: Done | None  #: what is kept of it, if anything
+    why: str = ""  #: why it is to run, if it is
 
 
 @dataclass(frozen=True)
 class StudyRun:
-    """How one study went.
+    """How one study went."""
 
-    Attributes:
-        study: Its name.
-        path: Its CSV; None where cells were skipped.
-        statuses: Status of each cell; ``skipped`` where it has not run.
-        complaints: A line for each distinct way in which cells did not end well, or
-            lack what they were to measure, except with a status that the study accepts.
-        kept: Cells that had been computed before.
-    """
-
-    study: str
-    path: Path | None
-    statuses: tuple[str, ...]
+    study: str  #: its name
+    path: Path | None  #: its CSV; None where cells were skipped
+    statuses: tuple[str, ...]  #: status of each cell; ``skipped`` where it has not run
+    #: A line for each distinct way in which cells did not end well, or lack what they were to
+    #: measure, except with a status that the study accepts.
     complaints: tuple[str, ...]
-    kept: int
+    kept: int  #: cells that had been computed before
 
     @property
     def ok(self) -> bool:
@@ -235,19 +209,13 @@ def run_studies(
 
 @dataclass(frozen=True)
 class Merged:
-    """How the cells of several folders were put together.
+    """How the cells of several folders were put together."""
 
-    Attributes:
-        taken: Cells taken from each folder.
-        missing: Cells that are missing of each study.
-        why: For each study, why kept cells do not count among them → how many.
-        runs: The studies, when nothing is missing.
-    """
-
-    taken: tuple[int, ...]
-    missing: tuple[int, ...]
+    taken: tuple[int, ...]  #: cells taken from each folder
+    missing: tuple[int, ...]  #: cells that are missing of each study
+    #: For each study, why kept cells do not count among them → how many.
     why: tuple[Mapping[str, int], ...]
-    runs: tuple[StudyRun, ...]
+    runs: tuple[StudyRun, ...]  #: the studies, when nothing is missing
 
 
 def merge(

@@ -168,17 +168,11 @@ class Mistakes:
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed YAML file.
+    """A parsed YAML file."""
 
-    Attributes:
-        name: File as the user named it.
-        data: Mappings, lists and scalars.
-        lines: Path of keys and indices → line, counted from 1.
-    """
-
-    name: str
-    data: Any
-    lines: Mapping[KeyPath, int]
+    name: str  #: file as the user named it
+    data: Any  #: mappings, lists and scalars
+    lines: Mapping[KeyPath, int]  #: path of keys and indices → line, counted from 1
 
     @classmethod
     def of(cls, name: str, data: Any) -> "Document":
@@ -369,15 +363,10 @@ class RuledModel(StrictModel):
 
 @dataclass(frozen=True)
 class File:
-    """Content of a file, from which it can be read without the file.
+    """Content of a file, from which it can be read without the file."""
 
-    Attributes:
-        name: File as the user named it.
-        content: What it said.
-    """
-
-    name: str
-    content: bytes = field(repr=False)
+    name: str  #: file as the user named it
+    content: bytes = field(repr=False)  #: what it said
 
     def document(self) -> Document:
         """The document in it.

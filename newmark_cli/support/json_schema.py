@@ -18,12 +18,9 @@ _EXACT = 2**53
 
 @dataclass(frozen=True)
 class Shown:
-    """In ``Annotated``: the JSON Schema of a type is what a function makes of it.
+    """In ``Annotated``: the JSON Schema of a type is what a function makes of it."""
 
-    Attributes:
-        make: (pydantic's schema, what turns such schemas into JSON Schema) → JSON Schema.
-    """
-
+    #: (pydantic's schema, what turns such schemas into JSON Schema) → JSON Schema.
     make: Callable[[CoreSchema, GetJsonSchemaHandler], JsonSchema]
 
     def __get_pydantic_json_schema__(

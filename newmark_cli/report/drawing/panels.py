@@ -35,23 +35,14 @@ Scale = Literal["log", "linear", "symlog"]
 
 @dataclass(frozen=True)
 class Look:
-    """How a trace looks.
+    """How a trace looks."""
 
-    Attributes:
-        color: As matplotlib writes colours.
-        marker: Matplotlib's sign for the marker; empty for none.
-        markersize: Points (1/72 inch).
-        linestyle: Matplotlib's sign for the line.
-        linewidth: Points; that of the style when omitted.
-        alpha: Opacity; opaque when omitted.
-    """
-
-    color: str
-    marker: str = ""
-    markersize: float = 4.0
-    linestyle: str = "-"
-    linewidth: float | None = None
-    alpha: float | None = None
+    color: str  #: as matplotlib writes colours
+    marker: str = ""  #: matplotlib's sign for the marker; empty for none
+    markersize: float = 4.0  #: points (1/72 inch)
+    linestyle: str = "-"  #: matplotlib's sign for the line
+    linewidth: float | None = None  #: points; that of the style when omitted
+    alpha: float | None = None  #: opacity; opaque when omitted
 
 
 #: Colours of Okabe and Ito, dark to light, so that they differ in grey too, and three more; the
@@ -89,35 +80,27 @@ def look(place: int) -> Look:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Points of one series.
+    """Points of one series."""
 
-    Attributes:
-        label: Name in the legend; traces of one name, in several panels, share an entry.
-        x, y: (points,) in the order in which they are joined; NaN where there is no value.
-        look: How it looks.
-        place: Place in the legend, from 0, by which a style with colours of its own chooses;
-            None for a look that no style changes.
-        group: Heading of its entry in the legend; panels of different groups may have the
-            same looks.
-        apart: (points,) which points are not joined and hollow: cells of which the value is a
-            limit, not a result.
-        ruled: (points,) which points are hollow, as rounding rules them.
-        bars: (points,) what rounding alone changes in each y; NaN where it is not known.
-        fit: Fitted slope or verdict as text; empty for none.
-        said: The trace in words, for those who do not see it; empty where another trace
-            has said it.
-    """
-
-    label: str
+    label: str  #: name in the legend; traces of one name, in several panels, share an entry
+    #: (points,) in the order in which they are joined; NaN where there is no value.
     x: Array
     y: Array
-    look: Look
+    look: Look  #: how it looks
+    #: Place in the legend, from 0, by which a style with colours of its own chooses; None for a
+    #: look that no style changes.
     place: int | None = None
+    #: Heading of its entry in the legend; panels of different groups may have the same looks.
     group: str = ""
+    #: (points,) which points are not joined and hollow: cells of which the value is a limit, not a
+    #: result.
     apart: Mask = field(default_factory=lambda: np.array(False))
+    #: (points,) which points are hollow, as rounding rules them.
     ruled: Mask = field(default_factory=lambda: np.array(False))
+    #: (points,) what rounding alone changes in each y; NaN where it is not known.
     bars: Array | None = None
-    fit: str = ""
+    fit: str = ""  #: fitted slope or verdict as text; empty for none
+    #: The trace in words, for those who do not see it; empty where another trace has said it.
     said: str = ""
 
     def shown(self, x_scale: Scale, y_scale: Scale) -> Mask:
@@ -143,16 +126,12 @@ def _placed(values: Array, scale: Scale) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A thin line to compare traces with, such as a predicted slope.
+    """A thin line to compare traces with, such as a predicted slope."""
 
-    Attributes:
-        x, y: (points,) its corners.
-        text: What it is, in the legend, and beside the line where there is room.
-    """
-
+    #: (points,) its corners.
     x: Array
     y: Array
-    text: str
+    text: str  #: what it is, in the legend, and beside the line where there is room
 
     @property
     def order(self) -> float:
@@ -172,34 +151,26 @@ class Scene(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Axes with traces.
+    """Axes with traces."""
 
-    Attributes:
-        traces: In the order of the legend.
-        x_label, y_label: Labels; mathematics between dollar signs.
-        titles: What tells the panel from others; of two, a grid has the first beside its rows
-            and the second above its columns.
-        x_scale, y_scale: How the axes count.
-        y_limits: Ends of the ordinate; as the points need it when omitted.
-        linthresh: Up to which |y| a symlog axis is linear.
-        references: Thin lines, such as predicted slopes.
-        levels: y of thin lines across → what they are.
-        tell_zeros: Whether it says how many zeros a logarithmic ordinate cannot show.
-        scene: A drawing that is not made of traces; axes then have equal units.
-    """
-
-    traces: tuple[Trace, ...]
+    traces: tuple[Trace, ...]  #: in the order of the legend
+    #: Labels; mathematics between dollar signs.
     x_label: str = ""
     y_label: str = ""
+    #: What tells the panel from others; of two, a grid has the first beside its rows and the second
+    #: above its columns.
     titles: tuple[str, ...] = ()
+    #: How the axes count.
     x_scale: Scale = "log"
     y_scale: Scale = "log"
+    #: Ends of the ordinate; as the points need it when omitted.
     y_limits: tuple[float, float] | None = None
-    linthresh: float = 1.0
-    references: tuple[Reference, ...] = ()
+    linthresh: float = 1.0  #: up to which |y| a symlog axis is linear
+    references: tuple[Reference, ...] = ()  #: thin lines, such as predicted slopes
+    #: y of thin lines across → what they are.
     levels: Mapping[float, str] = field(default_factory=dict)
-    tell_zeros: bool = True
-    scene: Scene | None = None
+    tell_zeros: bool = True  #: whether it says how many zeros a logarithmic ordinate cannot show
+    scene: Scene | None = None  #: a drawing that is not made of traces; axes then have equal units
 
     @property
     def title(self) -> str:
@@ -214,25 +185,17 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """One figure.
+    """One figure."""
 
-    Attributes:
-        title: What it shows.
-        panels: Row by row.
-        columns: Most panels side by side; fewer where the figure is too narrow for them.
-        note: What stands above the legend, before what the signs in it mean.
-        share_x: Whether all panels have the same ends of the abscissa.
-        grid, minor_ticks: Whether there are any.
-        settings: Settings of matplotlib that differ from the style.
-    """
-
-    title: str
-    panels: tuple[Panel, ...]
-    columns: int = 1
-    note: str = ""
-    share_x: bool = True
+    title: str  #: what it shows
+    panels: tuple[Panel, ...]  #: row by row
+    columns: int = 1  #: most panels side by side; fewer where the figure is too narrow for them
+    note: str = ""  #: what stands above the legend, before what the signs in it mean
+    share_x: bool = True  #: whether all panels have the same ends of the abscissa
+    #: Whether there are any.
     grid: bool = True
     minor_ticks: bool = True
+    #: Settings of matplotlib that differ from the style.
     settings: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
     @property

@@ -36,17 +36,12 @@ NAMED = 8
 
 @dataclass(frozen=True)
 class Choice:
-    """Which series and figures are drawn.
+    """Which series and figures are drawn."""
 
-    Attributes:
-        measures: Names of `SHOWABLE`; all when empty.
-        values: Axis → its values, as people or CSVs write them; all when it has none.
-        everything: Whether all figures of a study are drawn, however many.
-    """
-
-    measures: tuple[str, ...] = ()
+    measures: tuple[str, ...] = ()  #: names of `SHOWABLE`; all when empty
+    #: Axis → its values, as people or CSVs write them; all when it has none.
     values: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    everything: bool = False
+    everything: bool = False  #: whether all figures of a study are drawn, however many
 
     def __bool__(self) -> bool:
         """Whether it leaves anything out."""
@@ -84,15 +79,10 @@ class Choice:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Figures to draw, and what there is to say of them.
+    """Figures to draw, and what there is to say of them."""
 
-    Attributes:
-        figures: In their order.
-        notes: Lines for the terminal.
-    """
-
-    figures: list[Figure]
-    notes: list[str]
+    figures: list[Figure]  #: in their order
+    notes: list[str]  #: lines for the terminal
 
 
 def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) -> Chosen:

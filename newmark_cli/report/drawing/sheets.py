@@ -29,16 +29,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Results:
-    """The data that a figure is made from.
+    """The data that a figure is made from."""
 
-    Attributes:
-        folder: Results folder.
-        slopes: Series of its CSVs.
-        cost: What work is measured by, of `newmark_cli.report.drawing.work.COSTS`.
-    """
-
-    folder: Path
-    slopes: Sequence["Slope"]
+    folder: Path  #: results folder
+    slopes: Sequence["Slope"]  #: series of its CSVs
+    #: What work is measured by, of `newmark_cli.report.drawing.work.COSTS`.
     cost: str = "operations"
 
     @cached_property

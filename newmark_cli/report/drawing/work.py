@@ -24,19 +24,12 @@ Costs = Mapping[SeriesKey, Array]
 
 @dataclass(frozen=True)
 class Cost:
-    """What the work of a cell is measured by.
+    """What the work of a cell is measured by."""
 
-    Attributes:
-        key: Of a cell in a record.
-        label: Of an axis.
-        unit: Behind a number.
-        lacking: What to do where a record lacks it.
-    """
-
-    key: str
-    label: str
-    unit: str
-    lacking: str
+    key: str  #: of a cell in a record
+    label: str  #: of an axis
+    unit: str  #: behind a number
+    lacking: str  #: what to do where a record lacks it
 
 
 #: By name, as `newmark_cli.report.drawing.sheets.Results` has it.

@@ -36,34 +36,20 @@ _NEAR, _FAR = 2.0, 10 / 3
 
 @dataclass(frozen=True)
 class Expected:
-    """What an expectation comes to for one series, or that it matches none.
+    """What an expectation comes to for one series, or that it matches none."""
 
-    Attributes:
-        study: Name of the study.
-        number: Place of the expectation in its config, from 1.
-        figure: The figure that it is a claim about; empty for none.
-        slope: The series; None where it matches none, or is about several.
-        label: What it is about, in words.
-        said: What is expected of it.
-        measured: As text.
-        value: As a number; NaN where there is none.
-        verdict: One of the words of `newmark_cli.report.judging.verdicts`.
-        reason: Why it is not a plain pass; may be empty.
-        quantity: What is measured, in the field's symbols.
-        file, line: Where the config has it; empty and 0 where that is not known.
-    """
-
-    study: str
-    number: int
-    figure: str
-    slope: Slope | None
-    label: str
-    said: str
-    measured: str
-    value: float
-    verdict: str
-    reason: str
-    quantity: str = ""
+    study: str  #: name of the study
+    number: int  #: place of the expectation in its config, from 1
+    figure: str  #: the figure that it is a claim about; empty for none
+    slope: Slope | None  #: the series; None where it matches none, or is about several
+    label: str  #: what it is about, in words
+    said: str  #: what is expected of it
+    measured: str  #: as text
+    value: float  #: as a number; NaN where there is none
+    verdict: str  #: one of the words of `newmark_cli.report.judging.verdicts`
+    reason: str  #: why it is not a plain pass; may be empty
+    quantity: str = ""  #: what is measured, in the field's symbols
+    #: Where the config has it; empty and 0 where that is not known.
     file: str = ""
     line: int = 0
 

@@ -13,23 +13,15 @@ _LARGEST = 300
 
 @dataclass(frozen=True)
 class Fit:
-    """A power law y = 10^intercept · h^slope, by least squares.
+    """A power law y = 10^intercept · h^slope, by least squares."""
 
-    Attributes:
-        slope: Exponent; NaN with fewer than two points.
-        stderr: Standard error of the slope; NaN with fewer than three.
-        intercept: log₁₀ of the prefactor.
-        points: Points fitted; zeros and missing values have no logarithm.
-        margin: Half the width of the interval of the slope, of about 95 %; NaN likewise.
-        straight: Whether the points are on the line as well as they are known.
-    """
-
-    slope: float
-    stderr: float
-    intercept: float
-    points: int
+    slope: float  #: exponent; NaN with fewer than two points
+    stderr: float  #: standard error of the slope; NaN with fewer than three
+    intercept: float  #: log₁₀ of the prefactor
+    points: int  #: points fitted; zeros and missing values have no logarithm
+    #: Half the width of the interval of the slope, of about 95 %; NaN likewise.
     margin: float = math.nan
-    straight: bool = True
+    straight: bool = True  #: whether the points are on the line as well as they are known
 
     def __call__(self, h: Array) -> Array:
         """Fitted values at step sizes h."""

@@ -88,47 +88,31 @@ ABOUT: Mapping[str, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """A series with its fit and what theory says.
+    """A series with its fit and what theory says."""
 
-    Attributes:
-        figures: Figures that draw it.
-        key: What tells it from others; every axis is an attribute, as in the CSV.
-        role: As in the CSV.
-        h: (points,) step sizes.
-        steps: (points,) steps of the run.
-        values: (points,) the statistic that is drawn; where a Krylov solver
-            stagnated, the number of iterations that it was allowed.
-        rounding: (points,) what rounding alone changes in each value; NaN where it is not known.
-        statuses: Status of the cell behind each point.
-        fitted: (points,) which of them the fit is for; see `newmark_cli.report.judging.verdicts`.
-        fit: Power law through them.
-        expected: Predicted order; NaN where theory says nothing.
-        tolerance: Largest |fit.slope − expected|; NaN likewise.
-        verdict: One of the words of `newmark_cli.report.judging.verdicts`.
-        reason: What else there is to say, in a sentence; may be empty.
-        accepted: Whether the study is about series that end like this; see `accept`.
-        unique: Whether it is a property of the mechanism, not of which redundant constraints
-            were dropped.
-        rejudged: (order, tolerance) → the same series as the same rule judges it by an order
-            of the user's; the tolerance of the measure where it is None.
-    """
-
-    figures: tuple[str, ...]
-    key: SeriesKey
-    role: str
-    h: Array
-    steps: Array
+    figures: tuple[str, ...]  #: figures that draw it
+    key: SeriesKey  #: what tells it from others; every axis is an attribute, as in the CSV
+    role: str  #: as in the CSV
+    h: Array  #: (points,) step sizes
+    steps: Array  #: (points,) steps of the run
+    #: (points,) the statistic that is drawn; where a Krylov solver stagnated, the number of
+    #: iterations that it was allowed.
     values: Array
+    #: (points,) what rounding alone changes in each value; NaN where it is not known.
     rounding: Array
-    statuses: tuple[str, ...]
+    statuses: tuple[str, ...]  #: status of the cell behind each point
+    #: (points,) which of them the fit is for; see `newmark_cli.report.judging.verdicts`.
     fitted: Mask
-    fit: Fit
-    expected: float
-    tolerance: float
-    verdict: str
-    reason: str = ""
-    accepted: bool = False
+    fit: Fit  #: power law through them
+    expected: float  #: predicted order; NaN where theory says nothing
+    tolerance: float  #: largest |fit.slope − expected|; NaN likewise
+    verdict: str  #: one of the words of `newmark_cli.report.judging.verdicts`
+    reason: str = ""  #: what else there is to say, in a sentence; may be empty
+    accepted: bool = False  #: whether the study is about series that end like this; see `accept`
+    #: Whether it is a property of the mechanism, not of which redundant constraints were dropped.
     unique: bool = True
+    #: (order, tolerance) → the same series as the same rule judges it by an order of the user's;
+    #: the tolerance of the measure where it is None.
     rejudged: "Callable[[float, float | None], Slope] | None" = field(default=None, repr=False)
 
     @property

@@ -46,55 +46,36 @@ _NEXT_TERM = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A series as it is judged, step sizes descending.
+    """A series as it is judged, step sizes descending."""
 
-    Attributes:
-        h: (points,) step sizes.
-        values: (points,) the statistic that is drawn.
-        uncertainty: (points,) of each, relative: rounding over value, or the scatter of
-            corrections; NaN where it was not measured.
-        steps: (points,) steps of the run.
-        kind: What rules the values; see `newmark_cli.study.measures.Record`.
-        expected: Predicted order; NaN where theory says nothing.
-        tolerance: Largest |fitted − expected|; NaN likewise.
-        exact: Whether theory predicts nothing but rounding, of an error or invariant.
-        bound: Why the predicted order is only a lower bound; empty where it is the order.
-        coarse: Orders that may show where h is too coarse, besides the predicted one.
-        typical: (points,) medians over the steps; empty where they are not known.
-        largest: (points,) largest values over the steps; empty likewise.
-        undamped: Whether multipliers may alternate from step to step, and stay so.
-    """
-
-    h: Array
-    values: Array
+    h: Array  #: (points,) step sizes
+    values: Array  #: (points,) the statistic that is drawn
+    #: (points,) of each, relative: rounding over value, or the scatter of corrections; NaN where it
+    #: was not measured.
     uncertainty: Array
-    steps: Array
-    kind: str
-    expected: float = math.nan
-    tolerance: float = math.nan
-    exact: bool = False
-    bound: str = ""
+    steps: Array  #: (points,) steps of the run
+    kind: str  #: what rules the values; see `newmark_cli.study.measures.Record`
+    expected: float = math.nan  #: predicted order; NaN where theory says nothing
+    tolerance: float = math.nan  #: largest |fitted − expected|; NaN likewise
+    exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
+    bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
+    #: Orders that may show where h is too coarse, besides the predicted one.
     coarse: Collection[float] = ()
+    #: (points,) medians over the steps; empty where they are not known.
     typical: Array = field(default_factory=lambda: np.empty(0))
+    #: (points,) largest values over the steps; empty likewise.
     largest: Array = field(default_factory=lambda: np.empty(0))
-    undamped: bool = False
+    undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Verdict on a series.
+    """Verdict on a series."""
 
-    Attributes:
-        verdict: One of the words of this module.
-        fit: Power law through the points that were fitted.
-        fitted: (points,) which these are.
-        reason: What else there is to say, in a sentence; may be empty.
-    """
-
-    verdict: str
-    fit: Fit
-    fitted: Mask = field(repr=False)
-    reason: str = ""
+    verdict: str  #: one of the words of this module
+    fit: Fit  #: power law through the points that were fitted
+    fitted: Mask = field(repr=False)  #: (points,) which these are
+    reason: str = ""  #: what else there is to say, in a sentence; may be empty
 
 
 def local_orders(h: Array, values: Array) -> Array:

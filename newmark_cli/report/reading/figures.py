@@ -18,17 +18,12 @@ from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definiti
 
 @dataclass(frozen=True)
 class Part:
-    """A panel: its series in the order of the legend, and what tells it from others.
+    """A panel: its series in the order of the legend, and what tells it from others."""
 
-    Attributes:
-        titles: Values of the axes that tell panels apart, and the group of its series.
-        curves: Its series.
-        group: What its series have in common that those of other panels have not.
-    """
-
+    #: Values of the axes that tell panels apart, and the group of its series.
     titles: tuple[str, ...]
-    curves: tuple[Curve, ...]
-    group: str = ""
+    curves: tuple[Curve, ...]  #: its series
+    group: str = ""  #: what its series have in common that those of other panels have not
 
     @property
     def title(self) -> str:
@@ -38,40 +33,24 @@ class Part:
 
 @dataclass(frozen=True)
 class Figure:
-    """What a figure shows.
+    """What a figure shows."""
 
-    Attributes:
-        name: Number, or a word; names its files.
-        title: What it shows.
-        study: Study whose results it reads.
-        parts: Its panels.
-        columns: Panels side by side.
-        kind: One of `newmark_cli.study.drawing.KINDS`.
-        problem: The mechanism, of a picture of one.
-        note: What stands above the legend.
-        h: Step size of values over time (s).
-        tolerance: Largest |fitted − predicted slope| of its series; None for that of their
-            measure.
-        in_paper: Whether its series are the claims of the paper.
-        numbered: Whether a config gives it a number or word, by which `plot` knows it.
-        looks: Label of a series → what a config says of its look.
-        style: Settings of matplotlib.
-    """
-
-    name: str
-    title: str
-    study: str
-    parts: tuple[Part, ...]
-    columns: int = 1
-    kind: str = "orders"
-    problem: str = ""
-    note: str = ""
-    h: float | None = None
+    name: str  #: number, or a word; names its files
+    title: str  #: what it shows
+    study: str  #: study whose results it reads
+    parts: tuple[Part, ...]  #: its panels
+    columns: int = 1  #: panels side by side
+    kind: str = "orders"  #: one of `newmark_cli.study.drawing.KINDS`
+    problem: str = ""  #: the mechanism, of a picture of one
+    note: str = ""  #: what stands above the legend
+    h: float | None = None  #: step size of values over time (s)
+    #: Largest |fitted − predicted slope| of its series; None for that of their measure.
     tolerance: float | None = None
-    in_paper: bool = False
-    numbered: bool = False
+    in_paper: bool = False  #: whether its series are the claims of the paper
+    numbered: bool = False  #: whether a config gives it a number or word, by which `plot` knows it
+    #: Label of a series → what a config says of its look.
     looks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    style: Mapping[str, Any] = field(default_factory=dict)
+    style: Mapping[str, Any] = field(default_factory=dict)  #: settings of matplotlib
 
     @cached_property
     def curves(self) -> tuple[Curve, ...]:

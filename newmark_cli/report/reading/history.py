@@ -30,17 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Multipliers of one cell at its recorded steps.
+    """Multipliers of one cell at its recorded steps."""
 
-    Attributes:
-        t: (recorded,) times (s), ascending.
-        multipliers: (recorded, m) λ.
-        names: (m,) of the constraints; numbers in files of older versions.
-    """
-
-    t: Array
-    multipliers: Array
-    names: tuple[str, ...]
+    t: Array  #: (recorded,) times (s), ascending
+    multipliers: Array  #: (recorded, m) λ
+    names: tuple[str, ...]  #: (m,) of the constraints; numbers in files of older versions
 
 
 def read_histories(
@@ -72,14 +66,10 @@ def read_histories(
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """By how much one cell misses its constraints at recorded steps.
+    """By how much one cell misses its constraints at recorded steps."""
 
-    Attributes:
-        t: (recorded,) times (s), ascending.
-        position, velocity: (recorded,) misfits of Φ (m) and of its rate (m/s).
-    """
-
-    t: Array
+    t: Array  #: (recorded,) times (s), ascending
+    #: (recorded,) misfits of Φ (m) and of its rate (m/s).
     position: Array
     velocity: Array
 

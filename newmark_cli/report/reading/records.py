@@ -216,17 +216,11 @@ def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
 
 @dataclass(frozen=True)
 class Verified:
-    """A file of a results folder against its record.
+    """A file of a results folder against its record."""
 
-    Attributes:
-        path: The file.
-        finding: What was found, in words.
-        ok: Whether the file is what was written.
-    """
-
-    path: Path
-    finding: str
-    ok: bool
+    path: Path  #: the file
+    finding: str  #: what was found, in words
+    ok: bool  #: whether the file is what was written
 
 
 def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:

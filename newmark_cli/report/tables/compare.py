@@ -47,35 +47,25 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences between two results folders, and what they have in common.
+    """Differences between two results folders, and what they have in common."""
 
-    Attributes:
-        folders: The two.
-        rtol: Relative tolerance of the measures in `DETERMINED`.
-        cells, compared, slopes, claims: How many cells, values, slopes, and claims and
-            expectations are in both.
-        lacking: Studies that are in one folder only: of either folder.
-        only: Cells, series and rows of studies in both folders that are in one of them only.
-        statuses: Cells that ended differently.
-        values: Values that do not agree.
-        farthest: The slope that differs most; None without any.
-        verdicts: Slopes, claims and expectations whose verdict is another one.
-        environment: What the folders were computed with, where it differs.
-    """
-
-    folders: tuple[Path, Path]
-    rtol: float
+    folders: tuple[Path, Path]  #: the two
+    rtol: float  #: relative tolerance of the measures in `DETERMINED`
+    #: How many cells, values, slopes, and claims and expectations are in both.
     cells: int
+    #: Studies that are in one folder only: of either folder.
     lacking: tuple[tuple[str, ...], tuple[str, ...]]
+    #: Cells, series and rows of studies in both folders that are in one of them only.
     only: tuple[tuple[str, ...], tuple[str, ...]]
-    statuses: tuple[Difference, ...]
+    statuses: tuple[Difference, ...]  #: cells that ended differently
     compared: int
-    values: tuple[Difference, ...]
+    values: tuple[Difference, ...]  #: values that do not agree
     slopes: int
-    farthest: Difference | None
+    farthest: Difference | None  #: the slope that differs most; None without any
     claims: int
+    #: Slopes, claims and expectations whose verdict is another one.
     verdicts: tuple[Difference, ...]
-    environment: tuple[Difference, ...]
+    environment: tuple[Difference, ...]  #: what the folders were computed with, where it differs
 
     @property
     def differs(self) -> bool:

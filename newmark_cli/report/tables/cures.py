@@ -46,17 +46,12 @@ _FAR = 0.5
 
 @dataclass(frozen=True)
 class Cure:
-    """Something that somebody may do about small steps.
+    """Something that somebody may do about small steps."""
 
-    Attributes:
-        name: In legends and tables.
-        axes: Axis → value, where it differs from the usual one.
-        group: Panel of Figure 16.
-    """
-
-    name: str
+    name: str  #: in legends and tables
+    #: Axis → value, where it differs from the usual one.
     axes: Mapping[str, str] = field(default_factory=dict)
-    group: str = ""
+    group: str = ""  #: panel of Figure 16
 
     def curve(self, study: str, problem: str, quantity: str, measure: str, **axes: str) -> Curve:
         """A series of it, as CSVs name it, with values of axes over those of the cure."""
@@ -121,21 +116,13 @@ CURES = tuple(of_problem(PROBLEM).values())
 
 @dataclass(frozen=True)
 class Cell:
-    """One entry of the table.
+    """One entry of the table."""
 
-    Attributes:
-        mark: `YES`, `PARTLY`, `NO`, or nothing where there is no such question.
-        measured: What was measured, as text.
-        predicted: Order in h, or a word; empty where theory says nothing.
-        agrees: Whether it is as predicted.
-        words: What the table says of it behind the mark; what was measured when empty.
-    """
-
-    mark: str = NONE
-    measured: str = "n/a"
-    predicted: str = ""
-    agrees: bool = True
-    words: str = ""
+    mark: str = NONE  #: `YES`, `PARTLY`, `NO`, or nothing where there is no such question
+    measured: str = "n/a"  #: what was measured, as text
+    predicted: str = ""  #: order in h, or a word; empty where theory says nothing
+    agrees: bool = True  #: whether it is as predicted
+    words: str = ""  #: what the table says of it behind the mark; what was measured when empty
 
     @property
     def text(self) -> str:

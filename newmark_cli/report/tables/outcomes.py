@@ -20,26 +20,17 @@ _SHOWN_BY_GITHUB = 10
 
 @dataclass(frozen=True)
 class Outcome:
-    """Something that is asserted, and what it comes to.
+    """Something that is asserted, and what it comes to."""
 
-    Attributes:
-        study: Name of the study.
-        name: What is asserted.
-        verdict: One of the words of `newmark_cli.report.judging.verdicts`.
-        text: What was found, and why it is not a plain pass.
-        file, line: Where a config asserts it; empty and 0 where that is not known.
-        erroneous: Whether there is no such series.
-        shown: Whether the tables of `check` show it.
-    """
-
-    study: str
-    name: str
-    verdict: str
-    text: str
+    study: str  #: name of the study
+    name: str  #: what is asserted
+    verdict: str  #: one of the words of `newmark_cli.report.judging.verdicts`
+    text: str  #: what was found, and why it is not a plain pass
+    #: Where a config asserts it; empty and 0 where that is not known.
     file: str = ""
     line: int = 0
-    erroneous: bool = False
-    shown: bool = True
+    erroneous: bool = False  #: whether there is no such series
+    shown: bool = True  #: whether the tables of `check` show it
 
     def fails(self, strict: bool) -> bool:
         """Whether `check` fails with it."""

@@ -33,21 +33,13 @@ CHOOSERS = ("problem", "form", "integrator", "preconditioning", "measure", "quan
 
 @dataclass(frozen=True)
 class Shown:
-    """A study, and those of its series that are to be shown.
+    """A study, and those of its series that are to be shown."""
 
-    Attributes:
-        name: Of the study.
-        statuses: Status of every cell.
-        slopes: All series, in the order of the CSV.
-        chosen: Those to show.
-        recovered: How many series of recovered fields are left out.
-    """
-
-    name: str
-    statuses: tuple[str, ...]
-    slopes: tuple[Slope, ...]
-    chosen: tuple[Slope, ...] = ()
-    recovered: int = 0
+    name: str  #: of the study
+    statuses: tuple[str, ...]  #: status of every cell
+    slopes: tuple[Slope, ...]  #: all series, in the order of the CSV
+    chosen: tuple[Slope, ...] = ()  #: those to show
+    recovered: int = 0  #: how many series of recovered fields are left out
 
     @property
     def measures(self) -> list[str]:

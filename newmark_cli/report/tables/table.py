@@ -22,19 +22,12 @@ MARK, MARKED = " !", "! marks what is not as predicted."
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
+    """A table of texts."""
 
-    Attributes:
-        title: What it shows.
-        headings: Of the columns.
-        rows: An entry for each column.
-        explained: Whether the legend is about it.
-    """
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    explained: bool = True
+    title: str  #: what it shows
+    headings: tuple[str, ...]  #: of the columns
+    rows: tuple[tuple[str, ...], ...]  #: an entry for each column
+    explained: bool = True  #: whether the legend is about it
 
     @property
     def lines(self) -> list[tuple[str, ...]]:
@@ -44,7 +37,7 @@ class Table:
 
 #: What a table does not say itself: a term, or nothing, and a sentence.
 Legend = Sequence[tuple[str, str]]
-#: A row of a CSV: entry by column.
+#: a row of a CSV: entry by column.
 Record = Mapping[str, Any]
 
 
@@ -201,21 +194,14 @@ def sentences(legend: Legend) -> list[str]:
 
 @dataclass(frozen=True)
 class Report:
-    """Tables that belong together.
+    """Tables that belong together."""
 
-    Attributes:
-        name: Of their files.
-        tables: The tables.
-        legend: How to read them.
-        records: Their entries with numbers, for programs; rows of the tables when omitted.
-        columns: Columns of the records.
-    """
-
-    name: str
-    tables: tuple[Table, ...]
-    legend: Legend = ()
+    name: str  #: of their files
+    tables: tuple[Table, ...]  #: the tables
+    legend: Legend = ()  #: how to read them
+    #: Their entries with numbers, for programs; rows of the tables when omitted.
     records: Sequence[Record] = ()
-    columns: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()  #: columns of the records
 
     def written(self, form: str) -> str:
         """Them in a format, one of `WRITERS`."""
