@@ -509,11 +509,12 @@ class _Reader:
         """An event, and what follows it: of an alias, those that it refers to."""
         if not isinstance(event, yaml.AliasEvent):
             return event, events
-        if not self._anchors.get(event.anchor):
-            inside = event.anchor in self._anchors
+        anchor = str(event.anchor)
+        if not self._anchors.get(anchor):
+            inside = anchor in self._anchors
             why = "stands inside what it refers to" if inside else "refers to nothing"
-            raise self._error(event, f"*{event.anchor} {why}")
-        replayed = iter(self._anchors[event.anchor])
+            raise self._error(event, f"*{anchor} {why}")
+        replayed = iter(self._anchors[anchor])
         return next(replayed), replayed
 
     def _content(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
