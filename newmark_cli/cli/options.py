@@ -51,10 +51,7 @@ def axis_option(
 
     Args:
         name: Of the option; ``preconditioning`` and ``scaling`` are the same one.
-        metavar: What stands for its value.
-        text: What it means.
         sections: Sections of `newmark-study list` whose names complete it.
-        multiple: Whether it may be repeated.
     """
     same = ("preconditioning", "scaling")
     return click.option(

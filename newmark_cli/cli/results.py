@@ -441,8 +441,6 @@ def show_claims(
     """Print slopes, claims and expectations, and why some fail; returns how many hold.
 
     Args:
-        slopes: The series.
-        expected: Expectations of them.
         show_all: Whether all of them are shown.
         markdown: Whether the tables are printed as Markdown, and nothing else.
         changed: A line for each CSV that is not what was written.
@@ -490,7 +488,6 @@ def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
     """1 when something that is asserted is not so; says what the tables of a check do not.
 
     Args:
-        asserted: All that is asserted.
         strict: Whether what is undecided fails.
     """
     from newmark_cli.report.tables import outcomes

@@ -165,12 +165,7 @@ def _opened(display: "Progress", stack: contextlib.ExitStack) -> "Progress":
 
 @contextlib.contextmanager
 def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
-    """The watcher of a run.
-
-    Args:
-        quiet: Whether nothing is shown.
-        verbose: Whether every cell has a line of its own.
-    """
+    """The watcher of a run."""
     if quiet:
         yield Counts()
         return

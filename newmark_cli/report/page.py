@@ -52,7 +52,6 @@ def write(folder: Path, output: Path | None = None) -> Path:
     """Write the page; returns the file.
 
     Args:
-        folder: Results folder.
         output: The file; ``report.html`` of the results folder if omitted.
 
     Raises:
@@ -70,9 +69,6 @@ def write(folder: Path, output: Path | None = None) -> Path:
 
 def html(folder: Path) -> str:
     """The page of a results folder, the same text each time.
-
-    Args:
-        folder: Results folder.
 
     Raises:
         InputError, ResultsError: As `write`.
@@ -152,7 +148,6 @@ def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
     """A drawing as SVG inside HTML.
 
     Args:
-        drawing: The drawing.
         prefix: Of its ids: figures on one page share names of clip paths and glyphs.
         label: What it says, for those who do not see it.
     """

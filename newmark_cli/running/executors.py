@@ -58,7 +58,6 @@ def perform(
     """Run one cell; what goes wrong inside becomes its status.
 
     Args:
-        task: The cell.
         timeout: Most wall time (s), looked at between two stretches of the march.
         on_steps: Called now and then with the number of steps done.
 
@@ -159,7 +158,6 @@ def local(
 
     Args:
         tasks: In the order in which they start.
-        jobs: Most threads, and most processes.
         timeout: Most wall time of a cell (s); a process is ended, whatever it does.
         on_steps: Called from any thread with the number of steps done.
     """

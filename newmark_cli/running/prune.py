@@ -84,9 +84,7 @@ def prune(folder: Path, studies: Sequence["Study"] = (), dry_run: bool = False) 
     """Remove what is not needed; see the module.
 
     Args:
-        folder: Results folder.
         studies: What is needed of these studies, whatever their records say.
-        dry_run: Whether nothing is removed.
 
     Raises:
         ResultsError: There is no such folder, it is in use, a file cannot be read or

@@ -43,7 +43,6 @@ class References:
         """Take a results folder; nothing is read or written yet.
 
         Args:
-            folder: Results folder.
             solve: Computes one; `newmark_cli.problems.reference.solution` if omitted.
         """
         self._results, self._folder = folder, folder / "references"
@@ -56,7 +55,6 @@ class References:
         """The solution of a problem at a time; computed, or tried, at most once.
 
         Args:
-            spec: The problem.
             t: Time since the problem's start (s).
 
         Raises:

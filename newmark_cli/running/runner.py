@@ -99,10 +99,6 @@ def plan(
     """Every cell of the studies, with what is kept of it or why it is to run.
 
     Args:
-        studies: The studies.
-        folder: Results folder.
-        force: Whether cells that are kept are computed again.
-        shard: See `Options`.
         failed: Whether cells that have failed are as good as others.
 
     Raises:
@@ -139,12 +135,6 @@ def run_studies(
     Finished cells are kept at once, so that whatever ends the run, only those in
     flight are lost.  A study is written when its last cell is done, its cells in the
     config's order; a shard writes none.
-
-    Args:
-        studies: With distinct names.
-        folder: Results folder.
-        options: How.
-        watcher: Follows what happens.
 
     Raises:
         InputError: Two studies have one name, or the folder cannot be written or is
@@ -222,12 +212,6 @@ def merge(
     studies: Sequence[Study], folder: Path, sources: Sequence[Path], parquet: bool = False
 ) -> Merged:
     """Take the cells of other results folders and write studies that are complete.
-
-    Args:
-        studies: With distinct names.
-        folder: Results folder.
-        sources: Folders to take cells from.
-        parquet: Whether trajectories are written as Parquet, not as CSV.
 
     Raises:
         InputError: As for `run_studies`, and when a source holds no cells.

@@ -85,12 +85,7 @@ class Store:
         files.require_replaceable(self._folder / _key(cell).file)
 
     def find(self, cell: Cell, failed: bool = False) -> Done | None:
-        """The kept cell; None if it is not there or cannot be used.
-
-        Args:
-            cell: The cell.
-            failed: Whether it may have failed.
-        """
+        """The kept cell; None if it is not there or cannot be used."""
         done = _done(self._read(_key(cell)))
         return done if done and (failed or done.outcome.status != "failed") else None
 

@@ -87,8 +87,6 @@ def call(
     """Result of a function that a separate process calls.
 
     Args:
-        function: A function of a module.
-        arguments: What pickle can carry.
         timeout: Most wall time (s); the process is ended then.
         owner: The process is kept for the next call of the same owner, for what takes
             long to compile; without one it ends with the call.

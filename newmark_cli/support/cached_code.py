@@ -40,11 +40,7 @@ class _Cache(FunctionCache):
 
 
 def cached_njit(**options: Any) -> Callable[[Any], Any]:
-    """`numba.njit` with ``cache=True``, which goes on where nothing can be kept.
-
-    Args:
-        options: Those of `numba.njit`.
-    """
+    """`numba.njit` with ``cache=True``, which goes on where nothing can be kept."""
 
     def decorated(function: Any) -> Any:
         dispatcher = njit(**options)(function)

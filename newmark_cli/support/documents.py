@@ -179,7 +179,6 @@ class Document:
         """A document of data that Python gives: errors name keys, and no lines.
 
         Args:
-            name: How errors name the whole.
             data: Mappings, sequences and scalars, those of NumPy too.
 
         Raises:
@@ -384,10 +383,6 @@ class File:
 def fetch(path: Path, name: str | None = None) -> File:
     """A file's content.
 
-    Args:
-        path: The file.
-        name: How errors name it; the path when omitted.
-
     Raises:
         DocumentError: If it is missing or cannot be read.
     """
@@ -434,11 +429,8 @@ def validate(
     """Check a document against a model.
 
     Args:
-        document: The document.
-        model: The pydantic model.
         data: What to check in place of the document's data.
         locate: Path in ``data`` → path in the document, where they differ.
-        context: Handed to the validators.
 
     Raises:
         DocumentError: For every mistake, one for each key.

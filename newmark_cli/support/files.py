@@ -48,11 +48,6 @@ _TEMPORARY = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
 def read(path: Path, most: int = MOST, links: bool = False) -> bytes:
     """Content of a regular file.
 
-    Args:
-        path: The file.
-        most: Largest size (bytes).
-        links: Whether the file may be a symbolic link.
-
     Raises:
         OSError: The file is missing, cannot be read, is too large, or is not a regular
             file; ``strerror`` says so in words.
@@ -176,8 +171,6 @@ def write(path: Path, content: str | bytes, within: Path | None = None) -> None:
     A link that stands in its place is replaced, not followed, as is a pipe or a socket.
 
     Args:
-        path: The file; its folder exists.
-        content: Text or bytes.
         within: Results folder, below which no folder may be a link; the file's own folder
             if omitted.
 
@@ -324,8 +317,6 @@ def make_folder(folder: Path, within: Path, parents: bool = False) -> None:
     """Make a folder in a results folder.
 
     Args:
-        folder: The folder.
-        within: The results folder.
         parents: Whether the results folder is made, too; not during a run, when somebody
             must have removed it.
 
@@ -364,7 +355,6 @@ def replace_together(contents: Mapping[Path, str | bytes | None], within: Path) 
 
     Args:
         contents: File → what it is to hold; None for one that is to be removed.
-        within: Results folder.
 
     Raises:
         ResultsError: They cannot be written.

@@ -138,8 +138,6 @@ def array_of(given: Any, where: str, dimensions: tuple[int, ...] = (1, 2)) -> Ar
     """Finite real numbers, from whatever is an array, dense or sparse.
 
     Args:
-        given: It.
-        where: What errors begin with.
         dimensions: How many dimensions it may have.
 
     Raises:
@@ -181,11 +179,6 @@ def require_shapes(
     found: Mapping[str, Array], wanted: Mapping[str, tuple[int, ...]], where: str
 ) -> None:
     """Refuse arrays of other shapes.
-
-    Args:
-        found: Name → array.
-        wanted: Name → its shape.
-        where: What errors begin with.
 
     Raises:
         MatrixError: For the first that does not fit.

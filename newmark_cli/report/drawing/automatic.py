@@ -59,10 +59,7 @@ def figures(
     """Figures of a study, those that matter most first unless its config defines them.
 
     Args:
-        study: Its name.
-        results: What they are made from.
         defined: Figures that its config defines; None to arrange all that the rows allow.
-        keep: Which series to draw.
         kinds: Kinds of rows to draw, or `WORK_PRECISION`; all when empty.
     """
     ours = [slope for slope in results.slopes if slope.study == study and slope.measure]

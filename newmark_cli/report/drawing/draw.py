@@ -42,7 +42,6 @@ def drawn(
     Args:
         sheet: What is drawn; see `newmark_cli.report.drawing.panels`.
         size: Width and height of the figure (inch); a height of None is what it takes.
-        settings: Settings of matplotlib over those of the project and the sheet.
 
     Raises:
         InputError: When the size leaves no room for the panels.
@@ -444,8 +443,6 @@ def _wrapped(probe: Any, text: str, most: float) -> str:
 
     Args:
         probe: The artist that will have the text; it may stand upright.
-        text: The text.
-        most: Greatest length of a line.
     """
     lines: list[str] = []
     side = "height" if probe.get_rotation() else "width"

@@ -91,7 +91,6 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) ->
     Args:
         names: Of figures and studies; a name that is both is the figure's.
         results: What they are made from; their series are not needed for named mechanisms.
-        choice: Which of them.
 
     Raises:
         InputError: For a name that there is not, and when nothing is left.
@@ -272,8 +271,6 @@ def plot(
     Nothing is written unless all of them can be drawn.
 
     Args:
-        figures: Which.
-        results: What they are made from.
         formats: Of png, svg, pdf and pgf.
         size: Width and height of each (inch); as suits it when omitted, or None.
         style_file: Style file of matplotlib, over the project's style.

@@ -37,10 +37,8 @@ def rendered(
     """Files of figures, in their order.
 
     Args:
-        sheets: What is drawn.
         kinds: Endings of the files, see `newmark_cli.report.drawing.style.rendered`.
         size: Width and height of each (inch); as suits it when None.
-        settings: Settings of matplotlib over those of the project.
         processes: Most processes, this one among them; as many as there are processors
             when omitted.
 

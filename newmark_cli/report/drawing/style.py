@@ -133,13 +133,7 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:
-    """A figure as a file: png, svg, pdf or pgf, the same bytes each time.
-
-    Args:
-        figure: The figure.
-        kind: Ending of the file.
-        settings: Settings of matplotlib over those of the project.
-    """
+    """A figure as a file: png, svg, pdf or pgf, the same bytes each time."""
     content = io.BytesIO()
     with settled(settings):
         if kind == "pgf":

@@ -53,15 +53,7 @@ def ruled(slope: "Slope") -> Mask:
 
 
 def trace(slope: "Slope", label: str, look: Look, name: str, **given: Any) -> Trace:
-    """A series against the step size; cells that did not end well stand apart.
-
-    Args:
-        slope: The series.
-        label: Its name in the legend.
-        look: How it looks.
-        name: Its name in words.
-        given: Further attributes of the trace.
-    """
+    """A series against the step size; cells that did not end well stand apart."""
     order = np.argsort(slope.h)
     parts: dict[str, Any] = {
         "x": slope.h[order],
@@ -85,7 +77,6 @@ def panel(
     """Series of one measure against the step size, beside their predicted slopes.
 
     Args:
-        slopes: The series.
         traces: A trace of each, in the order of the legend.
         titles: What tells the panel from others.
         every: Series whose panels have the same ordinate.
@@ -118,7 +109,6 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
     rounding does not rule.
 
     Args:
-        slopes: The series.
         limits: Ends of the logarithmic ordinate.
     """
     drawn: dict[float, Reference] = {}

@@ -56,7 +56,6 @@ def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
 
     Args:
         results: What the series come from, and which cost is meant.
-        slopes: The series.
     """
     key = COSTS[results.cost].key
     studies = dict.fromkeys(slope.study for slope in slopes)

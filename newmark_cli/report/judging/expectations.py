@@ -114,10 +114,6 @@ def own(found: Iterable[Expected]) -> list[Expected]:
 def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
     """Expectations of the studies that series are of, each for every series that it matches.
 
-    Args:
-        folder: Results folder.
-        slopes: The series.
-
     Raises:
         ResultsError: When a record's expectations are not as a run has written them.
     """
@@ -147,10 +143,7 @@ def expected(
     """What an expectation comes to for each series that it matches, or that it matches none.
 
     Args:
-        study: Name of the study.
-        wanted: The expectation.
         ours: Key → series, of those that it may be about.
-        path: How errors name the results.
         place: File and line of the expectation.
     """
     matched = [slope for slope in ours.values() if wanted.matches(slope.key)]

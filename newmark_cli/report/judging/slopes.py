@@ -158,10 +158,6 @@ class Slope:
 def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
     """Slopes of every series in a results folder.
 
-    Args:
-        folder: Results folder.
-        studies: Names of studies to read; all when omitted.
-
     Raises:
         ResultsError: When a CSV is missing or cannot be used.
     """
@@ -180,7 +176,6 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
 
     Args:
         table: Rows as `read_rows` or `read_study` gives them.
-        path: How errors name the file.
     """
     # A form, a variant or a quantity that lacks step sizes which others of the same
     # problem have was cut off; cases may differ in the rest on purpose.

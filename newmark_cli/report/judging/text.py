@@ -69,7 +69,6 @@ def text_table(rows: Sequence[Sequence[Entry]], *, blocks: bool = False, indent:
             What is not printed is escaped: an entry of several lines has them in a tuple.
         blocks: Whether columns that do not fit go into further tables, each with the first
             column; otherwise the longest columns wrap.
-        indent: Spaces before each line.
     """
     room = width() - indent
     shown = [list(map(_shown, row)) for row in rows]

@@ -86,11 +86,7 @@ def local_orders(h: Array, values: Array) -> Array:
 
 
 def judge(given: Evidence) -> Judgement:
-    """The verdict on a series.
-
-    Args:
-        given: The series; of cells that ended well.
-    """
+    """The verdict on a series."""
     if given.kind == "truncation" and not np.all(np.isfinite(given.values)):
         return _judged(given, INCOMPLETE, np.isfinite(given.h), "no value at every step size")
     if given.exact:

@@ -26,7 +26,6 @@ class Curve:
 
         Args:
             label: Name in a legend and in claims.
-            study, problem, quantity, measure: As in the CSV.
             axes: Further axes; the (u, λ) form without scaling unless they say otherwise.
         """
         named = {

@@ -84,12 +84,7 @@ def looks_of(given: Definition, curves: Iterable[Curve]) -> dict[str, Mapping[st
 
 
 def explicit(study: str, given: Definition) -> Figure:
-    """The figure of a definition that names all its series.
-
-    Args:
-        study: Its study.
-        given: The definition.
-    """
+    """The figure of a definition that names all its series."""
     kind = given.kind or ("work" if given.kinds == (WORK_PRECISION,) else "orders")
     measure = "error" if kind == "work" else given.kinds[0] if given.kinds else ""
     lines = given.curves or ((Line(),) if given.series else ())

@@ -42,11 +42,6 @@ def read_histories(
 ) -> list[History | None]:
     """Multipliers of cells; None for one that is not there.
 
-    Args:
-        folder: Results folder.
-        study: Name of the study.
-        cells: Which cells: a curve, and a step size (s) of it.
-
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
@@ -78,11 +73,6 @@ def read_drifts(
     folder: Path, study: str, cells: Sequence[tuple[Curve, float]]
 ) -> list[Drift | None]:
     """Drifts of cells; None for one that is not there.
-
-    Args:
-        folder: Results folder.
-        study: Name of the study.
-        cells: Which cells: a curve, and a step size (s) of it.
 
     Raises:
         ResultsError: As `read_histories`.

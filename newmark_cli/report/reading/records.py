@@ -199,7 +199,6 @@ def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
     """How many studies have the numbers that were shipped, in words.
 
     Args:
-        folder: Results folder.
         studies: Names of shipped studies.
         shipped: JSON file: study → its CSVs → SHA-256.
     """
@@ -227,10 +226,6 @@ def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
     """Compare every CSV of a results folder with the checksum in its record.
 
     ``slopes.csv`` and the tables are not results but follow from them.
-
-    Args:
-        folder: Results folder.
-        names: Names of studies; all when empty.
 
     Raises:
         ResultsError: When the folder has neither a CSV of a study nor a record, or no
@@ -271,8 +266,6 @@ def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
     """Findings on the files of one study.
 
     Args:
-        folder: Results folder.
-        study: Its name.
         written: Whether there is a CSV.
     """
     path = folder / f"{study}.csv"

@@ -114,7 +114,6 @@ def summary(slopes: Sequence[Slope], expected: str = "") -> str:
     """How many slopes are as predicted, and what became of the others.
 
     Args:
-        slopes: The series.
         expected: How many claims and expectations hold; empty without any.
     """
     counted = Counter(slope.verdict for slope in counting(slopes))
@@ -128,12 +127,7 @@ def summary(slopes: Sequence[Slope], expected: str = "") -> str:
 
 
 def remarks(slopes: Iterable[Slope]) -> list[str]:
-    """A line for each series that is not as predicted: its local orders, and why.
-
-    Args:
-        slopes: The series; those as predicted have no line, and of those that are shown
-            only the ones that lose their order at the smallest step size.
-    """
+    """A line for each series that is not as predicted: its local orders, and why."""
     alike: dict[tuple[str, str, str], list[Slope]] = {}
     for slope in slopes:
         if not slope.accepted and (slope.verdict not in (PASS, SHOWN) or _loses_order(slope)):

@@ -154,7 +154,6 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
     """Compare the studies of two results folders.
 
     Args:
-        first, second: The folders.
         rtol: Relative tolerance of the measures in `DETERMINED`; the others agree
             within `FACTOR`.
 
@@ -197,7 +196,6 @@ def agree(measure: str, a: float, b: float, rtol: float) -> bool:
     """Whether two values of a measure are the same but for rounding.
 
     Args:
-        measure: As in the CSV.
         a, b: The values, not negative; NaN where there is none.
         rtol: Relative tolerance of the measures in `DETERMINED`.
     """
@@ -213,7 +211,6 @@ def as_text(comparison: Comparison, most: int | None) -> str:
     """For a terminal.
 
     Args:
-        comparison: The comparison.
         most: How many lines a list may have; any number when None.
     """
     names = [str(folder) for folder in comparison.folders]

@@ -165,7 +165,6 @@ def _of_order(slope: Slope, good: float, half: float) -> Cell:
     """An order that should not be far below 0.
 
     Args:
-        slope: The series.
         good, half: Least slopes for yes and for partly.
     """
     fitted = slope.fit.slope
@@ -402,11 +401,7 @@ def collect(folder: Path) -> Results:
 
 
 def report(cells: Mapping[tuple[str, str], Cell]) -> Report:
-    """The tables, and their entries as records.
-
-    Args:
-        cells: As `build` makes them.
-    """
+    """The tables, and their entries as records."""
     groups = {cure.name: cure.group for cure in CURES}
     records = [
         {

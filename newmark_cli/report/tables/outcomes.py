@@ -54,8 +54,6 @@ def of(
     study accepts.
 
     Args:
-        slopes: The series.
-        expected: Claims about them, and expectations.
         changed: CSVs that are not what was written.
         tables: Whether entries of Tables 1 and 2 are, too, where all else holds.
 
@@ -102,7 +100,6 @@ def hold(found: Sequence[Outcome], strict: bool = False) -> bool:
     """Whether something was judged, and nothing fails.
 
     Args:
-        found: What is asserted.
         strict: Whether what is undecided fails.
     """
     return any(each.verdict == PASS for each in found) and not any(
@@ -166,7 +163,6 @@ def annotations(found: Iterable[Outcome], strict: bool, top: Path | None = None)
     """Workflow commands of GitHub: what fails are errors, what is undecided warnings.
 
     Args:
-        found: What is asserted.
         strict: Whether what is undecided fails.
         top: Top folder of the repository, relative to which files are named; the current
             one if omitted.

@@ -69,10 +69,6 @@ class Shown:
 def read(folder: Path, names: Sequence[str]) -> list[Shown]:
     """Studies of a results folder.
 
-    Args:
-        folder: Results folder.
-        names: Names of studies; all when empty.
-
     Raises:
         ResultsError: When a study is not there, or its CSV cannot be used.
     """
@@ -92,7 +88,6 @@ def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> lis
     """The studies with the series that are chosen; recovered fields only when asked for.
 
     Args:
-        studies: As read.
         wanted: Axis → values, of which a series must have one; any when empty.
 
     Raises:

@@ -96,12 +96,7 @@ def defined(folder: Path, study: str) -> list[Layout]:
 
 
 def report(slopes: Iterable[Slope], layout: Layout) -> Report:
-    """Tables of series; as a CSV, a list has numbers, and others have their entries.
-
-    Args:
-        slopes: The series.
-        layout: Which tables.
-    """
+    """Tables of series; as a CSV, a list has numbers, and others have their entries."""
     ours = [slope for slope in slopes if slope.measure]
     found = groups(ours, layout)
     name = f"table-{layout.name}" if layout.name else "table"

@@ -51,7 +51,6 @@ def pivoted(
     """A table of records, each an entry in the row and column that its values say.
 
     Args:
-        title: Of the table.
         records: Its entries.
         rows: Key that tells rows apart → how its values are written; the names head columns.
         column: Key of which the values head the other columns.

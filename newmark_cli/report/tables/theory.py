@@ -25,12 +25,6 @@ def predict(
 ) -> dict[str, Any]:
     """All orders of a form under a scaling; a structural zero has order None.
 
-    Args:
-        form: Name of a form.
-        preconditioning: Variant, or a scaling of your own.
-        evaluation: How residuals are evaluated.
-        formulation: Label of a formulation.
-
     Raises:
         ScalingError: When the scaling does not fit the form.
         FormulationError: When the formulation cannot be used.
@@ -67,10 +61,6 @@ def predict(
 
 def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
     """The least powers of h that balance a form, beside those of Table 2.
-
-    Args:
-        form: Name of a form.
-        formulation: Label of a formulation.
 
     Raises:
         FormulationError: When the formulation cannot be used.
