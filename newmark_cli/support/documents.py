@@ -485,7 +485,7 @@ class _Reader:
     def _value(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
         """Data of an event and of those that belong to it."""
         event, events = self._referred(event, events)
-        self.lines.setdefault(path, event.start_mark.line + 1)
+        self.lines.setdefault(path, _line(event))
         self._count(event)
         if len(path) > _DEEPEST:
             raise self._error(event, _TOO_DEEP)
@@ -528,7 +528,7 @@ class _Reader:
                 raise self._error(key, message)
             if key.anchor is not None:
                 self._anchors[key.anchor] = [key]
-            self.lines[(*path, name)] = key.start_mark.line + 1
+            self.lines[(*path, name)] = _line(key)
             mapping[name] = self._value(next(events), events, (*path, name))
         return mapping
 
@@ -542,8 +542,11 @@ class _Reader:
                 raise self._error(event, _TOO_LONG)
 
     def _error(self, event: Any, message: str) -> DocumentError:
-        line = event.start_mark.line + 1
-        return DocumentError(f"{self.name}, line {line}: {one_line(message)}")
+        return DocumentError(f"{self.name}, line {_line(event)}: {one_line(message)}")
+
+
+def _line(event: Any) -> int:
+    return int(event.start_mark.line) + 1
 
 
 def _until_end(events: Iterator[Any]) -> Iterator[Any]:
