@@ -3,10 +3,9 @@
 import pytest
 from each import each
 
-from newmark_cli.mechanisms import planar, registry
+from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.study import catalogue
-from newmark_cli.support.documents import Document
 
 
 @pytest.fixture(scope="module")
@@ -45,25 +44,3 @@ def test_sizes_of_families_are_those_of_their_members(sections, name):
             assert parameter in right
             right = right.replace(f" {parameter}", "*3").replace(parameter, "3")
         assert eval(right) == count, formula
-
-
-def test_sizes_with_every_kind_of_constraint():
-    """Bodies, bars, sliders, and a prescribed motion, which counts by its laws."""
-    data = {
-        "points": {
-            "O": {"fixed": [0, 0]},
-            "A": {"at": [1, 0], "mass": 1},
-            "B": {"at": [2, 0], "mass": 1},
-            "C": {"at": [3, 0], "mass": 1},
-            "D": {"at": [4, 0], "mass": 1},
-        },
-        "bodies": {"rod": {"from": "O", "to": "A", "length": 1, "mass": 1, "inertia": 0.1}},
-        "bars": {"bar": {"from": "A", "to": "B", "length": 1}},
-        "sliders": {"rail": {"point": "C", "through": [0, 0], "direction": [1, 0]}},
-        "motions": {
-            "turn": {"body": "rod", "angle": {"rate": 0}},
-            "hold": {"point": "D", "x": {"rate": 0}, "y": {"rate": 0}},
-        },
-    }
-    built = planar.built("all", Document("all", data, {}))
-    assert registry.size(data) == (built.n, built.m) == (8, 6)

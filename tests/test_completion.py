@@ -3,9 +3,6 @@
 import json
 import os
 import re
-import shutil
-import subprocess
-from pathlib import Path
 
 import pytest
 from each import each
@@ -16,8 +13,6 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config
-
-EDITORS = (Path(__file__).parents[1] / "docs/editors.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -77,22 +72,6 @@ def test_other_shells_show_what_a_name_means(complete, shell):
     text = complete("newmark-study run pendulum-v", shell)
     assert "pendulum-v" in text
     assert config.load_shipped("pendulum-v").description in text
-
-
-@each("shell", ["bash", "zsh", "fish"])
-def test_the_line_of_the_readme(shell):
-    """The script that a shell is to evaluate; bash, where it is, takes it."""
-    variables = {**os.environ, "_NEWMARK_STUDY_COMPLETE": f"{shell}_source"}
-    done = subprocess.run([SCRIPT], env=variables, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert f"_NEWMARK_STUDY_COMPLETE={shell}_source newmark-study" in EDITORS
-    assert f"_NEWMARK_STUDY_COMPLETE={shell}_complete" in done.stdout
-    if shell == "bash" and shutil.which("bash"):
-        command = (
-            f'eval "$(_NEWMARK_STUDY_COMPLETE=bash_source {SCRIPT})" && complete -p newmark-study'
-        )
-        done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
-        assert "newmark-study" in done.stdout, done.stderr
 
 
 def test_list_as_json(cli):

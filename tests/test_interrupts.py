@@ -89,14 +89,6 @@ def test_interrupts_in_the_users_code(cli, where):
     assert (run.returncode, errors) == (130, "newmark-study: interrupted\n")
 
 
-def test_interrupts_that_are_no_signals(cli):
-    """A `KeyboardInterrupt` of the user's code is a mistake in it like any other."""
-    cli.write("mine.py", "raise KeyboardInterrupt\n")
-    cli.write("one.yaml", ONE)
-    line = cli.refused("run", "one.yaml", "--allow-code")
-    assert line.endswith("one.yaml, line 2: problem: mine.py, line 1: KeyboardInterrupt")
-
-
 def test_postponed_interrupts_wait():
     """What is begun is completed first, whatever is nested in it; then the process ends."""
     done = python("""

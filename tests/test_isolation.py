@@ -55,21 +55,14 @@ def clean(tmp_path_factory, warm):
     return cli.folder / "results"
 
 
-@pytest.mark.parametrize("executor", ["local", "dask"])
-def test_patches_stay_in_their_cells(cli, clean, executor, request):
+def test_patches_stay_in_their_cells(cli, clean):
     """Problems that replace a function of NumPy change their own rows, and no others."""
-    where = ("--jobs", 1)
-    if executor == "dask":
-        pytest.importorskip("distributed")
-        _, address, workers = request.getfixturevalue("scheduler")
-        workers(1)
-        where = ("--scheduler", address)
     write_study(cli, in_calls=HARM["patches"])
     cli.write("own/worse.py", f"{SWING}\n{HARM['patches']}\n")
     own = '{python: "own/bad.py:swing"}'
     cli.write("mixed.yaml", STUDY.replace(own, f"[{own}, {own.replace('bad', 'worse')}]"))
     # One process after the other where all cells would once have shared one.
-    cli("run", "mixed.yaml", "--allow-code", "--executor", executor, *where)
+    cli("run", "mixed.yaml", "--allow-code", "--jobs", 1)
     patched = cli.folder / "results"
     assert rows(patched, "good.py:swing", "pendulum") == rows(clean, "good.py:swing", "pendulum")
     for name in ("bad.py:swing", "worse.py:swing"):

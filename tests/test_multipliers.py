@@ -191,31 +191,20 @@ points:
 bars: {{upper: {{from: C, to: P, length: 1}}, lower: {{from: P, to: Q, length: 1}}}}
 sliders: {{rail: {{point: C, through: [0, 0], direction: [1, 0]}}}}
 motions: {{drive: {{point: C, x: {{rate: 0.8, acceleration: 90}}}}}}
-gravity: {gravity}
+gravity: [0, -9.81]
 """
 
 
-def shaken(path, mass, gravity="[0, -9.81]"):
-    path.write_text(SHAKEN.format(mass=mass, gravity=gravity))
+def shaken(path, mass):
+    path.write_text(SHAKEN.format(mass=mass))
     return loading.load(path, "shaken")
 
 
-@each("turned", [False, True])
-def test_a_driven_point_with_any_mass_does_not_rule(tmp_path, turned):
+def test_a_driven_point_with_any_mass_does_not_rule(tmp_path):
     """Nor one without: bars are compared with bars; the drive with its own load."""
     parts = []
     for mass in ("", ", mass: 1e-6", ", mass: 1", ", mass: 1e6"):
         subject = shaken(tmp_path / "shaken.yaml", mass)
-        if turned:  # the same with the rail upright: accelerations of all along it
-            text = (tmp_path / "shaken.yaml").read_text()
-            for old, new in (
-                ("velocity: [0.8, 0]", "velocity: [0, 0.8]"), ("at: [0.6, -0.8]", "at: [0.8, 0.6]"),
-                ("at: [1.2, 0]", "at: [0, 1.2]"), ("direction: [1, 0]", "direction: [0, 1]"),
-                ("C, x:", "C, y:"), ("[0, -9.81]", "[9.81, 0]"),
-            ):  # fmt: skip
-                text = text.replace(old, new)
-            (tmp_path / "shaken.yaml").write_text(text)
-            subject = loading.load(tmp_path / "shaken.yaml", "shaken")
         multipliers, found = at_start(subject)
         names = [name.partition(".")[0] for name in subject.constraint_names]
         assert [name == "bars" for name in names] == (found.parts == 0).tolist()

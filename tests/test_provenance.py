@@ -6,9 +6,7 @@ import os
 import runpy
 import shutil
 import subprocess
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -20,8 +18,6 @@ from newmark_cli.report.reading import records
 from newmark_cli.study import checkout as checkout_of_code
 from newmark_cli.study import config, provenance
 from newmark_cli.support.processors import usable
-
-ROOT = Path(__file__).parents[1]
 
 HISTORY = """\
 study: series
@@ -170,89 +166,6 @@ def test_stamped_commit_of_an_installed_package(installed, monkeypatch, modified
     (installed / checkout_of_code.STAMP).write_text(json.dumps(stamp))
     monkeypatch.setattr(provenance, "_installed_commit", lambda: "decaf")
     assert source() == stamp
-
-
-# -- the stamp of the build hook ------------------------------------------------------------
-
-
-class Hook:
-    """In place of hatchling's interface, which only a build has; it sets the root."""
-
-    def __init__(self, root):
-        self.root = str(root)
-
-
-@pytest.fixture
-def hook(monkeypatch):
-    """`hatch_build.CommitHook`, as hatchling loads it from its file."""
-    parts = ["hatchling", "builders", "hooks", "plugin", "interface"]
-    for k in range(1, len(parts) + 1):
-        monkeypatch.setitem(sys.modules, ".".join(parts[:k]), ModuleType(parts[k - 1]))
-    sys.modules[".".join(parts)].BuildHookInterface = Hook
-    return runpy.run_path(str(ROOT / "hatch_build.py"))["CommitHook"]
-
-
-@pytest.fixture
-def tree(tmp_path):
-    """A source tree without git: a package, with what the hook runs of it, and configs."""
-    package = tmp_path / "tree/newmark_cli"
-    (package / "study").mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    shutil.copy(checkout_of_code.__file__, package / "study")
-    (package.parent / "configs").mkdir()
-    (package.parent / "configs/a.yaml").write_text("study: a\n")
-    return package.parent
-
-
-def committed(tree):
-    """Make the tree a checkout; return its commit."""
-    git(tree, "init", "-q")
-    git(tree, "add", ".")
-    git(tree, "commit", "-q", "-m", "first")
-    return git(tree, "rev-parse", "HEAD")
-
-
-def stamp_of(hook, tree, version="standard"):
-    """What a build adds to the package, None without an addition; nothing else stays behind."""
-    before = {path: path.read_bytes() for path in tree.rglob("*") if path.is_file()}
-    building, data = hook(tree), {}
-    building.initialize(version, data)
-    included = data.get("force_include", {})
-    stamps = {target: json.loads(Path(file).read_text()) for file, target in included.items()}
-    building.finalize(version, data, "")
-    assert not any(Path(file).exists() for file in included)
-    assert {path: path.read_bytes() for path in tree.rglob("*") if path.is_file()} == before
-    assert stamps.keys() <= {f"newmark_cli/{checkout_of_code.STAMP}"}
-    return next(iter(stamps.values()), None)
-
-
-def test_a_build_stamps_the_commit(hook, tree):
-    """With a mark where the code or a shipped config differs; changed notes are no change."""
-    commit = committed(tree)
-    (tree / "notes.txt").write_text("")
-    assert stamp_of(hook, tree) == {"commit": commit, "modified": False}
-    (tree / "configs/a.yaml").write_text("study: b\n")
-    assert stamp_of(hook, tree) == {"commit": commit, "modified": True}
-
-
-def test_a_wheel_from_an_sdist_keeps_the_stamp(hook, tree):
-    """An sdist has no git, but the stamp; git says more where both are."""
-    stamp = {"commit": "c0ffee", "modified": True}
-    (tree / "newmark_cli" / checkout_of_code.STAMP).write_text(json.dumps(stamp))
-    assert stamp_of(hook, tree) == stamp
-    (tree / ".gitignore").write_text(f"{checkout_of_code.STAMP}\n__pycache__\n")
-    assert stamp_of(hook, tree) == stamp
-    commit = committed(tree)
-    assert stamp_of(hook, tree) == {"commit": commit, "modified": False}
-
-
-def test_builds_without_a_stamp(hook, tree, monkeypatch):
-    """An editable installation, an archive without git, a machine without git."""
-    assert stamp_of(hook, tree) is None
-    committed(tree)
-    assert stamp_of(hook, tree, "editable") is None
-    monkeypatch.setenv("PATH", "")
-    assert stamp_of(hook, tree) is None
 
 
 # -- verify ---------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ import pytest
 from conftest import rows_in
 from each import each
 
-from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report.judging.fits import power_law
 from newmark_cli.report.judging.slopes import COLUMNS, study_slopes, write
 from newmark_cli.report.judging.verdicts import (
@@ -64,30 +63,6 @@ def found(folder, table, accept=None):
 
 
 # -- what theory says -----------------------------------------------------------------------
-
-
-@each("form", FORMS)
-@each(
-    "evaluation, orders",
-    [
-        ("direct", {"u": 0, "v": -1, "a": -2, "lambda": -2}),
-        ("compensated", {"u": 1, "v": 0, "a": -1, "lambda": -1}),
-    ],
-)
-def test_predictions_of_physical_corrections(tmp_path, form, evaluation, orders):
-    """One order better in increments; the same under every scaling and in every form."""
-    table = [
-        row
-        for quantity, order in orders.items()
-        for variant in ("none", "left", "right", "optimal")
-        for row in series(
-            power(order), quantity=quantity, measure="physical_correction", form=form,
-            preconditioning=variant, evaluation=evaluation,
-        )
-    ]  # fmt: skip
-    slopes = found(tmp_path, table)
-    assert [s.verdict for s in slopes] == [PASS] * 16
-    assert [s.expected for s in slopes[::4]] == list(orders.values())
 
 
 @each(

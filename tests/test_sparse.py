@@ -10,7 +10,6 @@ from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.jacobian import scaled_jacobian
 from newmark_cli.newmark.linear.dense import BalancedJacobian
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import initial_state
@@ -20,20 +19,6 @@ CHAIN = Sized("chain", (("links", 6),))
 FOUR_BARS = Sized("four-bars", (("windows", 4),))
 SPECS = [*(Shipped(name) for name in PROBLEMS), CHAIN, FOUR_BARS]
 SUBJECTS = {spec.label: spec.load() for spec in SPECS} | {"damped": damped()}
-
-
-@each("name, form, variant, h", covering(SUBJECTS, FORMS, VARIANTS, [1e-1, 1e-7]))
-def test_same_jacobian(name, form, variant, h):
-    """Every entry of J̄, bit by bit."""
-    subject = SUBJECTS[name]
-    state = in_motion(subject)
-    values = subject.values(0.0, *state.fields[:2], state.multipliers)
-    scheme = scheme_of(form, variant, h)
-    system = SparseSystem(subject, scheme)
-    found = np.zeros((system.size, system.size))
-    found[system.rows, system.columns] = system.scaled_entries(values)
-    expected = scaled_jacobian(scheme, subject.dense(values), subject.M)
-    np.testing.assert_array_equal(found, expected)
 
 
 @each("form", FORMS)

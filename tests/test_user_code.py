@@ -250,25 +250,18 @@ def swing(force):
 """
 
 
-@each("options", [(), ("--executor", "dask")])
-def test_failures_name_the_line(cli, options):
-    """The innermost of the user's own, by the names that the user knows; in one line each.
-
-    Who raised it is found in the cell's own process, whatever executor started that; so
-    only one of them compiles.
-    """
-    if options:
-        pytest.importorskip("distributed")
+def test_failures_name_the_line(cli):
+    """The innermost of the user's own, by the names that the user knows; in one line each."""
     cli.write("own/mine.py", FAILS)
     cli.write("own/parts/one.py", "\n\ndef divided(t):\n    return 1.0 / (t < 0.5)\n")
-    forces = ["plain", "beside", "matrix", *(() if options else ("compiled", "implicit"))]
+    forces = ["plain", "beside", "matrix", "compiled", "implicit"]
     cases = [f'  - problem: {{python: "own/mine.py:swing", args: {{force: {f}}}}}' for f in forces]
     cli.write(
         "mine.yaml",
         "study: mine\nform: u-lambda\npreconditioning: [none, optimal]\nh: 0.1\nt_end: 1.0\n"
         "cases:\n" + "\n".join(cases),
     )
-    done = cli("run", "mine.yaml", "--allow-code", "-q", "--jobs", 1, *options, code=1)
+    done = cli("run", "mine.yaml", "--allow-code", "-q", "--jobs", 1, code=1)
     first, *others = done.stderr.splitlines()
     said = f"newmark-study: mine: 2 of {2 * len(forces)} cells "
     start = f"{said}failed: own/mine.py, line 9: KeyError: 'no\\nmoreno"
@@ -281,7 +274,7 @@ def test_failures_name_the_line(cli, options):
         f"{said}failed: own/mine.py, line 24: ValueError: no more",
         f"{said}failed: mine.py:swing(force=implicit): ZeroDivisionError: division by zero",
     ]
-    assert others == expected[: len(forces) - 1]
+    assert others == expected
 
 
 def test_what_was_imported_counts(tmp_path):
