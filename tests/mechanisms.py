@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 
 from newmark_cli.mechanisms import elements, loading, timed
+from newmark_cli.support.documents import parse
 
 #: Two bodies on points A, B and C, and points on them.
 TWO_BODIES = """\
@@ -46,7 +47,12 @@ project_velocities: true
 _MOTIONS = "motions: {crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}}"
 
 
-def everything(folder, driven=True):
+def built(text, name="mechanism"):
+    """The problem of a mechanism from the text of its file."""
+    return loading.built(name, parse(text, f"{name}.yaml"))
+
+
+def everything(driven=True):
     """The mechanism, moving; without its law of time its constraints are quadratic in u."""
     along = (0.3 + 0.4j) / 0.5
     length = abs(1.5 + 0.5j - (0.25 + 0.3j) * along)
@@ -55,9 +61,7 @@ def everything(folder, driven=True):
     )
     if not driven:
         text = text.replace("mass: 1}", "mass: 1, velocity: [0.5, 0.5]}")
-    path = folder / "everything.yaml"
-    path.write_text(text)
-    return loading.load(path, "everything")
+    return built(text, "everything")
 
 
 def complex_terms(problem, t, u, v, multipliers):

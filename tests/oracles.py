@@ -7,7 +7,7 @@ package reads the same data from a YAML file and assembles element by element.
 from dataclasses import dataclass
 
 import numpy as np
-from mpmath import cos, ellipfun, matrix, mp, mpf, sin, sqrt
+from mpmath import cos, matrix, mp, mpf, sin, sqrt
 
 DIGITS = 60
 
@@ -99,20 +99,6 @@ def pendulum():
         force=lambda u, multipliers: [multipliers[0] * u[0], multipliers[0] * u[1] - 1],
         phi=lambda u: [(u[0] ** 2 + u[1] ** 2 - 1) / 2],
     )
-
-
-def pendulum_motion(t):
-    """Exact u, v, λ at time t from the horizontal at rest, by Jacobi's elliptic functions.
-
-    The angle from below has sin(θ/2) = k cd(t, k), k² = 1/2.
-    """
-    k = sqrt(mpf("0.5"))
-    half_sine = k * ellipfun("cd", t, m=k**2)
-    rate = -k * (1 - k**2) * ellipfun("sn", t, m=k**2) * ellipfun("nd", t, m=k**2) ** 2
-    half_cosine = sqrt(1 - half_sine**2)
-    x, y = 2 * half_sine * half_cosine, half_sine**2 - half_cosine**2
-    turn = 2 * rate / half_cosine
-    return [x, y], [-y * turn, x * turn], [3 * y]
 
 
 def andrews():

@@ -33,9 +33,9 @@ QUADRATIC = [name for name in PROBLEMS if name != "shaken-pendulum"]
 
 
 @pytest.fixture(scope="session")
-def undriven(tmp_path_factory):
+def undriven():
     """Every element whose constraints do not depend on time."""
-    return mechanisms.everything(tmp_path_factory.mktemp("mechanism"), driven=False)
+    return mechanisms.everything(driven=False)
 
 
 @pytest.fixture(scope="session")

@@ -10,12 +10,11 @@ from damped import damped
 from each import each
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from mechanisms import TWO_BODIES
+from mechanisms import TWO_BODIES, built
 from mpmath import mp, mpc, mpf
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.problems import constraint_rows, python_problem
 from newmark_cli.problems.index_1 import Index1
 
@@ -99,11 +98,9 @@ def assert_alike(found, expected, tolerances):
 
 
 @pytest.fixture(scope="module")
-def constrained(tmp_path_factory):
+def constrained():
     """`CONSTRAINED`."""
-    path = tmp_path_factory.mktemp("mechanism") / "m.yaml"
-    path.write_text(CONSTRAINED)
-    return loading.load(path, "constrained")
+    return built(CONSTRAINED)
 
 
 # References take their time: a failure is not made smaller.
@@ -127,24 +124,6 @@ def test_all_entries_are_overwritten(constrained):
     constrained.derivatives(0.5, u, v, w, constrained.ints, constrained.reals, *found)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-@each("name", [name for name in PROBLEMS if name != "shaken-pendulum"])
-def test_shipped_problems_follow_from_their_gradients(name):
-    """G is affine without laws of time: R and Q are its differences, at v and at w."""
-    subject = problem(name)
-    u, v, w = anywhere(subject, 0)
-    gradient = {
-        key: subject.evaluate(0.0, x, v, np.zeros(subject.m)).G.T
-        for key, x in (("v", v), ("w", w), ("0", 0 * u))
-    }
-    rows = subject.constraint_rows(0.0, u, v, w)
-    r, q = (gradient[key] - gradient["0"] for key in "vw")
-    assert_alike(dense(subject, rows), [np.zeros(subject.m), r @ v, r, q], [1e-13] * 4)
-    assert subject.rows_given == "exact"
-    rate, curvature = subject.constraint_derivatives(0.0, u, v)
-    np.testing.assert_array_equal(rate, rows.rate)
-    np.testing.assert_array_equal(curvature, rows.curvature)
 
 
 # Problems in Python
@@ -242,16 +221,14 @@ def cranks(tmp_path_factory):
     }
 
 
-def test_ways_to_the_rows_of_a_crank_agree(cranks, tmp_path):
+def test_ways_to_the_rows_of_a_crank_agree(cranks):
     """Given, computed, compiled, and the mechanism: one set of numbers.
 
     What enters the residual is found by differences to 1e-10, the tangents to 1e-9.  Compiled
     differences are those of the car axis, in `test_formulations`: a second problem would take
     as long to compile.
     """
-    path = tmp_path / "crank.yaml"
-    path.write_text(_CRANK_MECHANISM)
-    mechanism = loading.load(path, "crank")
+    mechanism = built(_CRANK_MECHANISM)
     for seed in range(20):
         t = np.random.default_rng(seed).uniform(0, 3)
         u, v, w = anywhere(mechanism, seed)
@@ -305,18 +282,16 @@ def double(quadratic=False, decorate=lambda function: function):
     )  # fmt: skip
 
 
-def test_rows_of_quadratic_constraints_follow_from_the_gradient(tmp_path):
+def test_rows_of_quadratic_constraints_follow_from_the_gradient():
     """Exactly, where the definition says that they are quadratic; to 1e-9 by differences.
 
     Compiled, they are asked for without the problem around them, which takes longer to compile.
     """
-    path = tmp_path / "double.yaml"
-    path.write_text(
+    mechanism = built(
         "points:\n  O: {fixed: [0.25, 0]}\n"
         "  A: {at: [1.25, 0], mass: 1}\n  B: {at: [2.25, 0], mass: 1}\n"
         "bars:\n  one: {from: O, to: A, length: 1}\n  two: {from: A, to: B, length: 1}\n"
     )
-    mechanism = loading.load(path, "double")
     exact, differences = (newmark.problem(double(quadratic)) for quadratic in (True, False))
     assert (exact.rows_given, differences.rows_given) == ("exact", "differences")
     given = double(decorate=numba.njit)

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pandas as pd
+from conftest import SWING
 from each import each
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -71,20 +72,6 @@ def test_committed_files_are_written_the_same(committed_folder, file):
     assert csv_text(header, [dict(zip(header, row, strict=True)) for row in rows]) == text
 
 
-SWING = """\
-from newmark_cli.problems.python_problem import Definition
-import numpy as np
-
-def swing(name):
-    return Definition(
-        mass_matrix=np.eye(2), u0=np.array([1.0, 0.0]), v0=np.zeros(2),
-        force=lambda u, v, t: np.array([0.0, -1.0]),
-        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-        gradient=lambda u, t: u[:, None],
-    )
-"""
-
-
 @each("study", ["pendulum-u", "andrews-u", "krylov", "sensitivity"])
 def test_rows_and_series_are_those_that_pandas_finds(committed_folder, study):
     """Numbers to the last bit; series in the order of their first rows, each with its own."""
@@ -116,13 +103,13 @@ def test_a_run_with_any_name_can_be_read(cli):
     name = "=1\u2028\u2029\x85\v\f\x1c\n;=2"
     cli.write("mine.py", SWING)
     config = {
-        "study": "odd", "problem": {"python": "mine.py:swing", "args": {"name": name}},
+        "study": "odd", "problem": {"python": "mine.py:swing", "args": {"what": name}},
         "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.01, 0.001], "t_end": 1.0,
         "measure": ["correction", "history"],
     }  # fmt: skip
     cli.write("odd.yaml", json.dumps(config))
     cli("run", "odd.yaml", "--allow-code")
-    label = f"mine.py:swing(name={name})".replace(",", "_")
+    label = f"mine.py:swing(what={name})".replace(",", "_")
     path = cli.folder / "results" / "odd.csv"
     assert read_study(path)["problem"].unique().tolist() == [label]
     for command in (("check",), ("show", "odd"), ("verify",), ("info", "--cells")):

@@ -2,7 +2,6 @@
 
 import itertools
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,8 @@ from each import each
 from examples import car_axis
 from general import constraint, force, general, gradient
 from marching import EPS, copy, interpreted_march
+from mechanisms import built
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import constraints, scipy_march
 from newmark_cli.newmark.constraints import (
@@ -91,18 +90,9 @@ def subject_of(name) -> Problem:
     return problem(name)
 
 
-def _mechanism(text, name):
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.yaml"
-        path.write_text(text)
-        return loading.load(path, name)
-
-
 _OWN = {
-    "thrown": lambda: _mechanism(THROWN, "thrown"),
-    "driven": lambda: _mechanism(DRIVEN, "driven"),
+    "thrown": lambda: built(THROWN),
+    "driven": lambda: built(DRIVEN),
     "damped": damped,
     "general": general,
     "quadrics": lambda: general(hard=False),

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import oracles
 import pytest
 import textbook
 from covering import covering
@@ -14,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import INTEGRATORS, march
 from mpmath import mp, mpf
-from scipy.integrate import solve_ivp
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march, scipy_march
@@ -208,55 +206,6 @@ def test_spectral_radii(integrator, radius):
     """Worked out by hand from the two-by-two map of (h v, h² a)."""
     assert spectral_radius(integrator) == pytest.approx(radius, abs=SHARP)
     assert integrator.damped == (radius < 1)
-
-
-# Accuracy
-
-
-def accelerations(t, u, v):
-    """v' and λ of the problem of damped.py, from the second derivative of its constraint."""
-    weights = np.array([1.0, 2.0, 3.0])
-    force = 2 * np.sin(3 * t + np.arange(3)) - STIFFNESS @ u - DAMPING @ v
-    g = weights * u
-    lam = -(weights @ v**2 + g @ np.linalg.solve(MASS, force)) / (g @ np.linalg.solve(MASS, g))
-    return np.linalg.solve(MASS, force + g * lam), np.array([lam])
-
-
-@cache
-def exact_motion(name):
-    """u, v, λ at t = 1."""
-    if name == "pendulum":
-        with mp.workdps(30):
-            return [np.array(x, float) for x in oracles.pendulum_motion(1)]
-    subject = damped()
-    found = solve_ivp(
-        lambda t, y: np.concatenate([y[3:], accelerations(t, y[:3], y[3:])[0]]),
-        (0, 1), np.concatenate([subject.u0, subject.v0]), method="DOP853", rtol=1e-13, atol=1e-14,
-    )  # fmt: skip
-    u, v = np.split(found.y[:, -1], 2)
-    return u, v, accelerations(1.0, u, v)[1]
-
-
-#: λ of the scheme with ρ∞ = 0.9 forgets its start slowly: 0.9 to the number of steps.
-ACCURACY_H = {"pendulum": [1e-2, 5e-3, 2e-3, 1e-3], "damped": [4e-3, 2e-3, 1e-3, 5e-4]}
-
-
-@each("name", ACCURACY_H)
-@EVERY
-def test_order_of_accuracy(integrator, name):
-    """u, v, and where damped λ, converge with the order promised, ± 0.1."""
-    subject = problem(name) if name == "pendulum" else damped()
-    form, h = FORMS["u-lambda"], ACCURACY_H[name]
-    errors = []
-    for step in h:
-        scheme = Scheme(integrator, form, named_scaling("optimal", form), step)
-        state = initial_state(subject, scheme)
-        march(compiled_march, subject, scheme, state, 0, round(1 / step))
-        found = (*state.fields[:2], state.multipliers)
-        errors.append([np.abs(x - y).max() for x, y in zip(found, exact_motion(name), strict=True)])
-    slopes = [power_law(np.array(h), column).slope for column in np.array(errors).T]
-    confirmed = slopes if integrator.damped else slopes[:2]
-    np.testing.assert_allclose(confirmed, integrator.order, atol=0.1)
 
 
 # Orders in h of corrections and condition numbers

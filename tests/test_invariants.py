@@ -5,10 +5,9 @@ import oracles
 import pytest
 from each import each
 from marching import start
-from mechanisms import TWO_BODIES
+from mechanisms import TWO_BODIES, built
 from mpmath import ellipfun, mp, mpf
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
 from newmark_cli.newmark.march_data import State
@@ -86,15 +85,13 @@ def test_misfits_of_the_pendulum():
     assert found["energy"] == pytest.approx((abs(error), 0.5 * v @ v - u[1]), rel=1e-12)
 
 
-def test_driven_points_are_compared_with_their_laws(tmp_path):
+def test_driven_points_are_compared_with_their_laws():
     """Φ_t counts, in the misfit and in its size; a motion has no energy."""
-    path = tmp_path / "driven.yaml"
-    path.write_text(
+    subject = built(
         "points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 3, velocity: [0, 8]}}\n"
         "bars: {arm: {from: O, to: P, length: 2}}\n"
         "motions: {drive: {point: P, y: {rate: 8}}}\n"
     )
-    subject = loading.load(path, "driven")
     t = 0.1
     y = 8 * t
     x = np.sqrt(4 - y * y)
@@ -184,21 +181,9 @@ def mechanical_energy(u, v):
     return kinetic, potential
 
 
-@pytest.fixture
-def load(tmp_path):
-    """Problem from the text of a mechanism."""
-
-    def loaded(text):
-        path = tmp_path / "mechanism.yaml"
-        path.write_text(text)
-        return loading.load(path, "mechanism")
-
-    return loaded
-
-
-def test_energy_is_that_of_rigid_bodies(load):
+def test_energy_is_that_of_rigid_bodies():
     """T, and V up to a constant, at positions that two angles describe."""
-    subject = load(SPRUNG)
+    subject = built(SPRUNG)
     random = np.random.default_rng(0)
     differences = []
     for _ in range(20):
@@ -218,9 +203,9 @@ def test_energy_is_that_of_rigid_bodies(load):
     np.testing.assert_allclose(differences, differences[0], rtol=0, atol=1e-12)
 
 
-def test_forces_are_slopes_of_the_energy(load):
+def test_forces_are_slopes_of_the_energy():
     """f = −∂V/∂u at any position, on the constraints or not."""
-    subject = load(SPRUNG)
+    subject = built(SPRUNG)
     random = np.random.default_rng(1)
     u, v = subject.u0 + 0.1 * random.normal(size=4), random.normal(size=4)
     force = subject.evaluate(0.0, u, v, np.zeros(subject.m)).force
@@ -248,9 +233,9 @@ def test_forces_are_slopes_of_the_energy(load):
         ),
     ],
 )
-def test_what_conserves_energy(load, addition, conserved):
+def test_what_conserves_energy(addition, conserved):
     """Nothing that damps, drives or moves with time."""
-    subject = load(SPRUNG + addition)
+    subject = built(SPRUNG + addition)
     found = invariants(subject, 0.0, consistent(subject, subject.u0, subject.v0))
     assert ("energy" in found) == conserved
     assert (subject.energies(0.0, subject.u0, subject.v0) is not None) == conserved

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from each import each
+from mechanisms import built
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.index_1 import Index1
@@ -67,7 +67,7 @@ assemble: true
 """
 
 
-def hoist(path, length=1.0, mass=1.0, time=1.0, turned=0.0, shifted=(0.0, 0.0)):
+def hoist(length=1.0, mass=1.0, time=1.0, turned=0.0, shifted=(0.0, 0.0)):
     """The hoist of the README where its units of length, mass and time are parts of the SI's."""
     cosine, sine = math.cos(turned), math.sin(turned)
 
@@ -84,8 +84,7 @@ def hoist(path, length=1.0, mass=1.0, time=1.0, turned=0.0, shifted=(0.0, 0.0)):
         direction=vector(2, 1), stiffness=80 * mass / time**2, rest=0.9 * length,
         gravity=vector(0, -9.81, length / time**2),
     )  # fmt: skip
-    path.write_text(text)
-    return path
+    return built(text)
 
 
 CRANK = """\
@@ -105,7 +104,7 @@ gravity: {gravity}
 """
 
 
-def crank(path, length=1.0):
+def crank(length=1.0):
     """A slider-crank in space; directors have no unit."""
 
     def place(*given):
@@ -117,8 +116,7 @@ def crank(path, length=1.0):
         heavy=[length**2 * each for each in (4e-4, 4e-3, 4e-3)],
         a=place(0, 0.1, 0.12), b=place(0, 0.1, 0.2), gravity=place(0, 0, -9.81),
     )  # fmt: skip
-    path.write_text(text)
-    return path
+    return built(text)
 
 
 def rod(length=1.0):
@@ -150,14 +148,9 @@ def judged(subject):
     return np.array([relative_error(multipliers + one, multipliers, scales) for one in errors])
 
 
-def test_errors_of_multipliers_do_not_depend_on_units(tmp_path):
+def test_errors_of_multipliers_do_not_depend_on_units():
     """In the plane with bodies, in space with directors, in Python with an angle."""
-    path = tmp_path / "mechanism.yaml"
-    for made, unit in (
-        (lambda length: loading.load(hoist(path, length), "hoist"), 1000.0),
-        (lambda length: loading.load(crank(path, length), "crank"), 1000.0),
-        (rod, 10.0),
-    ):
+    for made, unit in ((hoist, 1000.0), (crank, 1000.0), (rod, 10.0)):
         usual, other = judged(made(1.0)), judged(made(unit))
         assert usual.max() == pytest.approx(1e-3)
         assert usual.min() < 0.7e-3
@@ -174,12 +167,9 @@ def test_errors_of_multipliers_do_not_depend_on_units(tmp_path):
         {"turned": math.pi / 2, "shifted": (3.0, -5.0)},
     ],
 )
-def test_errors_of_multipliers_are_those_of_the_mechanism(tmp_path, how):
+def test_errors_of_multipliers_are_those_of_the_mechanism(how):
     """The hoist in other units, rotated and shifted."""
-    usual, other = (
-        judged(loading.load(hoist(tmp_path / "hoist.yaml", **given), "hoist"))
-        for given in ({}, how)
-    )
+    usual, other = (judged(hoist(**given)) for given in ({}, how))
     np.testing.assert_allclose(other, usual, rtol=1e-6)
 
 
@@ -195,16 +185,11 @@ gravity: [0, -9.81]
 """
 
 
-def shaken(path, mass):
-    path.write_text(SHAKEN.format(mass=mass))
-    return loading.load(path, "shaken")
-
-
-def test_a_driven_point_with_any_mass_does_not_rule(tmp_path):
+def test_a_driven_point_with_any_mass_does_not_rule():
     """Nor one without: bars are compared with bars; the drive with its own load."""
     parts = []
     for mass in ("", ", mass: 1e-6", ", mass: 1", ", mass: 1e6"):
-        subject = shaken(tmp_path / "shaken.yaml", mass)
+        subject = built(SHAKEN.format(mass=mass))
         multipliers, found = at_start(subject)
         names = [name.partition(".")[0] for name in subject.constraint_names]
         assert [name == "bars" for name in names] == (found.parts == 0).tolist()

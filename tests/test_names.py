@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from each import each
+from mechanisms import built
 
-from newmark_cli.mechanisms import planar
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.python_problem import Definition, from_definition
-from newmark_cli.support.documents import parse
 
 #: Every kind of constraint, in another order than that of the rows.
 EVERY_KIND = """\
@@ -46,7 +45,7 @@ def hanging(**more):
 
 def test_coordinates_and_constraints_are_named_by_their_parts():
     """Points in document order; constraints by kind and name, as the rows stand."""
-    subject = planar.built("every", parse(EVERY_KIND, "every.yaml"))
+    subject = built(EVERY_KIND)
     assert subject.coordinate_names == ("A.x", "A.y", "B.x", "B.y", "C.x", "C.y", "D.x", "D.y")
     assert subject.constraint_names == (
         "bodies.wheel", "bars.rod", "sliders.guide",
@@ -100,10 +99,6 @@ def test_names_that_cannot_be_used_are_refused(given, message):
     assert str(caught.value).endswith(message)
 
 
-def mechanism(text):
-    return planar.built("m", parse(text, "m.yaml"))
-
-
 def multiplier(subject, name):
     """λ of a constraint at the start."""
     _, multipliers = Index1(subject).accelerations(subject.t0, subject.u0, subject.v0)
@@ -115,7 +110,7 @@ def test_a_multiplier_of_a_bar_is_minus_its_tension_over_its_length():
 
     Φ = (|Δ|² − L²)/2 has the gradient Δ: G λ pushes the end of a bar outwards where λ > 0.
     """
-    bar = mechanism(
+    bar = built(
         "points: {O: {fixed: [0, 0]}, P: {at: [0, -0.5], mass: 2.0}}\n"
         "bars: {rod: {from: O, to: P, length: 0.5}}\ngravity: [0, -3.0]\n"
     )
@@ -129,7 +124,7 @@ def test_a_multiplier_of_a_body_is_minus_the_pull_between_its_points_over_their_
     A uniform rod in natural coordinates: masses m/3 at the points and m/6 between them.
     Gravity loads each point with m g/2; at rest λ L holds that of the lower one.
     """
-    rod = mechanism(
+    rod = built(
         "points: {O: {fixed: [0, 0]}, P: {at: [0, -2]}}\n"
         "bodies: {rod: {from: O, to: P, length: 2, mass: 6, centre: [1, 0], inertia: 2}}\n"
         "gravity: [0, -10]\n"
@@ -140,7 +135,7 @@ def test_a_multiplier_of_a_body_is_minus_the_pull_between_its_points_over_their_
 def test_a_multiplier_of_a_slider_is_a_force_along_the_left_normal():
     """A mass on a table: the line x pushes it up with m g (N); reversed, λ is −m g."""
     for direction, expected in (("[2, 0]", 6.0), ("[-2, 0]", -6.0)):
-        table = mechanism(
+        table = built(
             "points: {P: {at: [1, 0], mass: 2.0}}\n"
             f"sliders: {{table: {{point: P, through: [0, 0], direction: {direction}}}}}\n"
             "gravity: [0, -3.0]\n"
@@ -150,7 +145,7 @@ def test_a_multiplier_of_a_slider_is_a_force_along_the_left_normal():
 
 def test_a_multiplier_of_a_driven_coordinate_is_the_force_that_drives_it():
     """A mass lifted with 0.5 m/s² under gravity 3: m (g + s) upwards (N)."""
-    lift = mechanism(
+    lift = built(
         "points: {P: {at: [0, 0], mass: 2.0}}\n"
         "motions: {lift: {point: P, x: {}, y: {acceleration: 0.5}}}\ngravity: [0, -3.0]\n"
     )
@@ -160,7 +155,7 @@ def test_a_multiplier_of_a_driven_coordinate_is_the_force_that_drives_it():
 
 def test_a_multiplier_of_a_driven_angle_is_the_torque_over_the_distance_of_the_points():
     """A crank of length 2 held level against gravity: torque m g l/2 counter-clockwise, λ in N."""
-    crank = mechanism(
+    crank = built(
         "points: {O: {fixed: [0, 0]}, P: {at: [2, 0]}}\n"
         "bodies: {crank: {from: O, to: P, length: 2, mass: 6, centre: [1, 0], inertia: 2}}\n"
         "motions: {hold: {body: crank, angle: {}}}\ngravity: [0, -10]\n"

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from each import each
-from mechanisms import complex_terms
+from mechanisms import built, complex_terms
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading
-from newmark_cli.support.documents import DocumentError, parse
+from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import ArgumentError
 
 #: Undamped enough for reactions to converge: the trapezoidal rule lets them drift.
@@ -61,11 +60,6 @@ gravity: [0, -9.81]
 assemble: true
 project_velocities: true
 """
-
-
-def built(text, name="mechanism"):
-    """The problem of a mechanism file."""
-    return loading.built(name, parse(text, f"{name}.yaml"))
 
 
 @pytest.fixture(scope="module")

@@ -36,9 +36,9 @@ def cosine(x):
 
 
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
+def everything():
     """A mechanism with every element, driven."""
-    return mechanisms.everything(tmp_path_factory.mktemp("mechanism"))
+    return mechanisms.everything()
 
 
 def evaluated(function, subject, dtype, t, *state):

@@ -7,57 +7,16 @@ import numpy as np
 import oracles
 import pytest
 from each import each
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import TWO_BODIES
+from mechanisms import TWO_BODIES, built, complex_terms
 from mpmath import mp
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.support.documents import DocumentError
 
-#: Spatial ones have tests of their own.
-PLANAR = [name for name in PROBLEMS if problem(name).axes == "xy"]
 REFERENCED = [name for name in PROBLEMS if name in oracles.REFERENCES]
-
-
-def complex_terms(subject, u, v, multipliers, t=0.0):
-    """f + Gλ and Φ for complex coordinates, from the uncompiled element loop."""
-    pattern = subject.pattern
-    force, phi = np.zeros(subject.n, complex), np.zeros(subject.m, complex)
-    subject.function.py_func(
-        t, u, v, multipliers, subject.ints, subject.reals, force, phi,
-        np.zeros(len(pattern.x_rows), complex), np.zeros(len(pattern.y_rows), complex),
-        np.zeros(len(pattern.g_rows), complex),
-    )  # fmt: skip
-    return force, phi
-
-
-@each("name", PLANAR)
-@settings(max_examples=5)  # a state in general position shows every entry
-@given(st.integers(0, 2**32 - 1))
-def test_tangents_are_derivatives(name, seed):
-    """X, Y, G against complex-step differentiation, 1e-10 relative, at random states."""
-    subject = problem(name)
-    random = np.random.default_rng(seed)
-    u = subject.u0 * (1 + 0.1 * random.normal(size=subject.n)) + 1e-3
-    v = random.normal(size=subject.n)
-    multipliers = random.normal(size=subject.m)
-    terms = subject.evaluate(0.0, u, v, multipliers)
-    x, g = np.empty_like(terms.X), np.empty_like(terms.G)
-    y = np.empty_like(terms.Y)
-    for j in range(subject.n):
-        moved = u.astype(complex)
-        moved[j] += 1e-30j
-        force, phi = complex_terms(subject, moved, v, multipliers)
-        x[:, j], g[j] = -force.imag / 1e-30, phi.imag / 1e-30
-        faster = v.astype(complex)
-        faster[j] += 1e-30j
-        y[:, j] = -complex_terms(subject, u.astype(complex), faster, multipliers)[0].imag / 1e-30
-    for found, expected in ((terms.X, x), (terms.G, g), (terms.Y, y)):
-        size = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * size)
 
 
 @each("name", REFERENCED)
@@ -117,11 +76,9 @@ gravity: [1, -9]
 
 
 @pytest.fixture
-def double(tmp_path):
+def double():
     """Two bodies in a row with everything the model has."""
-    path = tmp_path / "double.yaml"
-    path.write_text(BODY)
-    return loading.load(path, "double")
+    return built(BODY)
 
 
 MISTAKES = [
@@ -140,21 +97,19 @@ MISTAKES = [
 
 
 @each("old, new, line, words", MISTAKES)
-def test_mistakes_are_located(tmp_path, old, new, line, words):
+def test_mistakes_are_located(old, new, line, words):
     """Each mistake is named with file, line and key."""
-    path = tmp_path / "bad.yaml"
     assert old in BODY
-    path.write_text(BODY.replace(old, new))
     with pytest.raises(DocumentError) as caught:
-        loading.load(path, "bad")
+        built(BODY.replace(old, new), "bad")
     assert f"bad.yaml, line {line}: " in str(caught.value)
     assert words in str(caught.value)
 
 
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
+def everything():
     """A mechanism with every element, driven."""
-    return mechanisms.everything(tmp_path_factory.mktemp("mechanism"))
+    return mechanisms.everything()
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-2, 2))
@@ -168,11 +123,11 @@ def test_tangents_with_every_element(everything, seed, t):
     for j in range(everything.n):
         step = np.zeros(everything.n, complex)
         step[j] = 1e-30j
-        force, phi = complex_terms(everything, u + step, v.astype(complex), multipliers, t)
+        force, phi = complex_terms(everything, t, u + step, v, multipliers)
         size = np.abs(terms.X).max()
         np.testing.assert_allclose(terms.X[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
         np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-13)
-        force, _ = complex_terms(everything, u.astype(complex), v + step, multipliers, t)
+        force, _ = complex_terms(everything, t, u, v + step, multipliers)
         size = np.abs(terms.Y).max()
         np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
 
@@ -260,14 +215,12 @@ bars:
         (("motion", "bars:", "motions:\n  m: {point: A, x: {}}\nbars:"), 7, "A is fixed"),
         (("bars", RECTANGLE[RECTANGLE.index("bars") :], ""), 1, "no constraint"),
     ])  # fmt: skip
-def test_inconsistent_starts_are_refused(tmp_path, change, line, words):
+def test_inconsistent_starts_are_refused(change, line, words):
     """Singular mass, redundant bars, velocities and positions that do not fit."""
     _, old, new = change
     assert old in RECTANGLE
-    path = tmp_path / "r.yaml"
-    path.write_text(RECTANGLE.replace(old, new))
     with pytest.raises(DocumentError) as caught:
-        loading.load(path, "r")
+        built(RECTANGLE.replace(old, new), "r")
     assert f"r.yaml, line {line}: " in str(caught.value), str(caught.value)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -360,7 +313,7 @@ _DEPENDENT = [
     "text, said, start",
     [(text, said, start) for text, said, starts in _DEPENDENT for start in starts],
 )
-def test_dependent_constraints_are_told_apart(tmp_path, text, said, start):
+def test_dependent_constraints_are_told_apart(text, said, start):
     """Redundant everywhere, or at this position only; from a guess as from exact positions."""
     if start == "guessed":
         # Every moving point a little off.
@@ -369,20 +322,17 @@ def test_dependent_constraints_are_told_apart(tmp_path, text, said, start):
             lambda found: f"at: [{float(found[1]) + 0.01}, {float(found[2]) + 0.003}]",
             text,
         )
-    path = tmp_path / "m.yaml"
-    path.write_text(text + ("assemble: true\n" if start != "exact" else ""))
+    text += "assemble: true\n" if start != "exact" else ""
     with pytest.raises(DocumentError, match=f"m.yaml, {said}") as caught:
-        loading.load(path, "m")
+        built(text, "m")
     assert len(caught.value.mistakes) == 1
 
 
-def test_contradicting_lengths(tmp_path):
+def test_contradicting_lengths():
     """Named with how far the closest position is from each; midway between two equal bars."""
-    path = tmp_path / "m.yaml"
     again = "  again: {from: D, to: C, length: 2.1}\nassemble: true\n"
-    path.write_text(RECTANGLE + again)
     with pytest.raises(DocumentError) as caught:
-        loading.load(path, "m")
+        built(RECTANGLE + again, "m")
     found = re.fullmatch(
         r".*m\.yaml, line 11: assemble: no position found from this guess: the closest one misses "
         r"bars\.top by (\S+) m, bars\.again by (\S+) m; these contradict each other, or .*",

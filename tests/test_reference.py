@@ -6,10 +6,11 @@ from functools import partial
 import numpy as np
 import oracles
 import pytest
+from conftest import SWING as CODE
 from each import each
+from mechanisms import built
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import problem
@@ -138,15 +139,14 @@ def test_known_andrews_is_the_published_table(published):
     assert KNOWN["andrews"](0.02) is None
 
 
-def test_driven_crank_is_where_its_law_says(tmp_path):
+def test_driven_crank_is_where_its_law_says():
     """A prescribed angle leaves nothing free: u, v and both multipliers are known."""
-    path = tmp_path / "crank.yaml"
-    path.write_text(
+    subject = built(
         "points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 3, velocity: [0, 8]}}\n"
         "bars: {arm: {from: O, to: P, length: 2}}\n"
         "motions: {drive: {point: P, y: {amplitude: 8, frequency: 1}}}\n"
     )
-    found = solution(loading.load(path, "crank"), 0.2)
+    found = solution(subject, 0.2)
     sine, cosine = np.sin(0.2), np.cos(0.2)
     y, vy, ay = 8 * sine, 8 * cosine, -8 * sine
     x = np.sqrt(4 - y * y)
@@ -256,15 +256,14 @@ def test_references_by_differences_are_as_good_as_they_say(motion, most):
     assert np.all(estimated <= most)
 
 
-def test_a_fast_motor_has_its_rounding_stated(tmp_path):
+def test_a_fast_motor_has_its_rounding_stated():
     """sin ωt of ωt = 300 is known to 300 roundings, though all solutions agree on it."""
-    path = tmp_path / "fast.yaml"
-    path.write_text(
+    subject = built(
         "points: {P: {at: [0, 0], mass: 1, velocity: [300, 0]}}\n"
         "sliders: {rail: {point: P, through: [0, 0], direction: [1, 0]}}\n"
         "motions: {drive: {point: P, x: {amplitude: 1, frequency: 300}}}\n"
     )
-    found = solution(loading.load(path, "fast"), 0.1234)
+    found = solution(subject, 0.1234)
     with mp.workdps(30):
         sine, cosine = (float(part(300 * mpf(0.1234))) for part in (mp.sin, mp.cos))
     exact = [np.array(part) for part in ([sine, 0], [300 * cosine, 0], [0, -9e4 * sine])]
@@ -409,14 +408,9 @@ gravity: [0, -1]
         ("gravity: [0, -1]", "gravity: [0, -2]"),
     ],
 )
-def test_changed_mechanism_has_another_reference(tmp_path, monkeypatch, old, new):
+def test_changed_mechanism_has_another_reference(monkeypatch, old, new):
     """Every number of a mechanism counts, to the last bit; its name does not."""
-    problems = []
-    for folder, text in (("one", SWING), ("two", SWING), ("three", SWING.replace(old, new))):
-        path = tmp_path / folder / "swing.yaml"
-        path.parent.mkdir()
-        path.write_text(text)
-        problems.append(loading.load(path, path.name))
+    problems = [built(SWING), built(SWING, "other"), built(SWING.replace(old, new))]
     one, two, three = (references.digest(subject, 0.5) for subject in problems)
     assert one == two != three
     assert references.digest(problems[0], 0.25) != one
@@ -425,23 +419,7 @@ def test_changed_mechanism_has_another_reference(tmp_path, monkeypatch, old, new
     assert references.digest(problems[0], 0.5) != one
 
 
-MINE = """\
-import numpy as np
-from newmark_cli.problems.python_problem import Definition
-def swing(weight=1.0):
-    return Definition(
-        mass_matrix=np.eye(2),
-        u0=np.array([1.0, 0.0]),
-        v0=np.array([0.0, 0.0]),
-        force=lambda u, v, t: np.array([0.0, -weight]),
-        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-        gradient=lambda u, t: u[:, None],
-        energy=lambda u, v, t: v @ v / 2 + weight * u[1],
-    )
-"""
-
-
-def mine(path, text=MINE, **arguments):
+def mine(path, text=CODE, **arguments):
     path.write_text(text)
     return PythonFactory(path, "swing", tuple(arguments.items()), path.name)
 
@@ -451,8 +429,8 @@ def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeyp
     monkeypatch.setattr(apart, "_inside", True)  # or nothing could be counted
     specs = [
         mine(tmp_path / "a.py"),
-        mine(tmp_path / "b.py", MINE + "# changed"),
-        mine(tmp_path / "a.py", weight=2.0),
+        mine(tmp_path / "b.py", CODE + "# changed"),
+        mine(tmp_path / "a.py", after=2.0),
         mine(tmp_path / "c.py"),
     ]
     digests = [references.digest(spec.load(), 0.5) for spec in specs]
@@ -464,5 +442,5 @@ def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeyp
     true, _ = true_errors(found[0], pendulum(0.05))
     assert np.all(true <= [1e-14, 1e-13, 1e-10])
     assert [path.name.rsplit("-", 1)[0] for path in files(tmp_path)] == [
-        "a.py-swing-0.05", "a.py-swing-weight=2.0-0.05", "b.py-swing-0.05",
+        "a.py-swing-0.05", "a.py-swing-after=2.0-0.05", "b.py-swing-0.05",
     ]  # fmt: skip

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from conftest import SWING
 from each import each
+from mechanisms import built
 from scipy.integrate import solve_ivp
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import PythonFactory
 from newmark_cli.problems import singular
@@ -18,13 +18,6 @@ from newmark_cli.problems.singular import Crossing, crossings
 from newmark_cli.support import apart
 
 GRAVITY = 9.81
-
-
-def built(tmp_path, text):
-    """The problem of a mechanism file."""
-    path = tmp_path / "mine.yaml"
-    path.write_text(text)
-    return loading.load(path, "mine")
 
 
 class Linkage:
@@ -137,9 +130,9 @@ CHANGE_POINT_BARS = """\
         (CHANGE_POINT, CHANGE_POINT_BARS, 0.3, 4.3),
     ],
 )
-def test_motions_through_dead_centres(tmp_path, linkage, bars, t, guess):
+def test_motions_through_dead_centres(linkage, bars, t, guess):
     """They keep to their branch, to the accuracy that the reference says, which is high."""
-    subject = built(tmp_path, mechanism(linkage, bars))
+    subject = built(mechanism(linkage, bars))
     u, v = linkage.at(t, guess)
     found = solution(subject, t)
     true = np.array([relative_error(found.u, u), relative_error(found.v, v)])
@@ -205,20 +198,20 @@ LAWS = {
 
 
 @each("law", LAWS)
-def test_motions_that_do_not_get_through(tmp_path, law):
+def test_motions_that_do_not_get_through(law):
     """They end in a locked position, or may go on in two ways: time and reason are said."""
     linkage, bars, t, words = LAWS[law]
-    subject = built(tmp_path, mechanism(linkage, bars))
+    subject = built(mechanism(linkage, bars))
     assert solution(subject, 0.5 * t).u_error < 1e-12
     with pytest.raises(NoReference, match=words) as caught:
         solution(subject, t)
     assert "\n" not in str(caught.value)
 
 
-def test_driven_through(tmp_path):
+def test_driven_through():
     """Positions that a law of time prescribes: y = 0.8 − 1.2 t, on both sides of the line."""
     law = "motions: {m: {point: P, y: {rate: -1.2}}}\n"
-    subject = built(tmp_path, mechanism(PARALLELOGRAM, PARALLELOGRAM_BARS + law))
+    subject = built(mechanism(PARALLELOGRAM, PARALLELOGRAM_BARS + law))
     for t in (0.5, 0.9):
         found = solution(subject, t)
         y = 0.8 - 1.2 * t
@@ -263,9 +256,9 @@ def test_python_problem_through_its_dead_centre(tmp_path, monkeypatch, weight, r
 
 
 @each("angle", [0.0, 1e-6, 0.01, 0.3])
-def test_smallest_singular_value(tmp_path, angle):
+def test_smallest_singular_value(angle):
     """Of a slider-crank near its dead centre, where it is about the angle to it."""
-    subject = built(tmp_path, mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1")))
+    subject = built(mechanism(SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1")))
     c, s = math.sin(angle), math.cos(angle)  # of the crank, away from the upright position
     g = np.array([[c, s, 0, 0], [-c, s, c, -s], [0, 0, 0, 1]]).T
     g /= np.linalg.norm(g, axis=0)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from each import each
-from mechanisms import complex_terms
+from mechanisms import built, complex_terms
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading
-from newmark_cli.support.documents import DocumentError, parse
+from newmark_cli.support.documents import DocumentError
 
 DISSIPATIVE = {"method": "generalized-alpha", "rho": 0.9}
 
@@ -48,11 +47,6 @@ torques:
   follow: {{on: slab, frame: body, torque: [1, {{powers: [2, 4]}}, 0]}}
 project_velocities: true
 """
-
-
-def built(text):
-    """The problem of a mechanism file."""
-    return loading.built("space", parse(text, "space.yaml"))
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 import spatial
 from each import each
+from mechanisms import built
 from spatial import outputs
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.support.documents import parse
 
 DAMPED = "generalized-alpha rho=0.9"
 GRAVITY = np.array([0.3, -1, -9])
@@ -27,11 +26,6 @@ project_velocities: true
 """
 INERTIA = np.array([[2, 0.2, -0.1], [0.2, 3, 0.3], [-0.1, 0.3, 4]])
 AXIS, OTHER = np.array([1, 1, 0.3]), np.array([1, -1, 0])
-
-
-def built(text):
-    """A problem from the text of a file."""
-    return loading.built("mine", parse(text, "mine.yaml"))
 
 
 def hung(kind, turned):

@@ -4,20 +4,16 @@ import numpy as np
 import pytest
 import scipy.sparse
 from each import each
+from mechanisms import built
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading, start
+from newmark_cli.mechanisms import start
 from newmark_cli.newmark import needed
 from newmark_cli.problems import redundancy, singular
-from newmark_cli.support.documents import DocumentError, parse
+from newmark_cli.support.documents import DocumentError
 
 DAMPED = "generalized-alpha rho=0.9"
 BRICARD = newmark.problem("bricard").sources["bricard.yaml"].decode()
-
-
-def built(text):
-    """A problem from the text of a file."""
-    return loading.built("mine", parse(text, "mine.yaml"))
 
 
 def four_bars(count, lean=0.2, redundant="drop"):

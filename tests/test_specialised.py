@@ -24,12 +24,9 @@ from newmark_cli.newmark.scheme import Scheme
 
 
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
+def everything():
     """Mechanisms with every element, driven and not."""
-    return {
-        name: mechanisms.everything(tmp_path_factory.mktemp(name), driven=name == "driven")
-        for name in ("driven", "free")
-    }
+    return {name: mechanisms.everything(driven=name == "driven") for name in ("driven", "free")}
 
 
 def system_of(subject, scheme, static):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from marching import in_motion, scheme_of, start
 
-from newmark_cli.mechanisms import loading
+import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark import compiled_march
@@ -214,11 +214,9 @@ TOPPLING = {
 
 
 @pytest.fixture
-def toppling(tmp_path):
-    """The mechanism from its file."""
-    file = tmp_path / "toppling.yaml"
-    file.write_text(yaml.safe_dump(TOPPLING), encoding="utf-8")
-    return loading.load(file, "toppling")
+def toppling():
+    """The mechanism."""
+    return newmark.problem(TOPPLING)
 
 
 @each("h", [0.02, 0.03])
@@ -259,16 +257,14 @@ def test_lists_refuse_what_code_refuses(toppling, form):
 
 
 @each("solve", [static_elimination.solve_generated, static_elimination.solve_in_order])
-def test_large_multipliers_are_refused(tmp_path, solve):
+def test_large_multipliers_are_refused(solve):
     """One link upside down: λ cancels the pivot 4 m/h² but for a part of it, which stays positive.
 
     The elimination's multiplier is its reciprocal; at most 1e4 is allowed.
     """
     one = {**TOPPLING, "points": {**TOPPLING["points"]}, "bars": {"one": TOPPLING["bars"]["one"]}}
     del one["points"]["B"]
-    file = tmp_path / "one.yaml"
-    file.write_text(yaml.safe_dump(one), encoding="utf-8")
-    subject = loading.load(file, "one")
+    subject = newmark.problem(one)
     system = StaticSystem(subject, scheme_of("u-lambda", "optimal", 0.02)).elimination
     for part, code in ((1e-2, 0), (3e-4, 0), (3e-5, PIVOTING), (1e-9, PIVOTING)):
         load = np.array([(1 - part) * 4 / 0.02**2])

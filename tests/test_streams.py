@@ -57,14 +57,6 @@ def test_output_that_nobody_reads_ends_a_command_silently(cli, command):
     assert run.returncode == 141
 
 
-def test_nothing_is_said_as_python_ends(tmp_path):
-    """Where it would say that it could not write what is left."""
-    done = shell(tmp_path, "orders > /dev/full")
-    assert (done.returncode, done.stderr) == (2, FULL)
-    done = shell(tmp_path, "orders | (exec <&-)")
-    assert (done.returncode, done.stderr) == (141, "")
-
-
 @each("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_change_nothing(cli, committed_folder, closed):
     """What cannot be printed is not; files that are written do not take the streams' places."""
@@ -81,18 +73,6 @@ def test_closed_streams_change_nothing(cli, committed_folder, closed):
     assert written.startswith(b"figure,")
     cli("check")
     assert study.with_name("slopes.csv").read_bytes() == written
-
-
-def test_messages_that_nobody_reads_do_not_end_a_run(cli, quick):
-    """A run of hours goes on when what reads its stderr has gone."""
-    with open("/dev/full", "wb") as full:
-        run = cli.start("run", "quick.yaml", "-v", stderr=full.fileno())
-    assert run.communicate(timeout=60)[0] == "quick: 4 ok -> results/quick.csv\n"
-    assert run.returncode == 0
-    with unread() as pipe:
-        run = cli.start("run", "quick.yaml", "-v", "--force", stderr=pipe)
-    run.communicate(timeout=60)
-    assert run.returncode == 0
 
 
 @each("encoding", ["latin-1", "cp1252", "iso8859-15"])

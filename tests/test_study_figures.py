@@ -11,16 +11,13 @@ import pytest
 from conftest import QUICK
 from each import each
 
-from newmark_cli.newmark.invariants import INVARIANTS
-from newmark_cli.report import page
 from newmark_cli.report.drawing import automatic, draw, pgf, plot, sheets
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.judging.verdicts import MISS
-from newmark_cli.report.reading.figures import FIGURES, TABLED
-from newmark_cli.report.tables import cures, study_tables
-from newmark_cli.study import config, drawing, results
-from newmark_cli.study.measures import RECORDS
+from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.tables import study_tables
+from newmark_cli.study import results
 from newmark_cli.study.tabulating import Heading, Layout
 from newmark_cli.support.errors import InputError
 
@@ -114,16 +111,6 @@ def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
         assert [curve.label for curve in part.curves] == ["optimal", "none"]
     assert found["mine-hoist-u-lambda-error-v"].title == "hoist, (u, λ) form: error of v"
     assert found["mine-pendulum-u-lambda-error-u"].curves[0].problem == "pendulum"
-
-
-@each("quantity, said", [("lambda", "λ"), ("omega", "ω"), ("force", "force")])
-def test_titles_and_labels_of_errors(tmp_path, quantity, said):
-    """Errors are of something; where words stand for it the label can be broken."""
-    found = written(tmp_path, table(quantity=quantity))
-    (figure,) = drawn(found).values()
-    assert figure.title == f"hoist, (u, λ) form: error of {said}"
-    (panel,) = sheets.sheet(figure, found).panels
-    assert ("$ $" in panel.y_label) == (said == "force")
 
 
 @each("values, series, panels, columns", [
@@ -347,15 +334,6 @@ def test_shares_are_drawn_from_zero_to_one(tmp_path):
     assert not trace.apart.any()
 
 
-def test_names_with_dollar_signs_are_no_mathematics(tmp_path):
-    """A file may be called so: it is drawn as it is written."""
-    given = written(tmp_path, table(problem="a$b$\\x.yaml"))
-    (figure,) = drawn(given).values()
-    drawing = draw.drawn(sheets.sheet(figure, given))
-    assert drawing._suptitle.get_text().startswith(r"a\$b\$\x, (u, λ)")
-    drawing.canvas.draw()
-
-
 # -- work and precision -----------------------------------------------------------------------
 
 
@@ -408,17 +386,6 @@ def test_work_precision_needs_a_record(tmp_path):
     assert list(drawn(written(tmp_path / "strange", rows, strange))) == [
         "mine-hoist-u-lambda-error-u"
     ]
-
-
-def test_many_series_of_work_and_precision_get_panels(tmp_path):
-    """Up to seven share a panel; eight do not."""
-    rows = table(
-        integrator=[DAMPED, "bdf2"], evaluation=["direct", "compensated"],
-        preconditioning=["none", "optimal"],
-    )  # fmt: skip
-    given = written(tmp_path, rows, cells(rows, lambda one: 1 / one["h"]))
-    figure = drawn(given, kinds=(drawing.WORK_PRECISION,))["mine-hoist-u-lambda-work-precision-u"]
-    assert [len(part.curves) for part in figure.parts] == [2, 2, 2, 2]
 
 
 # -- as a config says -------------------------------------------------------------------------
@@ -519,17 +486,6 @@ def test_mistakes_in_figures_are_found(cli, text, told):
     assert told in line
 
 
-def test_what_figures_show_is_what_is_measured():
-    """Quantities of the records are those that rows have."""
-    assert RECORDS["invariant"].quantities == INVARIANTS
-    assert all(record.quantities for record in RECORDS.values())
-    assert drawing.kinds("krylov") == ("krylov_iterations", "krylov_residual")
-    assert drawing.kinds("correction") == ("correction",)
-    assert drawing.needed("physical_correction") == ("correction",)
-    assert drawing.needed("work-precision") == ("error",)
-    assert set(drawing.COMPARABLE) >= {"preconditioning", "integrator", "form", "problem"}
-
-
 # -- choosing ---------------------------------------------------------------------------------
 
 
@@ -597,23 +553,6 @@ def test_series_are_named_ordered_coloured_and_left_out(tmp_path):
         draw.drawn(wrong)
 
 
-def test_shipped_studies_keep_their_figures(tmp_path):
-    """Those that tables are made of are drawn when asked for, the others as they always were."""
-    shipped = {figure.study for figure in FIGURES.values()} | {*cures.TABLED}
-    # These studies say themselves which figures they have.
-    assert {*TABLED, "floor", "spatial"} == {*config.REPRODUCED, *config.BEYOND} - shipped
-    study = "all-forms"
-    given = written(tmp_path, table(study=study))
-    assert plot.chosen((), given).figures == []
-    (figure,) = plot.chosen([study], given).figures
-    assert figure.name == "all-forms-hoist-u-lambda-error-u"
-    rows = table(study="error")
-    given = written(tmp_path, rows, cells(rows, lambda one: 1 / one["h"]))
-    assert plot.chosen(["error"], given).figures == [FIGURES["11"]]
-    (figure,) = plot.chosen(["error"], given, plot.Choice(("work-precision",))).figures
-    assert figure.name == "error-hoist-u-lambda-work-precision-u"
-
-
 def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     """Figure 3 shows the condition only; nothing shows all of one scaling."""
     given = committed_results("pendulum-u")
@@ -625,15 +564,6 @@ def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     assert [curve.preconditioning for curve in figure.curves] == ["optimal"]
     with pytest.raises(InputError, match="nothing to draw"):
         plot.chosen(["1"], given, choice)
-
-
-def test_the_page_has_them_with_words(tmp_path):
-    """Caption by study and title, and a text for those who do not see the figure."""
-    given = written(tmp_path, table(integrator=DAMPED))
-    (picture,) = page.pictures(given)
-    assert picture.caption == "mine: " + picture.title
-    assert picture.title == "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u"
-    assert "slope 2.00 ± 0.01, predicted 2, pass" in picture.label
 
 
 # -- the command ------------------------------------------------------------------------------
