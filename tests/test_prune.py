@@ -91,7 +91,7 @@ def test_what_no_study_needs_goes(cli, two):
     )
     before = snapshot(cli)
     told = cli("prune", "--dry-run").stdout.splitlines()
-    assert told[0] == f"would remove 6 cells that no study needs ({gone / 1000:.3g} kB)"
+    assert told[0] == f"would remove 6 cells that no study needs ({gone / 1000:,.1f} kB)"
     assert snapshot(cli) == before
     assert sizes(cli("prune").stdout) == ["removed 6 cells that no study needs", "2 cells stay"]
     assert cells(cli) == files_of(cli, "quick")

@@ -4,9 +4,9 @@ The names stand in ``names.json`` beside this file, as `newmark-study list --jso
 prints them; a test holds the two together.
 """
 
+import glob
 import json
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -28,35 +28,23 @@ def complete(*sections: str, files: bool = False) -> Completer:
     def items(
         context: click.Context, parameter: click.Parameter, begun: str
     ) -> list[CompletionItem]:
-        names = json.loads(Path(__file__).with_name("names.json").read_text(encoding="utf-8"))
+        listed = json.loads(Path(__file__).with_name("names.json").read_text(encoding="utf-8"))
         # A name of two sections is offered once, as what it is in the first.
         known: dict[str, str] = {}
         for section in sections:
-            known = known | {n: text for n, text in names[section].items() if n not in known}
+            known = known | {n: text for n, text in listed[section].items() if n not in known}
         found = [
             CompletionItem(name, help=text or None)
             for name, text in known.items()
             if name.startswith(begun)
         ]
         if files:
-            found += map(CompletionItem, _yaml_files(begun))
+            # What a shell cannot be told in a line is left to its own completion of files.
+            names = sorted(glob.glob(glob.escape(begun) + "*"))
+            yaml = (name for name in names if name.endswith((".yaml", ".yml")))
+            found += (CompletionItem(name) for name in yaml if name == visible(name))
             # None: the shell's own completion of files finds the way into folders.
             return found or [CompletionItem(begun, type="file")]
         return found
 
     return items
-
-
-def _yaml_files(begun: str) -> Iterator[str]:
-    """YAML files whose path begins so, hidden ones only when their dot is given."""
-    folder, slash, start = begun.rpartition("/")
-    try:
-        entries = sorted(os.listdir(folder + slash or "."))
-    except OSError:
-        return
-    for name in entries:
-        hidden = name.startswith(".") and not start.startswith(".")
-        # What a shell cannot be told in a line is left to its own completion of files.
-        spoken = name == visible(name)
-        if spoken and name.startswith(start) and name.endswith((".yaml", ".yml")) and not hidden:
-            yield f"{folder}{slash}{name}"

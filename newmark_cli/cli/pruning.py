@@ -26,6 +26,8 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
     Example:
       newmark-study prune --dry-run
     """
+    from rich.filesize import decimal
+
     from newmark_cli.running import prune as pruning
 
     studies = []
@@ -38,11 +40,11 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
     for removed in pruned.removed:
         count = len(removed.files)
         what = removed.one if count == 1 else removed.many
-        screen.line(f"{verb} {count} {what} ({_bytes(removed.size)})")
+        screen.line(f"{verb} {count} {what} ({decimal(removed.size)})")
     if not pruned.removed:
         screen.line("nothing to remove")
     cells = "1 cell stays" if pruned.stay == 1 else f"{pruned.stay} cells stay"
-    screen.line(f"{cells} ({_bytes(pruned.size)})")
+    screen.line(f"{cells} ({decimal(pruned.size)})")
     if pruned.outdated:
         are = "is" if pruned.outdated == 1 else "are"
         screen.line(
@@ -52,14 +54,3 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
     if pruned.unfinished:
         screen.line(f"not finished, so that their cells stay: {', '.join(pruned.unfinished)}")
     return 0
-
-
-def _bytes(size: int) -> str:
-    """A size for people, in powers of 1000."""
-    if size < 1000:
-        return f"{size} bytes"
-    for unit in ("kB", "MB"):
-        size_in = size / (1e3 if unit == "kB" else 1e6)
-        if size_in < 1000:
-            return f"{size_in:.3g} {unit}"
-    return f"{size / 1e9:.3g} GB"

@@ -17,10 +17,10 @@ from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, p
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.reading.curves import Curve, floor_of
 from newmark_cli.report.reading.figures import Figure, Part
-from newmark_cli.report.reading.history import read_drifts, read_histories
+from newmark_cli.report.reading.history import Recorded, read_recorded
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.results import drift_path, history_path
+from newmark_cli.study.cell import DRIFTS
 from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
@@ -241,36 +241,22 @@ _DRIFTS = {
 }
 
 
-def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Any]:
-    """Time series of a figure's cells.
+def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
+    """What a figure's cells record over time.
 
     Raises:
         ResultsError: When the results lack one.
     """
-    series, found = results.by_key, {}
-    sizes = [
-        figure.h or (float(series[c.key].h.min()) if c.key in series else math.nan)
-        for c in figure.curves
-    ]
-    cells = list(zip(figure.curves, sizes, strict=True))
-    folder, study = results.folder, figure.study
-    given: Sequence[Any]
-    if figure.kind == "drift":
-        path, given = drift_path(folder, study), read_drifts(folder, study, cells)
-    else:
-        path, given = history_path(folder, study), read_histories(folder, study, cells)
-    missing = []
-    for curve, one in zip(figure.curves, given, strict=True):
-        if one is None:
-            missing.append(curve.label)
-        found[curve.key] = one
+    series, cells = results.by_key, []
+    for curve in figure.curves:
+        smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan
+        cells.append((curve, figure.h or smallest))
+    path, recorded = read_recorded(results.folder, figure.study, figure.kind, cells)
+    found = {c.key: one for c, one in zip(figure.curves, recorded, strict=True) if one}
+    missing = [curve.label for curve in figure.curves if curve.key not in found]
     if missing:
         raise lacks(path, figure, missing)
     return found
-
-
-def _time_look(place: int) -> Look:
-    return Look(look(place).color, linewidth=0.9, linestyle=look(place).linestyle)
 
 
 def _history_look(place: int, count: int) -> Look:
@@ -290,7 +276,7 @@ def _history(figure: Figure, results: Results) -> Sheet:
     histories = [found[curve.key] for curve in figure.curves]
     # What keeps a body of directors rigid is no reaction.
     reaction = np.array(["·" not in name for name in histories[-1].names])
-    largest = np.max(np.abs(histories[-1].multipliers), axis=0)
+    largest = np.max(np.abs(histories[-1].values), axis=0)
     component = int(np.argmax(np.where(reaction, largest, -1.0)))
     name = histories[-1].names[component]
     of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name}"
@@ -298,9 +284,9 @@ def _history(figure: Figure, results: Results) -> Sheet:
         Trace(
             curve.label,
             history.t,
-            history.multipliers[:, component],
+            history.values[:, component],
             _history_look(place, len(histories)),
-            said=f"{curve.label}: |λ| up to {np.max(np.abs(history.multipliers)):.3g}",
+            said=f"{curve.label}: |λ| up to {np.max(np.abs(history.values)):.3g}",
         )
         for place, (curve, history) in enumerate(zip(figure.curves, histories, strict=True))
     )
@@ -343,10 +329,10 @@ def _drift(figure: Figure, results: Results) -> Sheet:
         drawn = []
         for curve in part.curves:
             drift = found[curve.key]
-            values = getattr(drift, curve.quantity)
+            values = drift.values[:, DRIFTS.index(curve.quantity)]
             shown = np.where(values < _LEAST_DRIFT, np.nan, values)
             said = f"{part.title}, {curve.label}: up to {np.max(values):.2g}"
-            own = _time_look(labels.index(curve.label))
+            own = replace(look(labels.index(curve.label)), marker="", linewidth=0.9)
             drawn.append(Trace(curve.label, drift.t, shown, own, said=said))
         most = max(np.nanmax(trace.y, initial=_LEAST_DRIFT) for trace in drawn)
         least = min(np.nanmin(trace.y, initial=float(most)) for trace in drawn)

@@ -9,31 +9,22 @@ __all__ = ["TRAPEZOIDAL", "Curve", "floor_of"]
 
 
 class Curve:
-    """One series, and its name in a legend.
-
-    Every axis of the series is an attribute, as in the CSV.
+    """One series, and its name in a legend; every axis is an attribute, as in the CSV.
 
     Attributes:
         label: Name in a legend and in claims.
-        named: Further axes that were named.
+        named: Axes that were named besides study, problem, quantity and measure.
         key: What finds the series.
     """
 
     def __init__(
         self, label: str, study: str, problem: str, quantity: str, measure: str, **axes: str
     ) -> None:
-        """Take a label, and the axes by which the series differs from the usual ones.
-
-        Args:
-            label: Name in a legend and in claims.
-            axes: Further axes; the (u, λ) form without scaling unless they say otherwise.
-        """
-        named = {
-            "study": study, "problem": problem, "quantity": quantity, "measure": measure,
-            "form": "u-lambda", "preconditioning": "none",
-        }  # fmt: skip
+        """Take a label and axes; the (u, λ) form without scaling unless they say otherwise."""
+        usual = {"form": "u-lambda", "preconditioning": "none"}
+        where = {"study": study, "problem": problem, "quantity": quantity, "measure": measure}
         self.label, self.named = label, frozenset(axes)
-        self.key = SeriesKey.of(named | axes)
+        self.key = SeriesKey.of(usual | where | axes)
 
     def __getattr__(self, name: str) -> str:
         if name == "key":
