@@ -327,30 +327,19 @@ def _floors(study: str, ours: Mapping[SeriesKey, Slope]) -> Iterator[Expected]:
 
 def table(found: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the table of expectations, headings first."""
-    headings = ("config", "expectation", "series", "expected", "measured", "verdict")
     return [
-        headings,
-        *(
-            (each.study, str(each.number), each.label, each.said, each.measured, each.verdict)
-            for each in own(found)
-        ),
+        ("config", "expectation", "series", "expected", "measured", "verdict"),
+        *((e.study, str(e.number), e.label, e.said, e.measured, e.verdict) for e in own(found)),
     ]
 
 
 def lines(found: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the same table for a terminal, gathered by expectation, headings first."""
-    return gathered(
-        ("series", "measured", "verdict"),
-        (
-            (
-                ": ".join(filter(None, (f"{each.study}, {each.name}", each.said))),
-                each.label,
-                each.measured,
-                each.verdict,
-            )
-            for each in own(found)
-        ),
+    rows = (
+        (": ".join(filter(None, (f"{study}, expect[{number}]", expected))), label, *row)
+        for study, number, label, expected, *row in table(found)[1:]
     )
+    return gathered(("series", "measured", "verdict"), rows)
 
 
 def claim_rows(found: Iterable[Expected]) -> list[tuple[str, ...]]:
@@ -358,24 +347,19 @@ def claim_rows(found: Iterable[Expected]) -> list[tuple[str, ...]]:
     return [
         ("figure", "config", "quantity", "claim", "measured", "verdict"),
         *(
-            (
-                each.figure, each.study, each.quantity, each.text,
-                each.measured or each.reason, each.verdict,
-            )
-            for each in claims(found)
+            (e.figure, e.study, e.quantity, e.text, e.measured or e.reason, e.verdict)
+            for e in claims(found)
         ),
-    ]  # fmt: skip
+    ]
 
 
 def claim_lines(found: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the same table for a terminal, gathered by figure, headings first."""
-    return gathered(
-        ("claim", "measured", "verdict"),
-        (
-            (f"figure {figure}, {study}: {measured}", *row)
-            for figure, study, measured, *row in claim_rows(found)[1:]
-        ),
+    rows = (
+        (f"figure {figure}, {study}: {measured}", *row)
+        for figure, study, measured, *row in claim_rows(found)[1:]
     )
+    return gathered(("claim", "measured", "verdict"), rows)
 
 
 def remarks(found: Iterable[Expected]) -> list[str]:

@@ -35,25 +35,17 @@ def chosen(slopes: Sequence[Slope], everything: bool) -> list[Slope]:
 
 def slope_rows(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
     """Rows of the table of slopes, headings first."""
-    headings = (
-        "figure", "config", "quantity", "variant", "predicted", "fitted", "tolerance", "verdict",
-    )  # fmt: skip
-    return [
-        headings,
-        *(
-            (
-                " ".join(slope.figures),
-                _where(slope),
-                quantity(slope),
-                _variant(slope),
-                format_order(slope.expected),
-                format_fit(slope.fit),
-                "" if math.isnan(slope.tolerance) else f"{slope.tolerance:g}",
-                slope.verdict,
-            )
-            for slope in slopes
-        ),
+    rows: list[tuple[str, ...]] = [
+        ("figure", "config", "quantity", "variant", "predicted", "fitted", "tolerance", "verdict")
     ]
+    for slope in slopes:
+        tolerance = "" if math.isnan(slope.tolerance) else f"{slope.tolerance:g}"
+        predicted, fitted = format_order(slope.expected), format_fit(slope.fit)
+        rows.append((
+            " ".join(slope.figures), _where(slope), quantity(slope), _variant(slope),
+            predicted, fitted, tolerance, slope.verdict,
+        ))  # fmt: skip
+    return rows
 
 
 def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
@@ -62,20 +54,15 @@ def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
     The tolerance stands behind the predicted order.  A row of one entry names the figure
     and study, or the study, problem, form and integrator, of the rows below it.
     """
-    return gathered(
-        ("quantity", "variant", "predicted", "fitted", "verdict"),
+    rows = (
         (
-            (
-                _of_figure(slope) if slope.figures else _where(slope),
-                quantity(slope),
-                _variant(slope),
-                format_prediction(slope),
-                format_fit(slope.fit),
-                format_verdict(slope),
-            )
-            for slope in slopes
-        ),
-    )
+            _of_figure(slope) if slope.figures else _where(slope),
+            quantity(slope), _variant(slope), format_prediction(slope), format_fit(slope.fit),
+            format_verdict(slope),
+        )
+        for slope in slopes
+    )  # fmt: skip
+    return gathered(("quantity", "variant", "predicted", "fitted", "verdict"), rows)
 
 
 def _of_figure(slope: Slope) -> str:

@@ -1,8 +1,7 @@
 """Tables 1 and 2 of the paper, as the shipped config of `all-forms` defines them."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.report.judging.slopes import Slope
@@ -22,31 +21,26 @@ COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One entry of a table, for one problem: its table and column, and its series."""
 
     table: str
     column: str
     slope: Slope
 
-    @cached_property
+    @property
     def record(self) -> Record:
         """It as a row of a CSV."""
         side, _, block = self.column.partition(" ")
-        factors = TABLE_2[self.slope.form]["left" if side == "D_L" else "right"]
-        return {
-            "table": self.table,
-            "entry": self.column,
-            "form": self.slope.form,
-            "problem": self.slope.problem,
-            "factor": factors[block.replace("λ", "lambda")] if block else "",
-            "predicted": int(self.slope.expected),
-            "measured": self.slope.fit.slope,
-            "stderr": self.slope.fit.stderr,
-            "eliminated": "yes" if self.slope.role == "recovered" else "no",
-            "verdict": self.slope.verdict,
-        }
+        slope = self.slope
+        factors = TABLE_2[slope.form]["left" if side == "D_L" else "right"]
+        factor = factors[block.replace("λ", "lambda")] if block else ""
+        eliminated = "yes" if slope.role == "recovered" else "no"
+        values = (
+            self.table, self.column, slope.form, slope.problem, factor, int(slope.expected),
+            slope.fit.slope, slope.fit.stderr, eliminated, slope.verdict,
+        )  # fmt: skip
+        return dict(zip(COLUMNS, values, strict=True))
 
     @property
     def name(self) -> str:
@@ -77,11 +71,9 @@ def reports(slopes: Sequence[Slope]) -> list[Report]:
     Raises:
         ResultsError: When there are no results of the study.
     """
-    entries = build(slopes)
-    ours = [slope for slope in slopes if slope.study == STUDY]
-    found = []
+    entries, found = build(slopes), []
     for layout in layouts(shipped.configs()[STUDY]):
-        made = report(ours, layout)
+        made = report([slope for slope in slopes if slope.study == STUDY], layout)
         before = (predicted_tables.factors(),) if layout.name == "2" else ()
         records = [entry.record for entry in entries if entry.table == layout.name]
         found.append(Report(made.name, (*before, *made.tables), made.legend, records, COLUMNS))
@@ -96,11 +88,10 @@ def not_as_predicted(entries: Iterable[Entry]) -> list[Entry]:
 def worst(entries: Iterable[Entry]) -> str:
     """How far the measured orders are from the predicted ones, a line for each kind."""
     kinds: dict[str, list[float]] = {}
-    for entry in entries:
-        kind = "factors" if entry.table == "2" else "corrections"
-        kind = "condition numbers" if entry.column == "C" else kind
-        off = abs(entry.slope.fit.slope - entry.slope.expected)
-        kinds.setdefault(kind, []).append(off)
+    for _, column, slope in entries:
+        of_factors = "factors" if column.startswith("D_") else "corrections"
+        kind = "condition numbers" if column == "C" else of_factors
+        kinds.setdefault(kind, []).append(abs(slope.fit.slope - slope.expected))
     return "\n".join(
         f"{len(off)} {kind}: at most {max(off):.2g} from the predicted order"
         for kind, off in kinds.items()

@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +35,15 @@ CHOOSERS = ("problem", "form", "integrator", "preconditioning", "measure", "quan
 class Shown:
     """A study, and those of its series that are to be shown."""
 
-    name: str  #: of the study
-    statuses: tuple[str, ...]  #: status of every cell
+    name: str
+    statuses: tuple[str, ...]  #: of every cell
     slopes: tuple[Slope, ...]  #: all series, in the order of the CSV
-    chosen: tuple[Slope, ...] = ()  #: those to show
+    chosen: tuple[Slope, ...] = ()
     recovered: int = 0  #: how many series of recovered fields are left out
 
     @property
     def measures(self) -> list[str]:
-        """The measure."""
+        """Measures of its series."""
         return list(dict.fromkeys(slope.measure for slope in self.slopes if slope.measure))
 
     @property
@@ -54,12 +54,10 @@ class Shown:
     def row(self) -> dict[str, Any]:
         """As values for programs, without the series."""
         return {
-            "study": self.name,
-            "cells": len(self.statuses),
-            "statuses": dict(Counter(self.statuses)),
-            "measures": self.measures,
+            "study": self.name, "cells": len(self.statuses),
+            "statuses": dict(Counter(self.statuses)), "measures": self.measures,
             "verdicts": dict(self.verdicts),
-        }
+        }  # fmt: skip
 
     def data(self) -> dict[str, Any]:
         """As values for programs, with the series that are to be shown."""
@@ -67,27 +65,26 @@ class Shown:
 
 
 def read(folder: Path, names: Sequence[str]) -> list[Shown]:
-    """Studies of a results folder.
+    """Studies of a results folder; all without names.
 
     Raises:
         ResultsError: When a study is not there, or its CSV cannot be used.
     """
-    found = []
+    studies = []
     for name in named_studies(folder, names):
-        path = folder / f"{name}.csv"
-        table = read_rows(path)
-        statuses: dict[tuple[Any, ...], str] = {}
-        for cell, status in zip(table.rows(_CELL), table["status"], strict=True):
-            statuses.setdefault(cell, status)
-        slopes = tuple(study_slopes(table, path))
-        found.append(Shown(name, tuple(statuses.values()), slopes))
-    return found
+        table = read_rows(folder / f"{name}.csv")
+        # The first row of a cell has its status.
+        statuses = dict(zip([*table.rows(_CELL)][::-1], table["status"][::-1], strict=True))
+        slopes = tuple(study_slopes(table, folder / f"{name}.csv"))
+        studies.append(Shown(name, tuple(statuses.values())[::-1], slopes))
+    return studies
 
 
 def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> list[Shown]:
     """The studies with the series that are chosen; recovered fields only when asked for.
 
     Args:
+        studies: As read.
         wanted: Axis → values, of which a series must have one; any when empty.
 
     Raises:
@@ -100,25 +97,19 @@ def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> lis
         for value in values:
             if not any(means(name, value, given) for given in there):
                 raise ResultsError(
-                    f"{_listed(study.name for study in studies)}: no series matches "
+                    f"{', '.join(study.name for study in studies)}: no series matches "
                     f"--{name} {value!r}{nearest(value, filter(None, there))}"
                 )
         if values:
             left = [s for s in left if any(means(name, v, getattr(s, name)) for v in values)]
     matching = {id(slope) for slope in left}
     asked = bool(wanted.get("measure") or wanted.get("quantity"))
-    found = []
+    shown = []
     for study in studies:
         ours = [slope for slope in study.slopes if id(slope) in matching]
-        chosen = [slope for slope in ours if asked or slope.role != "recovered"]
-        found.append(
-            Shown(study.name, study.statuses, study.slopes, tuple(chosen), len(ours) - len(chosen))
-        )
-    return found
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)
+        chosen = tuple(slope for slope in ours if asked or slope.role != "recovered")
+        shown.append(replace(study, chosen=chosen, recovered=len(ours) - len(chosen)))
+    return shown
 
 
 # -- for people ---------------------------------------------------------------------------------
@@ -126,19 +117,17 @@ def _listed(names: Iterable[str]) -> str:
 
 def listed(studies: Sequence[Shown]) -> str:
     """The studies of a folder: cells, measures and verdicts of each."""
-    rows = [("study", "cells", "measures", "series")]
-    rows += [
-        (study.name, _counted(study.statuses), _listed(study.measures), _verdicts(study))
-        for study in studies
-    ]
-    return text_table(rows)
+    return text_table([
+        ("study", "cells", "measures", "series"),
+        *((s.name, _counted(s.statuses), ", ".join(s.measures), _of(s.verdicts)) for s in studies),
+    ])  # fmt: skip
 
 
 def as_text(study: Shown) -> str:
     """A study's overview, and a table for each problem, form, measure and quantity."""
     overview = (
         f"{study.name}: {len(study.statuses)} cells: {_counted(study.statuses)}; "
-        f"measures: {_listed(study.measures) or 'none'}; series: {_verdicts(study)}"
+        f"measures: {', '.join(study.measures) or 'none'}; series: {_of(study.verdicts)}"
     )
     parts = [wrapped(overview)]
     if study.recovered:
@@ -153,12 +142,12 @@ def as_text(study: Shown) -> str:
     return "\n\n".join([*parts, *(_table(slopes) for slopes in tables.values())])
 
 
-def _verdicts(study: Shown) -> str:
-    return _listed(f"{count} {word}" for word, count in study.verdicts.items())
+def _of(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {word}" for word, count in counts.items())
 
 
 def _counted(statuses: Sequence[str]) -> str:
-    return _listed(f"{count} {status}" for status, count in Counter(statuses).items())
+    return _of(Counter(statuses))
 
 
 def _table(slopes: Sequence[Slope]) -> str:
@@ -166,9 +155,9 @@ def _table(slopes: Sequence[Slope]) -> str:
     first = slopes[0]
     if not first.measure:
         where = f"{first.problem}, {first.form}: {INCOMPLETE}, cells failed: "
-        return wrapped(where + "; ".join(" ".join(_own(slope)) for slope in slopes))
+        return wrapped(where + "; ".join(" ".join(s.key.besides(*_TABLE)) for s in slopes))
     common, names = _names(slopes)
-    title = _listed([first.problem, first.form, f"{quantity(first)} ({first.measure})", *common])
+    title = ", ".join([first.problem, first.form, f"{quantity(first)} ({first.measure})", *common])
     points = [_points(slope) for slope in slopes]
     rows: list[tuple[Entry, ...]] = [
         ("h", *(tuple(name) for name in names)),
@@ -188,11 +177,6 @@ def _table(slopes: Sequence[Slope]) -> str:
         if slope.reason
     ]
     return "\n".join([wrapped(title), text_table(rows, blocks=True, indent=2), *reasons])
-
-
-def _own(slope: Slope) -> list[str]:
-    """Labels that tell a series from others of its table, without usual values."""
-    return slope.key.besides(*_TABLE)
 
 
 def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:

@@ -11,10 +11,9 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.orders import FormOrders, derive_scaling, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
+from newmark_cli.report.drawing.panels import power
+from newmark_cli.study.measures import symbol
 from newmark_cli.support.arrays import Array
-
-_SYMBOLS = {"lambda": "λ", "eta": "η"}
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def predict(
@@ -86,16 +85,15 @@ def as_text(found: Mapping[str, Any]) -> str:
     """Orders of one form and scaling for a terminal."""
     rows, unknowns = list(found["jacobian"]), list(found["inverse"])
     title = (
-        f"({', '.join(map(_symbol, found['right']))}) form, "
+        f"({', '.join(map(symbol, found['right']))}) form, "
         + _formulation(found)
         + f"preconditioning {found['preconditioning']}"
         + (f", {found['evaluation']} evaluation" if found["evaluation"] != DIRECT else "")
     )
-    left = ", ".join(f"{row} {_power(power)}" for row, power in found["left"].items())
-    right = ", ".join(f"{_symbol(u)} {_power(power)}" for u, power in found["right"].items())
+    left, right = (_factors(found[side]) for side in ("left", "right"))
     residual, correction = found["residual"], found["correction"]
     physical = ", ".join(
-        f"Δ{_symbol(field)}{'*' if entry['role'] == 'recovered' else ''} {_big_o(entry['order'])}"
+        f"Δ{symbol(field)}{'*' if entry['role'] == 'recovered' else ''} {_big_o(entry['order'])}"
         for field, entry in found["physical_correction"].items()
     )
     lines = [
@@ -110,14 +108,14 @@ def as_text(found: Mapping[str, Any]) -> str:
         "perturbation of the residual  "
         + ", ".join(f"Δb̄_{row} {_big_o(residual[row])}" for row in rows),
         "corrections, scaled           "
-        + ", ".join(f"Δ{_symbol(u)}̄ {_big_o(order)}" for u, order in correction.items()),
+        + ", ".join(f"Δ{symbol(u)}̄ {_big_o(order)}" for u, order in correction.items()),
         f"corrections, physical         {physical}",
         f"condition number              C {_big_o(found['condition'])}",
     ]
     if any(e["role"] == "recovered" for e in found["physical_correction"].values()):
         lines.append("(* eliminated, recovered from the kept fields)")
     if found["bounds"]:
-        names = ", ".join(f"Δ{_symbol(unknown)}" for unknown in found["bounds"])
+        names = ", ".join(f"Δ{symbol(unknown)}" for unknown in found["bounds"])
         lines.append(
             f"({names}: a lower bound of the order; differences in rows V and K are often exact)"
         )
@@ -129,9 +127,9 @@ def as_text(found: Mapping[str, Any]) -> str:
 def derived_as_text(found: Mapping[str, Any]) -> str:
     """A derived scaling for a terminal, one line a side."""
     kind = _formulation(found).removesuffix(", ")
-    lines = [f"({', '.join(map(_symbol, found['right']))}) form" + (f", {kind}" if kind else "")]
+    lines = [f"({', '.join(map(symbol, found['right']))}) form" + (f", {kind}" if kind else "")]
     for side in ("left", "right"):
-        powers = ", ".join(f"{_symbol(k)} {_power(p)}" for k, p in found[side].items())
+        powers = _factors(found[side])
         same = found[side] == found["table_2"][side]
         table = "Table 2" if found["in_paper"] else "this project's factors"
         agrees = f"the powers of {table}" if same else f"NOT the powers of {table}"
@@ -162,20 +160,16 @@ def _matrix(
     columns: Sequence[str],
     blocks: Mapping[str, Mapping[str, int | None]],
 ) -> list[str]:
-    lines = [f"{name:<13} " + "".join(f"{_symbol(column):<9}" for column in columns).rstrip()]
+    lines = [f"{name:<13} " + "".join(f"{symbol(column):<9}" for column in columns).rstrip()]
     for row in rows:
         entries = "".join(f"{_big_o(blocks[row][column]):<9}" for column in columns)
-        lines.append(f"{_symbol(row):>13} {entries}".rstrip())
+        lines.append(f"{symbol(row):>13} {entries}".rstrip())
     return lines
 
 
-def _symbol(name: str) -> str:
-    return _SYMBOLS.get(name, name)
-
-
-def _power(order: int) -> str:
-    return "h" + str(order).translate(_SUPERSCRIPTS)
+def _factors(orders: Mapping[str, int]) -> str:
+    return ", ".join(f"{symbol(name)} {power('h', str(order))}" for name, order in orders.items())
 
 
 def _big_o(order: int | None) -> str:
-    return "0" if order is None else f"O({_power(order)})"
+    return "0" if order is None else f"O({power('h', str(order))})"
