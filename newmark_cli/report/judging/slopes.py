@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import REPORTED, STARTS, Formulation, Projection
-from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.report.judging.fits import Fit, power_law
 from newmark_cli.report.judging.verdicts import (
     FAILING,
@@ -161,14 +159,12 @@ def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
     Raises:
         ResultsError: When a CSV is missing or cannot be used.
     """
-    if studies is None:
-        files = study_files(folder)
-    else:
-        files = [folder / f"{name}.csv" for name in studies]
-        for file in files:
-            if not file.exists():
-                raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
-    return [slope for file in files for slope in study_slopes(read_rows(file), file)]
+    given = None if studies is None else [folder / f"{name}.csv" for name in studies]
+    for file in given or ():
+        if not file.exists():
+            raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
+    csvs = study_files(folder) if given is None else given
+    return [slope for file in csvs for slope in study_slopes(read_rows(file), file)]
 
 
 def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
@@ -264,26 +260,14 @@ def _slope(
         expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
         exact, record = False, _held_to(record)
     found = _judged(key, record, rows, values, expected, tolerance, points, exact)
+    steps, rounding = (np.array(rows[name], float) for name in ("steps", ROUNDING))
+    # Where theory predicts an order, nobody can accept another.
+    ends_as_accepted = found.verdict == NOT_CONVERGING and "not_converging" in accepted
     slope = Slope(
-        figures=figures,
-        key=key,
-        role=role,
-        h=h,
-        steps=np.array(rows["steps"], float),
-        values=values,
-        rounding=np.array(rows[ROUNDING], float),
-        statuses=statuses,
-        fitted=found.fitted,
-        fit=found.fit,
-        expected=expected,
-        tolerance=tolerance,
-        verdict=found.verdict,
-        reason=found.reason,
-        # Where theory predicts an order, nobody can accept another.
-        accepted=found.verdict == NOT_CONVERGING
-        and np.isnan(expected)
-        and "not_converging" in accepted,
-    )
+        figures, key, role, h, steps, values, rounding, statuses, found.fitted, found.fit,
+        expected, tolerance, found.verdict, found.reason,
+        accepted=ends_as_accepted and bool(np.isnan(expected)),
+    )  # fmt: skip
     return _moved(_resolved(slope), of_motion.singular, of_motion.still)
 
 
@@ -413,49 +397,21 @@ def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
 
 def _failed(key: SeriesKey, role: str) -> Slope:
     """A cell that failed measured nothing: an incomplete series without a name."""
+    none = np.array([])
     return Slope(
-        figures=(),
-        key=key,
-        role=role,
-        h=np.array([]),
-        steps=np.array([]),
-        values=np.array([]),
-        rounding=np.array([]),
-        statuses=(),
-        fitted=np.array([], bool),
-        fit=power_law(np.array([]), np.array([])),
-        expected=np.nan,
-        tolerance=np.nan,
-        verdict=INCOMPLETE,
-    )
-
-
-@cache
-def _require_words(method: str, formulation: str, projection: str) -> None:
-    """Refuse words of a CSV that cannot be read."""
-    integrator.parse(method)
-    Formulation.parse(formulation)
-    Projection.parse(projection)
+        (), key, role, none, none, none, none, (), none.astype(bool), power_law(none, none),
+        np.nan, np.nan, INCOMPLETE,
+    )  # fmt: skip
 
 
 def _predicted(key: SeriesKey, path: Path) -> float:
     """Order by theory; NaN where it says nothing."""
     record = RECORDS[key.measure]
     try:
-        _require_words(key.integrator, key.formulation, key.projection)
-        if key.form not in FORMS:
-            raise ResultsError(f"unknown form {key.form!r}{nearest(key.form, FORMS)}")
-        for name, given, known in (
-            ("precision", key.precision, PRECISIONS),
-            ("evaluation", key.evaluation, EVALUATIONS),
-            ("multipliers", key.multipliers, REPORTED),
-            ("start", key.start, STARTS),
-        ):
-            if given not in known:
+        for name, known in (("form", FORMS), ("quantity", record.quantities)):
+            given = getattr(key, name)
+            if known and given not in known:
                 raise ResultsError(f"unknown {name} {given!r}{nearest(given, known)}")
-        if record.quantities and key.quantity not in record.quantities:
-            hint = nearest(key.quantity, record.quantities)
-            raise ResultsError(f"unknown quantity {key.quantity!r}{hint}")
         return record.predicted(key)
     except (InputError, KeyError, ValueError) as error:
         raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None
