@@ -110,12 +110,8 @@ def plan(
     for s, study in enumerate(studies):
         for cell in study.cells():
             kept = store.find(cell, failed)
-            if kept is None:
-                planned.append(Planned(s, cell, None, store.why(cell)))
-            elif force:
-                planned.append(Planned(s, cell, None, "forced"))
-            else:
-                planned.append(Planned(s, cell, kept))
+            why = store.why(cell) if kept is None else "forced" if force else ""
+            planned.append(Planned(s, cell, None if why else kept, why))
     part, parts = shard or (1, 1)
     return planned[part - 1 :: parts]
 
@@ -159,11 +155,11 @@ def run_studies(
             store.require_replaceable(one.cell)
         watcher.planned(planned)
         found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
-        open_runs = _OpenRuns(studies, folder, options, planned, writes=not shard)
+        open_runs = _OpenRuns(studies, folder, options, planned)
         for i in list(found):
             open_runs.took(i, found[i])
         if options.fail_fast and any(
-            _is_failure(planned[i].cell, done.outcome) for i, done in found.items()
+            _complaints(planned[i].cell, done.outcome) for i, done in found.items()
         ):
             return open_runs.close()
 
@@ -176,12 +172,13 @@ def run_studies(
         tasks: dict[int, Task] = {}
         missing: dict[int, str] = {}
         for i in sorted(places, key=lambda i: -_cost(planned[i].cell)):
-            cell = planned[i].cell
-            task = Task(cell, timed=options.timed)
-            try:
-                tasks[i] = replace(task, reference=_reference(cell, references))
-            except NoReference as error:
-                tasks[i], missing[i] = task, str(error)
+            cell, solution = planned[i].cell, None
+            if "error" in cell.measure:
+                try:
+                    solution = references.of(cell.problem, cell.t_end)
+                except NoReference as error:
+                    missing[i] = str(error)
+            tasks[i] = Task(cell, solution, timed=options.timed)
         with _execution(tasks, options, watcher) as finished:
             for i, result in finished:
                 done = _without_reference(result, missing[i]) if i in missing else result
@@ -191,7 +188,7 @@ def run_studies(
                     for place in places[i]:
                         open_runs.took(place, done)
                 if options.fail_fast and any(
-                    _is_failure(planned[place].cell, done.outcome) for place in places[i]
+                    _complaints(planned[place].cell, done.outcome) for place in places[i]
                 ):
                     break
         return open_runs.close()
@@ -222,28 +219,23 @@ def merge(
         store = Store(folder)
         taken = tuple(store.take(source) for source in sources)
         planned = plan(studies, folder, failed=True)
-        missing = tuple(
-            sum(one.done is None for one in planned if one.study == s) for s in range(len(studies))
-        )
+        missing = [
+            Counter(one.why for one in planned if one.study == s and one.done is None)
+            for s in range(len(studies))
+        ]
         if any(missing):
             for study in studies:
                 prune.begun(folder, study)
-            why = tuple(
-                Counter(
-                    one.why
-                    for one in planned
-                    if one.study == s and one.done is None and one.why != NOT_RUN
-                )
-                for s in range(len(studies))
-            )
-            return Merged(taken, missing, why, ())
-        open_runs = _OpenRuns(
-            studies, folder, Options(jobs=1, parquet=parquet), planned, writes=True
-        )
+            counts = tuple(why.total() for why in missing)
+            for why in missing:
+                del why[NOT_RUN]
+            return Merged(taken, counts, tuple(missing), ())
+        open_runs = _OpenRuns(studies, folder, Options(jobs=1, parquet=parquet), planned)
         for i, one in enumerate(planned):
             assert one.done is not None
             open_runs.took(i, one.done)
-        return Merged(taken, missing, (), tuple(open_runs.close()))
+        counts = (0,) * len(studies)
+        return Merged(taken, counts, (), tuple(open_runs.close()))
 
 
 @contextlib.contextmanager
@@ -281,10 +273,6 @@ def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
     return solved(spec, t, watch)
 
 
-def _reference(cell: Cell, references: References) -> Reference | None:
-    return references.of(cell.problem, cell.t_end) if "error" in cell.measure else None
-
-
 def _looked_after(one: Planned, references: References, store: Store) -> Planned:
     """A kept cell that lacks its reference is to run as soon as there is one."""
     if one.done is None or not one.done.outcome.lacks:
@@ -318,14 +306,8 @@ def _execution(
         from newmark_cli.running.cluster import cluster
 
         watcher.announced(f"{cells} on the workers of {options.scheduler or 'this machine'}")
-        with cluster(
-            tasks,
-            options.scheduler,
-            options.jobs,
-            options.timeout,
-            watcher.steps,
-            watcher.announced,
-        ) as running:
+        where, limits = options.scheduler, (options.jobs, options.timeout)
+        with cluster(tasks, where, *limits, watcher.steps, watcher.announced) as running:
             yield running
     else:
         own = sum(is_code(task.cell.problem) for task in tasks.values())
@@ -345,19 +327,13 @@ class _OpenRuns:
     """Studies whose cells are coming in; each is written when it is complete."""
 
     def __init__(
-        self,
-        studies: Sequence[Study],
-        folder: Path,
-        options: Options,
-        planned: Sequence[Planned],
-        writes: bool,
+        self, studies: Sequence[Study], folder: Path, options: Options, planned: Sequence[Planned]
     ) -> None:
         self._studies, self._folder, self._options = studies, folder, options
-        self._planned, self._writes = planned, writes
+        self._planned = planned
         self._places = [
             [i for i, one in enumerate(planned) if one.study == s] for s in range(len(studies))
         ]
-        self._left = [len(places) for places in self._places]
         self._done: dict[int, Done] = {}
         self._paths: dict[int, Path] = {}
 
@@ -365,9 +341,8 @@ class _OpenRuns:
         """A cell is there."""
         self._done[place] = done
         study = self._planned[place].study
-        self._left[study] -= 1
-        if self._writes and self._left[study] == 0:
-            found = [self._done[i] for i in self._places[study]]
+        found = [self._done[i] for i in self._places[study] if i in self._done]
+        if not self._options.shard and len(found) == len(self._places[study]):
             self._paths[study] = _write(self._studies[study], self._folder, found, self._options)
 
     def close(self) -> list[StudyRun]:
@@ -376,17 +351,14 @@ class _OpenRuns:
 
     def _run(self, study: int) -> StudyRun:
         places = self._places[study]
-        statuses = []
-        complaints: Counter[str] = Counter()
-        for i in places:
-            done = self._done.get(i)
-            statuses.append(done.outcome.status if done else "skipped")
-            if done:
-                complaints.update(_complaints(self._planned[i].cell, done.outcome))
+        ended = [(self._planned[i].cell, self._done.get(i)) for i in places]
+        complaints = Counter(
+            text for cell, done in ended if done for text in _complaints(cell, done.outcome)
+        )
         return StudyRun(
             self._studies[study].study,
             self._paths.get(study),
-            tuple(statuses),
+            tuple(done.outcome.status if done else "skipped" for _, done in ended),
             tuple(f"{count} of {len(places)} cells {how}" for how, count in complaints.items()),
             sum(self._planned[i].done is not None for i in places),
         )
@@ -399,10 +371,6 @@ def _complaints(cell: Cell, outcome: Outcome) -> list[str]:
         how = "failed" if outcome.status == "failed" else f"ended with status {outcome.status}"
         said.append(f"{how}: {outcome.reason}" if outcome.reason else how)
     return said + [f"measured no error: {reason}" for reason in outcome.lacks]
-
-
-def _is_failure(cell: Cell, outcome: Outcome) -> bool:
-    return bool(_complaints(cell, outcome))
 
 
 def _cost(cell: Cell) -> int:
@@ -435,61 +403,42 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     run = provenance.run(study, found, options.jobs, checksums)
     for cell, recorded in zip(cells, run["cells"], strict=True):
         recorded["kept_as"] = file_name(cell)
-    if moved := _motions(cells):
-        record["motions"] = moved
-    if read := _files(cells):
-        record["problem_files"] = read
-    if titles := _titles(cells):
-        record["titles"] = titles
-    if shared := _not_unique(cells):
-        record["not_unique"] = shared
+    record |= {key: said for key, said in _of_problems(cells).items() if said}
     with interrupts.postponed():
         results.replace(folder, study.study, texts, record, run)
         prune.finished(folder, study)
     return path
 
 
-def _motions(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
-    """Problem → what verdicts must know of its motion, where there is something to know."""
+def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
+    """What verdicts, figures and readers must know of problems, by kind and problem."""
     longest: dict[ProblemSpec, tuple[float, float]] = {}
     for cell in cells:
         if cell.steps > 0:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
             longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
-    found = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
-    return {
-        label: {"singular": list(facts.singular), "still": facts.still}
-        for label, facts in found.items()
-        if facts != motion.Facts()
+    facts = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
+    found: dict[str, dict[str, Any]] = {
+        "motions": {
+            label: {"singular": list(each.singular), "still": each.still}
+            for label, each in facts.items()
+            if each != motion.Facts()
+        },
+        "problem_files": {},
+        "titles": {},
+        "not_unique": {},
     }
-
-
-def _titles(cells: Sequence[Cell]) -> dict[str, str]:
-    """Mechanism of the user's → its title, of those that have one."""
-    specs = dict.fromkeys(cell.problem for cell in cells)
-    files = {spec.label: spec.file for spec in specs if isinstance(spec, MechanismFile)}
-    titles = {label: file.document().data.get("title") for label, file in files.items()}
-    return {label: title for label, title in titles.items() if title}
-
-
-def _files(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """Problem → its file and those that it imports → checksum."""
-    return {
-        spec.label: {
-            name: provenance.checksum(text) for name, text in sorted(spec.load().sources.items())
-        }
-        for spec in dict.fromkeys(cell.problem for cell in cells)
-        if isinstance(spec, MechanismFile | Code)
-    }
-
-
-def _not_unique(cells: Sequence[Cell]) -> dict[str, dict[str, list[str]]]:
-    """Problem → outputs that are no property of the mechanism, and the rows it was freed of."""
-    found = {}
     for spec in dict.fromkeys(cell.problem for cell in cells):
         problem = spec.load()
+        if isinstance(spec, MechanismFile | Code):
+            sources = sorted(problem.sources.items())
+            found["problem_files"][spec.label] = {
+                name: provenance.checksum(text) for name, text in sources
+            }
+        if isinstance(spec, MechanismFile) and (title := spec.file.document().data.get("title")):
+            found["titles"][spec.label] = title
         if problem.outputs is not None and problem.outputs.not_unique:
-            found[spec.label] = {
+            found["not_unique"][spec.label] = {
                 "outputs": list(problem.outputs.not_unique),
                 "released": list(problem.released),
             }
