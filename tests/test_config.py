@@ -104,6 +104,10 @@ MISTAKES = [
     ("t_end: 1.0", "t_end: 1\nlinear_solver: [auto, static-lu]", 7, "auto stands for dense-lu, st"),
     ("t_end: 1.0", "t_end: 1\nstop: {}", 7, "needs absolute or relative"),
     ("t_end: 1.0", "t_end: 1\nstop: {absolute: 1e-8}", 7, "ends at a tolerance, not at rounding"),
+    ("t_end: 1.0", "t_end: 1\nstop: {test: residul, relative: 1}", 7, "unknown test 'residul'"),
+    ("t_end: 1.0", "t_end: 1\nstop: {lambda: {}}", 7, "lambda: needs absolute or relative"),
+    ("t_end: 1.0", "t_end: 1\nstop: {test: residual, a: {relative: 1}}", 7, "with increments of"),
+    ("t_end: 1.0", "t_end: 1\nstop: {relative: 1, missed: halt}", 7, "unknown missed 'halt'"),
     ("t_end: 1.0", "t_end: 1\nmeasure: tolerance", 7, "tolerance needs 'stop'"),
     (
         "t_end: 1.0",

@@ -9,19 +9,21 @@ from marching import march
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.march_data import MISSED
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.study import keys
 
 ENGINES = each("engine", [compiled_march, scipy_march])
 
 
-def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
+def literal_steps(subject, h, steps, cap, field, scaled, stop):
     """The trapezoidal rule, written out in u: corrections per step, negative where unmet.
 
-    Newton stops once a correction, applied, is at most absolute + relative times the
-    norm of what it led to, both in the unknowns of the form that keeps one of u, v, a
+    Newton stops by the test of ``stop``, in the unknowns of the form that keeps one of u, v, a
     beside λ: divided by Table 2's factors, or as they are.
     """
     beta, gamma = 0.25, 0.5
@@ -33,59 +35,89 @@ def literal_steps(subject, h, steps, cap, field, scaled, absolute, relative):
         subject, Scheme(Newmark(), FORMS["u-lambda"], named_scaling("none", FORMS["u-lambda"]), h)
     )
     (u, v, a), multipliers = start.fields[:3].copy(), start.multipliers.copy()
+
+    def residual():
+        """(n + m,) of rows D and C before scaling, and after it."""
+        terms = subject.evaluate(0.0, u, v, multipliers)
+        return np.concatenate([mass @ a - terms.force, terms.phi]), terms
+
+    def looked_at(correction, now):
+        """What the test looks at, and what it is relative to."""
+        if stop.test in ("residual", "scaled-residual"):
+            # Left factors of rows C are 1 in all forms; those of row D are the same in all.
+            factors = np.repeat([left, 1.0], [n, m]) if stop.test == "scaled-residual" else 1.0
+            return np.linalg.norm(factors * residual()[0]), np.linalg.norm(factors * first)
+        kept = {"u": u, "v": v, "a": a}[field]
+        return (
+            np.hypot(np.linalg.norm(correction[:n] * rate / unit), np.linalg.norm(correction[n:])),
+            np.hypot(np.linalg.norm(kept / unit), np.linalg.norm(multipliers / right)),
+        )
+
+    def meets(correction, before, now):
+        if stop.test != "increments":
+            size, of = looked_at(correction, now)
+            return size <= stop.absolute + stop.relative * of
+        return all(
+            np.sqrt(np.mean(((now[name] - before[name]) / (x + y * np.abs(now[name]))) ** 2)) <= 1
+            for name, x, y in stop.fields
+        )
+
     counts = []
     for _ in range(steps):
         u_n, v_n, a_n = u, v, a
         u = u_n + h * v_n
         a = -(1 / (2 * beta) - 1) * a_n
         v = v_n + h * ((1 - gamma) * a_n + gamma * a)
+        first = residual()[0]
         met, count = False, 0
         while not met and count < cap:
-            terms = subject.evaluate(0.0, u, v, multipliers)
+            b, terms = residual()
+            before = {"u": u, "v": v, "a": a, "lambda": multipliers}
             tangent = terms.X + gamma / (beta * h) * terms.Y + mass / (beta * h**2)
             jacobian = np.block([
                 [left * tangent, -left * right * terms.G], [terms.G.T, np.zeros((m, m))]
             ])  # fmt: skip
-            correction = np.linalg.solve(
-                jacobian, -np.concatenate([left * (mass @ a - terms.force), terms.phi])
-            )
+            correction = np.linalg.solve(jacobian, -np.concatenate([left * b[:n], b[n:]]))
             u = u + correction[:n]
             multipliers = multipliers + right * correction[n:]
             a = (u - u_n - h * v_n) / (beta * h**2) - (1 / (2 * beta) - 1) * a_n
             v = v_n + h * ((1 - gamma) * a_n + gamma * a)
-            kept = {"u": u, "v": v, "a": a}[field]
-            size = np.hypot(np.linalg.norm(kept / unit), np.linalg.norm(multipliers / right))
-            step = np.hypot(
-                np.linalg.norm(correction[:n] * rate / unit), np.linalg.norm(correction[n:])
-            )
-            met = step <= absolute + relative * size
+            met = meets(correction, before, {"u": u, "v": v, "a": a, "lambda": multipliers})
             count += 1
+        # The march tests a residual before the next correction: of the last one it is not known.
+        met = met and not (stop.on_residual and count == cap)
         counts.append(count if met else -count)
+        if not met and stop.missed == "stop":
+            return counts[:-1], u_n, None
     return counts, u, multipliers
 
 
 @ENGINES
 @each(
-    ("subject", "field", "scaled", "tolerance", "cap"),
+    ("subject", "field", "scaled", "stop", "cap"),
     covering(
         [("pendulum", 1e-1), ("andrews", 3e-4)],
         ["u", "v", "a"],
         [False, True],
-        [(1e-3, 0.0), (1e-6, 0.0), (0.0, 1e-4), (0.0, 1e-7), (1e-5, 1e-5)],
+        [
+            Tolerance(1e-3), Tolerance(1e-6), Tolerance(0.0, 1e-4), Tolerance(0.0, 1e-7),
+            Tolerance(1e-5, 1e-5),
+            *(Tolerance(x, y, test) for test in ("residual", "scaled-residual")
+              for x, y in ((0.0, 1e-3), (0.0, 1e-7), (1e-4, 0.0))),
+            Tolerance(test="increments", fields=(("u", 1e-9, 1e-4),)),
+            Tolerance(test="increments", fields=(("a", 1e-6, 1e-3), ("lambda", 1e-6, 1e-5))),
+            Tolerance(test="increments", fields=(("v", 1e-6, 0.0), ("lambda", 0.0, 1e-2))),
+        ],
         [2, 3, 20],
     ),
-)
-def test_rule(subject, field, scaled, tolerance, cap, engine):
+)  # fmt: skip
+def test_rule(subject, field, scaled, stop, cap, engine):
     """Corrections of every step, met or not, and where they lead, against the rule written out."""
-    (name, h), (absolute, relative) = subject, tolerance
-    subject, form, steps = problem(name), FORMS[f"{field}-lambda"], 20
-    expected, u, multipliers = literal_steps(
-        subject, h, steps, cap, field, scaled, absolute, relative
-    )
+    (name, h), steps = subject, 20
+    subject, form = problem(name), FORMS[f"{field}-lambda"]
+    expected, u, multipliers = literal_steps(subject, h, steps, cap, field, scaled, stop)
     scaling = named_scaling("optimal" if scaled else "none", form)
-    scheme = Scheme(
-        Newmark(), form, scaling, h, iteration_cap=cap, stop=Tolerance(absolute, relative)
-    )
+    scheme = Scheme(Newmark(), form, scaling, h, iteration_cap=cap, stop=stop)
     state = initial_state(subject, scheme)
     _, iterations = march(engine, subject, scheme, state, 0, steps)
     assert iterations.tolist() == expected
@@ -94,10 +126,63 @@ def test_rule(subject, field, scaled, tolerance, cap, engine):
     np.testing.assert_allclose(state.multipliers, multipliers, rtol=0, atol=1e-6 * size)
 
 
+@each("formulation", ["index-2", "index-1", "ggl", "baumgarte rate=10", "augmented-lagrangian"])
+def test_engines_agree(formulation):
+    """Kernel and SciPy meet every test after the same corrections, and the test matters."""
+    subject, formulation = problem("four-bar"), Formulation.parse(formulation)
+    form, counts = formulation.applied(FORMS["a-lambda"]), []
+    fields = (("u", 1e-12, 1e-9), ("lambda", 1e-9, 1e-7))
+    for stop in (
+        Tolerance(1e-3), Tolerance(0.0, 1e-4, "residual"), Tolerance(0.0, 1e-4, "scaled-residual"),
+        Tolerance(test="increments", fields=fields),
+    ):  # fmt: skip
+        scheme = Scheme(
+            Newmark(), form, named_scaling("optimal", form), 1e-3, iteration_cap=9, stop=stop,
+            formulation=formulation,
+        )  # fmt: skip
+        engines = [March(subject, scheme, solver) for solver in ("dense-lu", "sparse-lu")]
+        kernel, scipy = (march.advance(30).iterations.tolist() for march in engines)
+        assert kernel == scipy
+        counts.append(kernel)
+    assert len({tuple(each) for each in counts}) > 1
+
+
+@ENGINES
+def test_a_missed_test_ends_the_march(engine):
+    """It ends with the last step that meets its test; without ``missed`` it goes on."""
+    subject, form = problem("andrews"), FORMS["u-lambda"]
+    stop = Tolerance(0.0, 1e-7, "residual", missed="stop")
+    for cap in (3, 4):
+        expected, u, _ = literal_steps(subject, 3e-4, 40, cap, "u", True, stop)
+        scheme = Scheme(
+            Newmark(), form, named_scaling("optimal", form), 3e-4, iteration_cap=cap, stop=stop
+        )
+        marching = March(subject, scheme, "dense-lu" if engine is compiled_march else "sparse-lu")
+        stretch = marching.advance(40)
+        assert stretch.iterations.tolist() == expected
+        assert (marching.ending == MISSED) == (len(expected) < 40)
+        np.testing.assert_allclose(marching.state.past[0], u, rtol=0, atol=1e-9 * np.abs(u).max())
+
+
 # Configs and results
 
 
 STOPPED = QUICK + "measure: [condition, tolerance]\nstop: {absolute: 1e-8}\n"
+
+
+@each(
+    "label",
+    [
+        "absolute 1e-08", "absolute 1e-08 relative 0.001", "residual relative 1e-08",
+        "scaled-residual absolute 1e-10 relative 1e-08 missed stop",
+        "a absolute 1e-10 relative 0.0001 lambda relative 0.0001",
+    ],
+)  # fmt: skip
+def test_labels_parse_back(label):
+    """What the column of a CSV has is what a config may say."""
+    stop = keys.read("stop", label, keys.StopConfig)
+    assert stop.label == label
+    assert keys.read("stop", f"tolerance {label}", keys.StopConfig) == stop
 
 
 def rows(cli):

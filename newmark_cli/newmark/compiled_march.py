@@ -15,8 +15,10 @@ from newmark_cli.newmark.linear.written.specialised import specialised, unspecia
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_in_order
 from newmark_cli.newmark.march_data import (
+    BY_ROUNDING,
     COMPLETED,
     PIVOTING,
+    TESTS,
     Counts,
     ProblemTables,
     Record,
@@ -24,7 +26,7 @@ from newmark_cli.newmark.march_data import (
     State,
     recording,
 )
-from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.scheme import STOP, Scheme, Tolerance
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -68,7 +70,8 @@ class Engine:
             pattern.mass_columns.astype(np.uint64),
             *pattern[2:],
         )
-        if self._extra is None:
+        by_residual = scheme.stop is not None and scheme.stop.on_residual
+        if self._extra is None and not by_residual:
             written = static is not None and static.elimination.written_out
             elimination = Written(self._static) if written else None
             found = specialised(problem, scheme, tables, elimination)
@@ -136,8 +139,9 @@ class Engine:
             first=first,
             cap=scheme.iteration_cap,
             settled_below=scheme.settled_below,
-            absolute=float(stop.absolute),
-            relative=float(stop.relative),
+            test=BY_ROUNDING if scheme.stop is None else TESTS[stop.test],
+            limits=stop.limits,
+            ends=int(stop.missed == STOP),
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
         functions = self._function, self._derive, self._solve

@@ -26,8 +26,13 @@ from numba import from_dtype, njit, typeof, types
 from numba.extending import intrinsic
 
 from newmark_cli.newmark.march_data import (
+    BY_CORRECTION,
+    BY_INCREMENTS,
+    BY_RESIDUAL,
+    BY_ROUNDING,
     COMPLETED,
     DIVERGED,
+    MISSED,
     MOST_POSITIONS,
     PIVOTING,
     SINGULAR,
@@ -165,6 +170,8 @@ class _Room(NamedTuple):
     system: _System
     new_past: np.ndarray  #: (P, n) what the past vectors become
     before_step: np.ndarray  #: (m,) λ before the step
+    last_fields: np.ndarray  #: (4, n) u, v, a, v' before a correction that is tested by field
+    last_multipliers: np.ndarray  #: (m,) λ likewise
 
 
 def _allocate(problem, tables, dense, state, schedule):
@@ -198,6 +205,7 @@ def _allocate(problem, tables, dense, state, schedule):
     return _Room(
         sources, values, iterate, history, np.empty(size, dtype), system,
         np.empty_like(state.past), np.empty_like(state.multipliers),
+        np.empty_like(state.fields), np.empty_like(state.multipliers),
     )  # fmt: skip
 
 
@@ -510,16 +518,76 @@ def _square(vector):
 
 
 @_inline
-def _is_small(tables, schedule, fields, multipliers, norm, displacement_square):
-    """Whether a correction is in the terminal phase, or meets the tolerance."""
-    if schedule.absolute > 0 or schedule.relative > 0:
-        limit = schedule.absolute
-        if schedule.relative > 0:
-            limit += schedule.relative * _scaled_size(
-                fields, multipliers, tables.kept, tables.right
-            )
-        return norm <= limit
-    return displacement_square < _threshold(schedule, fields) or norm == 0
+def _is_small(tables, schedule, state, room, norm, displacement_square):
+    """Whether a correction is in the terminal phase, or meets the test."""
+    if schedule.test == BY_ROUNDING:
+        return displacement_square < _threshold(schedule, state.fields) or norm == 0
+    return _passes(tables, schedule, state, room.last_fields, room.last_multipliers, norm)
+
+
+@_part
+def _passes(tables, schedule, state, last_fields, last_multipliers, norm):
+    """Whether a correction meets the test; the residual is tested after the next evaluation."""
+    if schedule.test == BY_INCREMENTS:
+        passes = True
+        for f in range(3):
+            limits = schedule.limits[f, 0], schedule.limits[f, 1]
+            passes = passes and _changed_little(limits, last_fields[f], state.fields[f])
+        limits = schedule.limits[3, 0], schedule.limits[3, 1]
+        return passes and _changed_little(limits, last_multipliers, state.multipliers)
+    if schedule.test != BY_CORRECTION:
+        return False
+    limit = schedule.limits[0, 0]
+    if schedule.limits[0, 1] > 0:
+        limit += schedule.limits[0, 1] * _scaled_size(
+            state.fields, state.multipliers, tables.kept, tables.right
+        )
+    return norm <= limit
+
+
+@_part
+def _changed_little(limits, last, now):
+    """Whether the root mean square of changes over absolute + relative |now| is at most 1."""
+    if limits[0] == 0 and limits[1] == 0:
+        return True
+    square = 0.0
+    for i in range(now.shape[0]):
+        if now[i] != last[i]:
+            change = np.float64(now[i]) - last[i]
+            square += (change / (limits[0] + limits[1] * abs(np.float64(now[i])))) ** 2
+    return square <= now.shape[0]
+
+
+@_part
+def _look(tables, schedule, state, room, rhs, solves, first):
+    """Before a correction: test the residual, or note from where the correction leads.
+
+    Returns:
+        Whether the residual meets the test, and the norm of the step's first.
+    """
+    if schedule.test == BY_INCREMENTS:
+        _copy_all(state.fields, room.last_fields)
+        _copy(state.multipliers, room.last_multipliers)
+    if schedule.test < BY_RESIDUAL:
+        return 0, first
+    size = _residual(tables, schedule, rhs, state.fields.shape[1], state.multipliers.shape[0])
+    if solves == 0:
+        return 0, size
+    return int(size <= schedule.limits[0, 0] + schedule.limits[0, 1] * first), first
+
+
+@_part
+def _residual(tables, schedule, rhs, n, m):
+    """Norm of the residual from −D_L b, after or before scaling."""
+    of_motion = 1 + tables.row_weights.shape[0]
+    square = 0.0
+    for i in range(rhs.shape[0]):
+        value = np.float64(rhs[i])
+        if schedule.test == BY_RESIDUAL:
+            row = i // n if i < of_motion * n else of_motion + (i - of_motion * n) // m
+            value /= tables.left[row]
+        square += value * value
+    return np.sqrt(square)
 
 
 @_inline
@@ -1004,8 +1072,8 @@ def _march_index_3(
     """The march of index 3 as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number, compensated, h = fields.dtype.type, schedule.compensated, schedule.h
-    to_tolerance = schedule.absolute > 0 or schedule.relative > 0
-    sources, values, iterate, history, rhs, system, new_past, before_step = room
+    to_tolerance = schedule.test != BY_ROUNDING
+    sources, values, iterate, history, rhs, system, new_past, before_step, _, _ = room
     u, v, reals, force, phi = fields[0], fields[1], problem.reals, values.force, values.phi
     moving, shift, g_old = iterate.moving, iterate.shift, iterate.g_old
     eliminating, pivoting = static.structure.shape[0] > 0, dense.constant.shape[0] > 0
@@ -1021,7 +1089,7 @@ def _march_index_3(
         _predict(tables, past, moving)
         _take_increments(iterate, state)
         _copy(multipliers, before_step)
-        previous, solves = np.inf, 0
+        previous, first, solves = np.inf, 0.0, 0
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
             ending = UNSOLVED
@@ -1039,6 +1107,10 @@ def _march_index_3(
                     tables.left, tables.dynamic_weights, tables.row_weights, history.dynamics,
                     history.rows, moving, force, phi, rhs,
                 )  # fmt: skip
+            if to_tolerance:
+                settled, first = _look(tables, schedule, state, room, rhs, solves, first)
+                if settled:
+                    break
             if ending == UNSOLVED and eliminating:
                 ending = solve(
                     sources, rhs, static.constant, static.places, static.origins,
@@ -1063,13 +1135,15 @@ def _march_index_3(
             previous = norm
             displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
             # Nothing but the end of the step needs a.
-            _recover(tables, history, past, moving, 0, 1)
+            _recover(tables, history, past, moving, 0, 2 if schedule.test == BY_INCREMENTS else 1)
             _take_increments(iterate, state)
-            small = _is_small(tables, schedule, fields, multipliers, norm, displacement_square)
+            small = _is_small(tables, schedule, state, room, norm, displacement_square)
             settled = settled + 1 if small else 0
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
+        if schedule.ends != 0 and settled == 0:
+            return MISSED, s
         _recover(tables, history, past, moving, 2, 2)
         _take_increments(iterate, state)
         _form_acceleration(tables, state)
@@ -1092,8 +1166,8 @@ def _march_formulated(
     """The march of a formulation beside index 3, or of a projection; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number, compensated, h = fields.dtype.type, schedule.compensated, schedule.h
-    to_tolerance = schedule.absolute > 0 or schedule.relative > 0
-    sources, values, iterate, history, rhs, system, new_past, _ = room
+    to_tolerance = schedule.test != BY_ROUNDING
+    sources, values, iterate, history, rhs, system, new_past, _, _, _ = room
     norms, iterations, positions, _ = counts
     rated = extra.differentiated != 0 or extra.level > 0
     moving, kept = iterate.moving, 0
@@ -1116,7 +1190,7 @@ def _march_formulated(
             _set_directions(extra, iterate.g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
-        solves = settled = 0
+        solves, settled, first = 0, 0, 0.0
         while solves < schedule.cap:
             if extra.penalty == 0 or solves == 0:
                 _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
@@ -1132,6 +1206,10 @@ def _march_formulated(
                 problem, tables, dense, extra, history, sources, moving, state, values, work,
                 rhs, system,
             )  # fmt: skip
+            if to_tolerance:
+                settled, first = _look(tables, schedule, state, room, rhs, solves, first)
+                if settled:
+                    break
             if not solve_in_place(system.matrix, rhs, system.columns, system.row):
                 return SINGULAR, s
             solves += 1
@@ -1149,11 +1227,13 @@ def _march_formulated(
                 break
             if extra.penalty == 0:
                 _apply(tables, extra, history, rhs, iterate, state, work)
-            small = _is_small(tables, schedule, fields, multipliers, norm, displacement_square)
+            small = _is_small(tables, schedule, state, room, norm, displacement_square)
             settled = settled + 1 if small else 0
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
+        if schedule.ends != 0 and settled == 0:
+            return MISSED, s
         if not _finish(
             evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
             positions, s,

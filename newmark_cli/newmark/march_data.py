@@ -12,8 +12,21 @@ COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
 PIVOTING = 4
 #: A system that is assembled and waits for a solver; no step ends so.
 UNSOLVED = 5
+#: A step that misses its test, where that ends the march.
+MISSED = 6
 #: What results call the endings before the last step.
-ENDINGS = {SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated"}
+ENDINGS = {
+    SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated", MISSED: "missed",
+}  # fmt: skip
+#: What ends Newton's iteration in a step.
+BY_ROUNDING, BY_CORRECTION, BY_INCREMENTS, BY_RESIDUAL, BY_SCALED_RESIDUAL = range(5)
+#: The same by the names of `newmark_cli.newmark.scheme.Tolerance.test`.
+TESTS = {
+    "correction": BY_CORRECTION,
+    "increments": BY_INCREMENTS,
+    "residual": BY_RESIDUAL,
+    "scaled-residual": BY_SCALED_RESIDUAL,
+}
 
 
 class StepTables(NamedTuple):
@@ -92,8 +105,9 @@ class Schedule(NamedTuple):
     first: int  #: steps taken since then
     cap: int  #: most corrections computed in a step
     settled_below: float  #: see `newmark_cli.newmark.scheme.Scheme.settled_below`
-    absolute: float  #: where one of these is positive, Newton stops at a correction of at
-    relative: float  #: most absolute + relative ‖q̄‖ instead
+    test: int  #: what ends Newton's iteration, ``BY_…``
+    limits: np.ndarray  #: (4, 2) see `newmark_cli.newmark.scheme.Tolerance.limits`
+    ends: int  #: whether a step that misses the test ends the march
     patience: int  #: steps given up by ``solve`` or the code, after which the march halts
 
 

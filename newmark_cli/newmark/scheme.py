@@ -44,22 +44,60 @@ def steps_until(t_end: float, h: float) -> int:
     return math.floor(t_end / h * (1 + 1e-9))
 
 
+#: What a test of Newton's iteration looks at: the scaled correction, the residual before or
+#: after scaling, or what the correction changes in each field.
+CORRECTION, RESIDUAL, SCALED_RESIDUAL, INCREMENTS = (
+    "correction", "residual", "scaled-residual", "increments",
+)  # fmt: skip
+#: What becomes of a step that misses its test in as many corrections as it may take.
+GO_ON, STOP = "go-on", "stop"
+
+
 @dataclass(frozen=True)
 class Tolerance:
-    """Stops Newton's iteration at ‖q̄ʲ‖ ≤ absolute + relative ‖q̄‖, scaled unknowns.
+    """Stops Newton's iteration at a test, ‖…‖ ≤ absolute + relative × what it is relative to.
+
+    A correction is relative to the scaled unknowns, ‖q̄ʲ‖ ≤ absolute + relative ‖q̄‖, a
+    residual to that before the first correction of the step.  Of increments the root mean
+    square of Δxᵢ / (absolute + relative |xᵢ|) must not exceed 1, in every field that is named.
 
     Attributes:
-        absolute, relative: Not negative, one of them positive.
+        absolute, relative: Not negative, one of them positive; of increments zero.
+        test: What is looked at.
+        fields: Of increments: u, v, a or lambda, and its absolute and relative parts.
+        missed: What becomes of a step that misses the test.
     """
 
     absolute: float = 0.0
     relative: float = 0.0
+    test: str = CORRECTION
+    fields: tuple[tuple[str, float, float], ...] = ()
+    missed: str = GO_ON
+
+    @property
+    def on_residual(self) -> bool:
+        """Whether it looks at the residual, and not at what a correction changes."""
+        return self.test in (RESIDUAL, SCALED_RESIDUAL)
 
     @property
     def label(self) -> str:
         """How the CSV names it."""
-        parts = [f"{name} {value!r}" for name, value in vars(self).items() if value]
-        return " ".join(parts)
+        parts = [self.test] if self.on_residual else []
+        for name, *limits in (("", self.absolute, self.relative), *self.fields):
+            named = zip(("absolute", "relative"), limits, strict=True)
+            parts += [name, *(f"{part} {value!r}" for part, value in named if value)]
+        if self.missed != GO_ON:
+            parts.append(f"missed {self.missed}")
+        return " ".join(filter(None, parts))
+
+    @property
+    def limits(self) -> Array:
+        """(4, 2) absolute and relative parts: of u, v, a, λ, or else of the first row."""
+        found = np.zeros((4, 2))
+        found[0] = self.absolute, self.relative
+        for name, *limits in self.fields:
+            found[(*FIELDS, "lambda").index(name)] = limits
+        return found
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,14 @@ from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     DIVERGED,
+    MISSED,
     MOST_POSITIONS,
     SINGULAR,
     STAGNATED,
     Record,
     State,
 )
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scheme import CORRECTION, INCREMENTS, RESIDUAL, STOP, Scheme
 from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
@@ -170,7 +171,7 @@ class _Index3:
                     moving[field] += weight * (moving[source] - origin)
 
     def is_small(self, norm: float, norms: Array) -> bool:
-        """Whether a correction is in the terminal phase, or meets the tolerance.
+        """Whether a correction is in the terminal phase, or meets the test.
 
         Args:
             norm: Norm of the whole correction.
@@ -178,13 +179,39 @@ class _Index3:
         """
         scheme, fields = self.scheme, self.state.fields
         p, kept = len(scheme.tables.kept), scheme.tables.kept
-        if stop := scheme.stop:
+        if (stop := scheme.stop) and stop.test == INCREMENTS:
+            each = zip(
+                stop.limits, self._before, (*fields[:3], self.state.multipliers), strict=True
+            )
+            return all(_changed_little(*parts) for parts in each)
+        if stop:
             of_kept = algebra.norm(fields[kept] / scheme.right[:p, None])
             size = np.hypot(of_kept, algebra.norm(self.state.multipliers / scheme.right[p]))
-            return norm <= float(stop.absolute + stop.relative * size)
+            return stop.test == CORRECTION and norm <= float(stop.absolute + stop.relative * size)
         displacement = algebra.norm(scheme.tables.weights[0] * scheme.right[:p] * norms[:p])
         threshold = scheme.settled_below * algebra.norm(fields[0])
         return norm == 0 or bool(displacement < threshold)
+
+    def look(self, rhs: Array, solves: int) -> bool:
+        """Before a correction: whether the residual meets the test.
+
+        Args:
+            rhs: (N,) −D_L b.
+            solves: Corrections of the step so far; the first residual of it is kept.
+        """
+        stop, left = self.scheme.stop, self.scheme.left
+        if stop is None:
+            return False
+        self._before = [*self.state.fields[:3].copy(), self.state.multipliers.copy()]
+        if stop.test == RESIDUAL:
+            of_motion = 1 + len(self.scheme.form.extra_rows)
+            sizes = [self.problem.n] * of_motion + [self.problem.m] * (len(left) - of_motion)
+            rhs = rhs / np.repeat(left, sizes)
+        size = algebra.norm(rhs)
+        if solves == 0:
+            self._first = size
+        limit = stop.absolute + stop.relative * self._first
+        return stop.on_residual and solves > 0 and bool(size <= limit)
 
     def finish(self, t: float) -> int:
         """Set v' once Newton's iteration is over; returns corrections of positions.
@@ -371,6 +398,16 @@ class _Formulated(_Index3):
         super().end_step(t)
 
 
+def _changed_little(limits: Array, last: Array, now: Array) -> bool:
+    """Whether the root mean square of changes over absolute + relative |now| is at most 1."""
+    changed = now != last
+    if not np.any(limits) or not np.any(changed):
+        return True
+    weights = limits[0] + limits[1] * np.abs(now[changed])
+    with np.errstate(divide="ignore"):
+        return bool(algebra.norm((now - last)[changed] / weights) ** 2 <= len(now))
+
+
 def march(
     problem: Problem,
     scheme: Scheme,
@@ -408,6 +445,9 @@ def march(
             values, rows, tangents = own.linearised(t)
             factors = zip(scheme.left, rows, strict=True)
             rhs = -np.concatenate([factor * row for factor, row in factors])
+            if own.look(rhs, solves):
+                settled = 1
+                break
             try:
                 correction = system.solve(values, rhs, tangents)
             except Stagnation:
@@ -426,6 +466,8 @@ def march(
             if small and (norm == 0 or scheme.stop is not None):
                 break
         iterations[s] = solves if settled else -solves
+        if scheme.stop and scheme.stop.missed == STOP and not settled:
+            return MISSED, s
         try:
             projected = own.finish(t)
         except np.linalg.LinAlgError:

@@ -238,8 +238,10 @@ class Cell:
         many=False,
         config=lambda keys: keys.Stop,
         default=None,
-        about="tolerance on the scaled correction; default: where rounding stops it",
-        shows="what stops Newton: `saturation`, which is rounding, or a tolerance",
+        about="test that ends Newton's iteration: a tolerance on the scaled correction, the "
+        "residual, or increments of fields; default: where rounding stops it",
+        shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "
+        "as `absolute 1e-08`, `residual relative 1e-08`, `lambda relative 0.0001`",
     )
     h: float = axis(
         series=False,
@@ -541,7 +543,7 @@ def in_words(axis: str, value: str) -> str:
             value, value
         )
     if axis == "stop":
-        return value if value == SATURATION else f"tolerance {value}"
+        return f"tolerance {value}" if value.startswith(("absolute", "relative")) else value
     return f"{value} start" if axis == "start" else value
 
 

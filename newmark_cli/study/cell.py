@@ -10,7 +10,16 @@ from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Statuses of a cell, from good to bad.
-STATUSES = ("ok", "not_converged", "stagnated", "singular", "diverged", "redundant", "failed")
+STATUSES = (
+    "ok",
+    "not_converged",
+    "missed",
+    "stagnated",
+    "singular",
+    "diverged",
+    "redundant",
+    "failed",
+)
 #: Verdict on a series that a study may be about, besides statuses of its cells.
 NOT_CONVERGING = "not_converging"
 

@@ -67,8 +67,14 @@ from newmark_cli.newmark.linear.choice import (
 )
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
+    CORRECTION,
     EVALUATIONS,
+    GO_ON,
+    INCREMENTS,
     PRECISIONS,
+    RESIDUAL,
+    SCALED_RESIDUAL,
+    STOP,
     Tolerance,
 )
 from newmark_cli.study import drawing, tabulating
@@ -469,30 +475,88 @@ class ProjectionConfig(MethodConfig):
         return Projection(self.method, self.accelerations)
 
 
-class StopConfig(Valued):
-    """Stops Newton at ‖q̄‖ ≤ absolute + relative ‖scaled unknowns‖, not where rounding does."""
+class LimitsConfig(StrictModel):
+    """The root mean square of Δx / (absolute + relative |x|) is at most 1."""
 
-    absolute: Positive | None = Field(None, description="bound of the scaled correction")
-    relative: Positive | None = Field(None, description="bound relative to the scaled unknowns")
+    absolute: Positive | None = Field(None, description="absolute part, in the field's unit")
+    relative: Positive | None = Field(None, description="part relative to the field")
+
+    @model_validator(mode="after")
+    def _given(self) -> "LimitsConfig":
+        if self.absolute is None and self.relative is None:
+            raise ValueError("needs absolute or relative")
+        return self
+
+
+class StopConfig(Valued):
+    """Ends Newton's iteration at a test in place of where rounding stops it.
+
+    On the scaled correction, on the residual before or after scaling, relative to the step's
+    first, or on increments of fields, each with parts of its own.
+    """
+
+    test: Annotated[str, _Known("test", (CORRECTION, RESIDUAL, SCALED_RESIDUAL))] | None = Field(
+        None, description="what is looked at, if not increments of fields; default: correction"
+    )
+    absolute: Positive | None = Field(None, description="bound of what is looked at")
+    relative: Positive | None = Field(
+        None, description="bound relative to the scaled unknowns, or to the step's first residual"
+    )
+    u: LimitsConfig | None = Field(None, description="what u may change by")
+    v: LimitsConfig | None = Field(None, description="what v may change by")
+    a: LimitsConfig | None = Field(None, description="what a may change by")
+    lambda_: LimitsConfig | None = Field(
+        None, alias="lambda", description="what lambda may change by"
+    )
+    missed: Annotated[str, _Known("missed", (GO_ON, STOP))] | None = Field(
+        None, description="what becomes of a march whose step misses the test; default: go-on"
+    )
 
     @model_validator(mode="before")
     @classmethod
     def _from_text(cls, data: Any) -> Any:
-        """Text such as ``absolute 1e-08``, as CSVs have it."""
+        """Text such as ``absolute 1e-08`` or ``a relative 0.0001``, as CSVs have it."""
         if not isinstance(data, str):
             return data
         words = data.removeprefix("tolerance ").replace("=", " ").split()
-        return dict(zip(words[::2], map(documents.plain, words[1::2]), strict=False))
+        found: dict[str, Any] = {}
+        of = found
+        while words:
+            word = words.pop(0)
+            if word in (RESIDUAL, SCALED_RESIDUAL):
+                found["test"] = word
+            elif word in (*FIELDS, "lambda"):
+                of = found[word] = {}
+            elif word in ("absolute", "relative"):
+                of[word] = documents.plain(words.pop(0)) if words else None
+            else:
+                found[word] = documents.plain(words.pop(0)) if words else None
+        return found
+
+    @property
+    def _fields(self) -> dict[str, LimitsConfig]:
+        named = zip((*FIELDS, "lambda"), (self.u, self.v, self.a, self.lambda_), strict=True)
+        return {name: limits for name, limits in named if limits is not None}
 
     @model_validator(mode="after")
     def _given(self) -> "StopConfig":
-        if self.absolute is None and self.relative is None:
+        whole = [key for key in ("test", "absolute", "relative") if getattr(self, key) is not None]
+        if self._fields and whole:
+            raise misfit(whole[0], "not with increments of fields, which have their own limits")
+        if not self._fields and self.absolute is None and self.relative is None:
             raise ValueError("needs absolute or relative")
         return self
 
     def value(self) -> Tolerance:
         """The core's value."""
-        return Tolerance(self.absolute or 0.0, self.relative or 0.0)
+        fields = tuple(
+            (name, limits.absolute or 0.0, limits.relative or 0.0)
+            for name, limits in self._fields.items()
+        )
+        test = INCREMENTS if fields else self.test or CORRECTION
+        return Tolerance(
+            self.absolute or 0.0, self.relative or 0.0, test, fields, self.missed or GO_ON
+        )
 
 
 class KrylovConfig(Valued):

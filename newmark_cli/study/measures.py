@@ -814,7 +814,7 @@ TOLERANCE = Measure(
             lambda key: "share of steps that meet the tolerance",
             "met",
             # A step that misses its tolerance is what this is about.
-            ok=("ok", "not_converged"),
+            ok=("ok", "not_converged", "missed"),
             kind="rounding",
             linear=True,
             share=True,
