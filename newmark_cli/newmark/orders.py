@@ -71,10 +71,7 @@ INVERSES: Mapping[str, Inverse] = MappingProxyType(
             {"u": "2 inf 0 2", "v": "1 0 inf 1", "a": "0 inf inf 0", "lambda": "0 inf inf 0"},
         ),
         "baumgarte": _inverse(
-            "D V K B",
-            {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"},
-            {},
-            {},
+            "D V K B", {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"}, {}, {}
         ),
         "baumgarte rate_h": _inverse(
             "D V K B",

@@ -27,11 +27,7 @@ def perturbation(row: str, size: int) -> Array:
 
 
 def sensitivities(
-    problem: Problem,
-    scheme: Scheme,
-    t: float,
-    state: State,
-    system: LinearSystem | None = None,
+    problem: Problem, scheme: Scheme, t: float, state: State, system: LinearSystem | None = None
 ) -> dict[tuple[str, str], float]:
     """(row block, unknown) → ‖δq̄‖/ε for a perturbation of each row block of b̄ at a state.
 

@@ -61,10 +61,7 @@ TABLE_2: Mapping[str, Mapping[str, Mapping[str, str]]] = MappingProxyType(
 #: Factors of the rows and unknowns that other formulations than index 3 add, by the rule
 #: of `sensitivity`.
 BESIDE_TABLE_2: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "left": {"Cv": "beta*h/gamma", "Ca": "beta*h^2", "B": "beta*h^2"},
-        "right": {"eta": "1"},
-    }
+    {"left": {"Cv": "beta*h/gamma", "Ca": "beta*h^2", "B": "beta*h^2"}, "right": {"eta": "1"}}
 )
 
 #: Entries of Table 2 as the scan prints them, where they differ from `TABLE_2`.

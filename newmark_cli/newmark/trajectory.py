@@ -117,12 +117,7 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
     state = State(*(array.copy() for array in march.state))
     scheme = march.scheme
     carried = _Carried(
-        state,
-        march.problem.t0,
-        march.done,
-        scheme.h,
-        scheme.integrator.label,
-        enforced_by(scheme),
+        state, march.problem.t0, march.done, scheme.h, scheme.integrator.label, enforced_by(scheme)
     )
     return Step(
         t=march.t,

@@ -23,11 +23,7 @@ _SEED = 20061012
 
 
 def twins(
-    problem: Problem,
-    scheme: Scheme,
-    count: int,
-    linear_solver: str,
-    krylov: Krylov | None = None,
+    problem: Problem, scheme: Scheme, count: int, linear_solver: str, krylov: Krylov | None = None
 ) -> Iterator[March]:
     """Marches at their start, each with other signs of what it is perturbed by.
 

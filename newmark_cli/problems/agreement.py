@@ -310,11 +310,7 @@ class Agreement:
 
 
 def _columns(
-    key: str,
-    given: Array,
-    along: Callable[[int], Callable[[float], Any]],
-    sizes: Array,
-    unit: Any,
+    key: str, given: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array, unit: Any
 ) -> Iterator[_Wrong]:
     """What is wrong in a matrix, each of whose columns is the derivative of ``along(j)``.
 

@@ -9,9 +9,7 @@ from newmark_cli.support.arrays import Array
 
 
 def linear_problem(
-    name: str,
-    matrices: tuple[Array, Array, Array, Array],
-    state: tuple[Array, Array, Array, Array],
+    name: str, matrices: tuple[Array, Array, Array, Array], state: tuple[Array, Array, Array, Array]
 ) -> Problem:
     """M v' = c − X u − Y v + G λ, Gᵀ u = d, with the c and d for which a state solves them.
 

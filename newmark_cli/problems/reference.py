@@ -320,11 +320,7 @@ def _across(
 
 
 def _integrated(
-    system: Index1,
-    end: float,
-    tolerance: float,
-    on_work: Callable[[], None],
-    watch: _Watch | None,
+    system: Index1, end: float, tolerance: float, on_work: Callable[[], None], watch: _Watch | None
 ) -> _State:
     """Coordinates and velocities at a time, with an eye on singular positions."""
     problem, n = system.problem, system.problem.n

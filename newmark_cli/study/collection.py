@@ -139,12 +139,7 @@ def marches(cells: Sequence[Cell], exported: Exported) -> list[Cell]:
 
 
 def write(
-    cells: Sequence[Cell],
-    folder: Path,
-    choice: Choice,
-    force: bool = False,
-    *,
-    watcher: Watcher,
+    cells: Sequence[Cell], folder: Path, choice: Choice, force: bool = False, *, watcher: Watcher
 ) -> Exported:
     """Write the systems of marches into a folder, all or nothing.
 

@@ -9,12 +9,7 @@ from itertools import chain, product, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    PrivateAttr,
-    create_model,
-)
+from pydantic import BeforeValidator, Field, PrivateAttr, create_model
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
@@ -31,32 +26,16 @@ from newmark_cli.mechanisms.spec import (
 )
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.kept import ENERGY, OUTPUT
-from newmark_cli.newmark.linear.choice import (
-    AUTO,
-    DENSE,
-    GMRES,
-    MINRES,
-    SPARSE,
-    STATIC,
-)
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, SPARSE, STATIC
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
-from newmark_cli.newmark.scheme import (
-    COMPENSATED,
-    Scheme,
-    steps_until,
-)
+from newmark_cli.newmark.scheme import COMPENSATED, Scheme, steps_until
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import axes, drawing, expecting, fitting, keys
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.figure_keys import Figures
-from newmark_cli.study.keys import (
-    MOST_STEPS,
-    Name,
-    Surroundings,
-    problem_of,
-)
+from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
 from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
 from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents

@@ -50,7 +50,4 @@ def of_problem(counted: Counted, sample: Problem, at: Mapping[str, Any]) -> Iter
         yield "precision", f"{counted.name} is computed in float64 only"
     form = at["formulation"].applied(FORMS[at["form"]])
     if choose(at["linear_solver"], counted, form, formulated, at["precision"]) != DENSE:
-        yield (
-            "precision",
-            f"{at['precision']} needs {DENSE}: {counted.name}, {form.described}",
-        )
+        yield ("precision", f"{at['precision']} needs {DENSE}: {counted.name}, {form.described}")

@@ -263,11 +263,7 @@ def _rows_of_corrections(form: Form) -> list[RowName]:
     """As `corrections` gives them."""
     scaled = [(unknown, "correction", "primary") for unknown in form.unknowns]
     physical = [
-        (
-            quantity,
-            "physical_correction",
-            "recovered" if quantity in form.eliminated else "primary",
-        )
+        (quantity, "physical_correction", "recovered" if quantity in form.eliminated else "primary")
         for quantity in (*FIELDS, *form.multipliers)
     ]
     return [(measure, quantity, role, "") for quantity, measure, role in (*scaled, *physical)]

@@ -100,10 +100,7 @@ def read_csv(
 
 
 def _read_csv(
-    path: Path,
-    columns: Sequence[str],
-    defaults: Mapping[str, str],
-    content: bytes | OSError | None,
+    path: Path, columns: Sequence[str], defaults: Mapping[str, str], content: bytes | OSError | None
 ) -> Table:
     try:
         content = files.read(path) if content is None else content
@@ -220,8 +217,7 @@ def motions(path: Path) -> dict[str, Motion]:
         given = told.get("singular")
         times = given if isinstance(given, list) else []
         found[str(label)] = Motion(
-            tuple(float(t) for t in times if isinstance(t, float)),
-            told.get("still") is True,
+            tuple(float(t) for t in times if isinstance(t, float)), told.get("still") is True
         )
     return found
 

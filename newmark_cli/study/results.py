@@ -49,8 +49,7 @@ MEASURED = (
     ),
     _statistic("max", "largest value over these steps"),
     _statistic(
-        "median",
-        "median over these steps; what figures and slopes of condition numbers use",
+        "median", "median over these steps; what figures and slopes of condition numbers use"
     ),
     _statistic("last", "value at the last of these steps"),
     _statistic("zeros", "how many values are exactly zero; a log axis cannot show them"),

@@ -199,7 +199,7 @@ class _Parts:
         room = ["%result = alloca ptr", "%exception = alloca ptr"]
         evaluated = [
             f"call void @llvm.memset.p0.i64(ptr %force, i8 0, i64 "
-            f"{self.dtype.itemsize * self.shapes['force'][0]}, i1 false)",
+            f"{self.dtype.itemsize * self.shapes['force'][0]}, i1 false)"
         ]
         starts = self.elements.starts.tolist()
         for first, last in zip(starts, [*starts[1:], self.constants["ints"].size], strict=True):
