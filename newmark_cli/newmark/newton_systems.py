@@ -1,6 +1,7 @@
 """The linear systems that Newton's iteration solves along a march."""
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -9,14 +10,14 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.newmark import scipy_march
-from newmark_cli.newmark.constraints import Constraining, Tangents
+from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear import exact
-from newmark_cli.newmark.linear.systems import BalancedSystem, LinearSystem
+from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED, State, recording
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.problems.problem import Values
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
 
@@ -119,37 +120,23 @@ class NewtonSystem:
         return exact.backward_error(self.matrix, self.rhs, np.asarray(x, float).tolist())
 
 
-class _Observing:
-    """A linear system that keeps what it was asked to solve."""
+#: Number of a solution, J̄ and the right-hand side.
+_Seen = list[tuple[int, scipy.sparse.csc_array, Array]]
 
-    def __init__(self, system: LinearSystem, every: bool) -> None:
-        self._system, self._every = system, every
-        self.count = 0
-        self.seen: list[tuple[int, scipy.sparse.csc_array, Array]] = []
 
-    @property
-    def problem(self) -> Problem:
-        return self._system.problem
+def _observed_by(seen: _Seen, system: LinearSystem, every: bool) -> LinearSystem:
+    """The same linear system, which notes what it is asked to solve: the first and the last."""
 
-    @property
-    def constraining(self) -> Constraining | None:
-        return self._system.constraining
+    def solve(values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
+        number = seen[-1][0] + 1 if seen else 1
+        if not every:
+            del seen[1:]
+        seen.append((number, system.matrix(values, tangents), rhs.copy()))
+        return system.solve(values, rhs, tangents)
 
-    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
-        return self._system.matrix(values, tangents)
-
-    def balanced(self, t: float, state: State) -> BalancedSystem:
-        return self._system.balanced(t, state)
-
-    def times_mass(self, vector: Array) -> Array:
-        return self._system.times_mass(vector)
-
-    def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
-        self.count += 1
-        if not self._every:
-            del self.seen[1:]  # the first and the last are wanted
-        self.seen.append((self.count, self.matrix(values, tangents), rhs.copy()))
-        return self._system.solve(values, rhs, tangents)
+    noting = copy(system)
+    vars(noting)["solve"] = solve
+    return noting
 
 
 def newton_systems(
@@ -187,16 +174,17 @@ def _observed(
             on_steps(len(stretch.iterations))
         if march.ending != COMPLETED:
             return
-        system = _Observing(march.system, every_iteration)
+        seen: _Seen = []
+        system = _observed_by(seen, march.system, every_iteration)
         state = State(*(array.copy() for array in march.state))
         norms, iterations = np.zeros((1, len(scheme.recorded))), np.zeros(1, np.int64)
         none = recording(state, np.empty(0))
         scipy_march.march(problem, scheme, state, march.done, norms, iterations, system, none)
-        for iteration, matrix, rhs in system.seen:
+        for iteration, matrix, rhs in seen:
             if np.all(np.isfinite(matrix.data)) and np.all(np.isfinite(rhs)):
                 t = problem.t0 + step * scheme.h
                 yield NewtonSystem(
-                    matrix, rhs, scheme, problem.n, problem.m, t, step, iteration, system.count
+                    matrix, rhs, scheme, problem.n, problem.m, t, step, iteration, seen[-1][0]
                 )
         march.advance(1)
         on_steps(1)

@@ -197,7 +197,7 @@ def krylov(system: KrylovSystem, iterations: Sequence[int]) -> int:
     solution is then put together from them.  One of MINRES has two products, the second for
     the residual by which it is stopped, and ten combinations and products of vectors.
     """
-    size, product = system.size, 2 * system.entries
+    size, product = system.size, 2 * len(system.rows)
     if system.symmetric:
         return sum(count * (2 * product + 20 * size) for count in iterations)
     return sum(

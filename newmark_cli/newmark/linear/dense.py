@@ -136,8 +136,3 @@ class DenseSystem:
     def balanced(self, t: float, state: State) -> BalancedJacobian:
         """J̄ at a state, to be solved accurately."""
         return BalancedJacobian(self.problem, self.scheme, t, state)
-
-
-def condition_number(problem: Problem, scheme: Scheme, t: float, state: State) -> float:
-    """2-norm condition number at a state; see `BalancedJacobian.condition`."""
-    return BalancedJacobian(problem, scheme, t, state).condition()

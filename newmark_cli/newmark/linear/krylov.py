@@ -19,8 +19,7 @@ import scipy.sparse.linalg
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
-from newmark_cli.newmark.linear.sparse import SparseBalancedJacobian, SparseSystem
-from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.algebra import Factors, norm, product
 from newmark_cli.problems.index_1 import Index1
@@ -33,7 +32,7 @@ _ROUNDING = 1e-12
 _EPS = float(np.finfo(float).eps)
 
 
-class KrylovSystem:
+class KrylovSystem(SparseSystem):
     """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`.
 
     GMRES (Saad & Schultz 1986) with its whole basis, which takes memory for
@@ -43,7 +42,6 @@ class KrylovSystem:
     Attributes:
         iterations: Iterations of each solve so far, failed ones included.
         symmetric: Whether it is MINRES.
-        size, entries: N, and the entries of J̄.
         residuals: ‖B(rhs − J̄ q̄)‖/‖B rhs‖ that each achieved, evaluated from its
             solution; B takes the scaled rows to balanced ones, and is 1 under the
             optimal scaling but for a factor β/γ in row D of the (v, λ) form.
@@ -52,41 +50,25 @@ class KrylovSystem:
     def __init__(
         self, problem: Problem, scheme: Scheme, options: Krylov, symmetric: bool = False
     ) -> None:
-        """Analyse the pattern.
-
-        Args:
-            problem, scheme: What J̄ belongs to.
-            options: When to stop.
-            symmetric: Take MINRES rather than GMRES.
-
-        Raises:
-            InputError: When J̄ should be symmetric and is not.
-        """
-        self._sparse = SparseSystem(problem, scheme)
-        self.problem, self.constraining = problem, self._sparse.constraining
-        if symmetric and not _is_symmetric(self._sparse):
+        """GMRES, or MINRES of a J̄ that is symmetric, else an InputError."""
+        super().__init__(problem, scheme)
+        if symmetric and not _is_symmetric(self):
             raise InputError(
                 f"linear_solver minres: the Jacobian of {problem.name}, {scheme.form.described}, "
                 f"preconditioning {scheme.scaling.name} is not symmetric; take gmres"
             )
-        self.symmetric, self.size = symmetric, self._sparse.size
-        self.entries = len(self._sparse.rows)
-        self._options = options
+        self.symmetric, self._options = symmetric, options
         self._method: _Method = _minres if symmetric else _gmres
-        self._turn = _turn(self._sparse) if symmetric else np.ones(self._sparse.size)
+        self._turn = _turn(self) if symmetric else np.ones(self.size)
         balanced, _ = balancing_factors(scheme, problem.n, problem.m)
         left, _ = scaling_factors(scheme, problem.n, problem.m)
         self._rows = balanced / left
         self.iterations: list[int] = []
         self.residuals: list[float] = []
 
-    def times_mass(self, vector: Array) -> Array:
-        """M times (n,)."""
-        return self._sparse.times_mass(vector)
-
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; NaN, and not counted, where one of them is not finite."""
-        matrix = _matrix(self._sparse, values, self._turn, tangents)
+        matrix = _matrix(self, values, self._turn, tangents)
         if not (np.all(np.isfinite(rhs)) and np.all(np.isfinite(matrix.data))):
             return np.full_like(rhs, np.nan)
         # Squares of what is solved for must not underflow.
@@ -104,14 +86,6 @@ class KrylovSystem:
                 f"tolerance {self._options.tolerance:g}"
             )
         return np.asarray(unit * self._turn * solution)
-
-    def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
-        """J̄, without its zeros."""
-        return self._sparse.matrix(values, tangents)
-
-    def balanced(self, t: float, state: State) -> SparseBalancedJacobian:
-        """J̄ at a state, to be solved accurately."""
-        return self._sparse.balanced(t, state)
 
 
 def is_symmetric(problem: Problem, scheme: Scheme) -> bool:
