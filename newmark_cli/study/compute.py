@@ -1,8 +1,9 @@
 """Marching a cell while its measures look on."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -59,44 +60,52 @@ def compute(
     Without the reference, the solution at the end, errors are empty.  ``on_steps`` is told how many
     steps were done, now and then; an exception that it raises ends the march.
     """
-    problem, scheme = cell.problem.load(), scheme_of(cell)
-    march = March(problem, scheme, cell.solver, cell.krylov)
+    march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
     observers = {each.name: each.observe(cell, march, reference) for each in measures}
-    watch = Watch(march.problem, cell.steps)
-    counts, pivoted = _marched(march, cell.steps, [*observers.values(), watch], on_steps)
-    measured = {name: each.measured() for name, each in observers.items()}
+    every = [*observers.values(), Watch(march.problem, cell.steps)]
+    counts, pivoted = _marched(march, cell.steps, every, on_steps)
+    rows = {name: each.measured() for name, each in observers.items()}
     if cell.twins:
-        twinned = [each for each in measures if each.twins]
-        found = [{each.name: observers[each.name].deviations for each in twinned}]
-        for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov):
-            of_twin = {each.name: each.observe(cell, twin, reference) for each in twinned}
-            _marched(twin, cell.steps, [*of_twin.values()], on_steps)
-            found.append({name: each.deviations for name, each in of_twin.items()})
-        for each in twinned:
-            of_each = [deviations[each.name] for deviations in found]
-            measured[each.name] = [
-                with_rounding(row, of_each, observers[each.name].unresolved(row.quantity))
-                for row in measured[each.name]
+        found = _by_twins(cell, observers, reference, on_steps)
+        for name, deviations in found.items():
+            rows[name] = [
+                with_rounding(row, deviations, observers[name].unresolved(row.quantity))
+                for row in rows[name]
             ]
-
-    every = [*observers.values(), watch]
     reason = next((observer.reason for observer in every if observer.reason), "")
     not_converged = int(np.count_nonzero(counts < 0))
     ended = march_data.ENDINGS.get(march.ending, "not_converged" if not_converged else "ok")
     return Outcome(
-        measurements=[row for rows in measured.values() for row in rows],
+        measurements=[*chain.from_iterable(rows.values())],
         not_converged=not_converged,
         newton_iterations=float(np.mean(np.abs(counts))) if march.done else np.nan,
         status=REDUNDANT if reason else ended,
         reason=reason,
         met=march.done - not_converged if cell.stop else None,
-        history=[entry for observer in every for entry in observer.history],
-        drift=[entry for observer in every for entry in observer.drift],
-        trajectory={name: at for each in every for name, at in each.trajectory.items()},
+        history=[*chain.from_iterable(observer.history for observer in every)],
+        drift=[*chain.from_iterable(observer.drift for observer in every)],
+        trajectory=next(filter(None, (observer.trajectory for observer in every)), {}),
         pivoted=pivoted,
         operations=of_march(march),
     )
+
+
+def _by_twins(
+    cell: Cell,
+    observers: Mapping[str, Observer],
+    reference: Reference | None,
+    on_steps: Callable[[int], None],
+) -> dict[str, list[Deviations]]:
+    """Measure with twins → what its rows are about, of the march and then of each twin."""
+    twinned = {name: MEASURES[name] for name in observers if MEASURES[name].twins}
+    found = {name: [observers[name].deviations] for name in twinned}
+    for twin in twins(cell.problem.load(), scheme_of(cell), cell.twins, cell.solver, cell.krylov):
+        of_twin = {name: each.observe(cell, twin, reference) for name, each in twinned.items()}
+        _marched(twin, cell.steps, [*of_twin.values()], on_steps)
+        for name, each in of_twin.items():
+            found[name].append(each.deviations)
+    return found
 
 
 def _marched(

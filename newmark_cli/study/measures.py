@@ -24,7 +24,7 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import GMRES, MINRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
-from newmark_cli.newmark.scaling import Preconditioning
+from newmark_cli.newmark.scaling import Preconditioning, Scaling
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
 from newmark_cli.newmark.truncation import March as Marched
@@ -286,13 +286,9 @@ def _orders_of(key: SeriesKey) -> FormOrders:
     return _orders(key.form, key.formulation, key.evaluation == COMPENSATED)
 
 
-def _scaling_of(key: SeriesKey) -> Any:
-    return _scaling(key.preconditioning, key.form, key.formulation)
-
-
 @cache
-def _scaling(preconditioning: str, form: str, formulation: str) -> Any:
-    return Preconditioning.parse(preconditioning).scaling(_form(form, formulation))
+def _scaling_of(key: SeriesKey) -> Scaling:
+    return Preconditioning.parse(key.preconditioning).scaling(_form_of(key))
 
 
 @cache
@@ -326,24 +322,19 @@ def _bound_of_correction(key: SeriesKey) -> str:
     return _orders_of(key).bounded.get(key.quantity, "")
 
 
+def _order_of_unit(key: SeriesKey) -> int:
+    """Order of the unit of a correction: scaled ones are divided by their factor in D_R."""
+    return _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
+
+
 def _order_of_correction(key: SeriesKey) -> float:
     if not _saturates(key):
         return np.nan
-    return _orders_of(key).corrections(_scaling_of(key))[key.quantity]
-
-
-def _order_of_physical_correction(key: SeriesKey) -> float:
-    if not _saturates(key):
-        return np.nan
-    return _orders_of(key).physical_corrections()[key.quantity]
+    return _orders_of(key).physical_corrections()[key.quantity] - _order_of_unit(key)
 
 
 def _coarse_orders_of_correction(key: SeriesKey) -> tuple[float, ...]:
-    return (_orders_of(key).of_forces(key.quantity) - _scaling_of(key).right[key.quantity].order(),)
-
-
-def _coarse_orders_of_physical_correction(key: SeriesKey) -> tuple[float, ...]:
-    return (_orders_of(key).of_forces(key.quantity),)
+    return (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),)
 
 
 CORRECTION = Measure(
@@ -367,10 +358,10 @@ CORRECTION = Measure(
             lambda key: f"Δ{symbol(key.quantity)} (physical)",
             lambda key: rf"last decreasing correction $\|\Delta {_math(key.quantity)}\|$ (rms)",
             "rms",
-            _order_of_physical_correction,
+            _order_of_correction,
             0.15,
             kind="rounding",
-            coarse=_coarse_orders_of_physical_correction,
+            coarse=_coarse_orders_of_correction,
             bounded=_bound_of_correction,
             quantities=(*FIELDS, *MULTIPLIERS),
         ),
@@ -577,10 +568,6 @@ def errors(
     return _at_samples(off)
 
 
-def _order_of_error(key: SeriesKey) -> float:
-    return _march_of(key).error(OF_OUTPUTS.get(key.quantity, key.quantity))
-
-
 def _ratio(quantity: str) -> str:
     """What an error is, as mathtext; norms of λ weigh its constraints."""
     name = _math(quantity)
@@ -603,7 +590,7 @@ ERROR = Measure(
             lambda key: f"error of {symbol(key.quantity)}",
             lambda key: f"error at the end, ${_ratio(key.quantity)}$",
             "last",
-            _order_of_error,
+            lambda key: _march_of(key).error(OF_OUTPUTS.get(key.quantity, key.quantity)),
             0.2,
             kind="truncation",
             at_end=True,
