@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import chain, product, starmap
@@ -85,19 +85,7 @@ class _Rules(RuledModel):
         if (self.t_end is None) == (self.steps is None):
             given = "both" if self.steps is not None else "neither"
             yield misfit("t_end", f"needs either t_end or steps, given {given}")
-        if self.t_end is not None:
-            for h in self.h:
-                if h > self.t_end * (1 + 1e-9):
-                    yield misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
-                if self.t_end / h > MOST_STEPS:
-                    yield misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
-                steps = self.t_end / h
-                if any(measure.at_end for measure in measures) and abs(steps - round(steps)) > 1e-6:
-                    yield misfit(
-                        "h",
-                        f"errors need a whole number of steps to t_end = {self.t_end:g}, given "
-                        f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}",
-                    )
+        yield from self._misfits_of_the_end(any(measure.at_end for measure in measures))
         yield from (error for measure in measures for error in self._unmeasurable(measure))
         labels = [variant.label for variant in self.variants()]
         if len(set(labels)) < len(labels):
@@ -115,6 +103,23 @@ class _Rules(RuledModel):
         if self.trajectory is not None and TRAJECTORY.name not in self.measure:
             yield misfit("trajectory", f"needs 'measure: {TRAJECTORY.name}'")
         yield from self._unfit()
+
+    def _misfits_of_the_end(self, errors: bool) -> Iterator[PydanticCustomError]:
+        """Step sizes that do not fit t_end; errors are measured there."""
+        if self.t_end is None:
+            return
+        for h in self.h:
+            steps = self.t_end / h
+            if h > self.t_end * (1 + 1e-9):
+                yield misfit("t_end", f"shorter than the step h = {h:g}, given {self.t_end:g}")
+            if steps > MOST_STEPS:
+                yield misfit("h", f"more than {MOST_STEPS} steps to t_end, given {h:g}")
+            if errors and abs(steps - round(steps)) > 1e-6:
+                yield misfit(
+                    "h",
+                    f"errors need a whole number of steps to t_end = {self.t_end:g}, given "
+                    f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}",
+                )
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
         """Why these keys leave nothing of a measure."""
@@ -390,9 +395,47 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     # What is reported already is so for this document only.
     around = replace(around or Surroundings(), problems={})
     mistakes = documents.Mistakes()
-    allowed = (*_STUDY_KEYS, *Case.model_fields)
-    shared = {key: value for key, value in data.items() if key in Case.model_fields}
+    head, shared, more = _keys_at_the_top(document, mistakes)
+    given = data.get("cases", [] if "cases" in head else [{}])
+    if "cases" in data:
+        if not isinstance(given, list) or not given:
+            mistakes.note(document.error(("cases",), "must be a list of cases, at least one"))
+            given = []
+        if len(given) > MOST_CASES:
+            raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(given)}")
+        # Also what every case replaces: a mistake is a mistake where nobody looks.
+        try:
+            documents.validate(document, _Shared, shared, context=around)
+        except DocumentError as error:
+            mistakes.note(error)
+            wrong = {str(mistake.path[0]) for mistake in error.mistakes if mistake.path}
+            shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
+    cases = _cases(document, shared, given, around, mistakes)
+    with mistakes.gathered():
+        named = {**head, "cases": [*cases.values()]}
+        study = documents.validate(document, Study, named, context=around)
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_series):
+        with mistakes.gathered():
+            refuse(document, cases)
+    mistakes.refuse(more=more)
+    assert len(study.cases) == len(given)
+    _require_shown(document, study)
+    _refuse_repeated_names(document, study)
+    study = expecting.resolved(document, study)
+    lines = (document.line(("expect", i)) for i in range(len(study.expect or ())))
+    study._expected_at = (document.name, tuple(filter(None, lines)))
+    for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
+        _warn_of(spec)
+    return study
+
+
+def _keys_at_the_top(
+    document: Document, mistakes: documents.Mistakes
+) -> tuple[dict[str, Any], dict[str, Any], int]:
+    """Keys of the study, those of its cases, and how many unknown ones go unreported."""
+    data, allowed = document.data, (*_STUDY_KEYS, *Case.model_fields)
     head = {key: data[key] for key in _STUDY_KEYS[:-1] if key in data}
+    shared = {key: value for key, value in data.items() if key in Case.model_fields}
     unknown = [key for key in data if key not in allowed]
     for key in unknown[: documents.MOST_REPORTED]:
         mistakes.note(document.error((key,), f"unknown key{nearest(key, allowed)}"))
@@ -400,20 +443,17 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
         meant = closest(key, allowed)
         if meant is not None and meant not in data:
             (shared if meant in Case.model_fields else head)[meant] = documents.REPORTED
-    given = data.get("cases", [] if "cases" in head else [{}])
-    if "cases" in data and (not isinstance(given, list) or not given):
-        mistakes.note(document.error(("cases",), "must be a list of cases, at least one"))
-        given = []
-    if len(given) > MOST_CASES:
-        raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(given)}")
-    if "cases" in data:
-        # Also what every case replaces: a mistake is a mistake where nobody looks.
-        try:
-            documents.validate(document, _Shared, shared, context=around)
-        except DocumentError as error:
-            mistakes.note(error)
-            wrong = {mistake.path[0] for mistake in error.mistakes if mistake.path}
-            shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
+    return head, shared, len(unknown[documents.MOST_REPORTED :])
+
+
+def _cases(
+    document: Document,
+    shared: Mapping[str, Any],
+    given: Sequence[Any],
+    around: Surroundings,
+    mistakes: documents.Mistakes,
+) -> dict[int, Case]:
+    """Place → case, of those without a mistake."""
     cases: dict[int, Case] = {}
     count = 0
     for i, case in enumerate(given):
@@ -426,21 +466,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
         if count > _MOST_CELLS:
             mistakes.note(document.error(("cases",), _TOO_MANY_CELLS))
             break
-    with mistakes.gathered():
-        named = {**head, "cases": [*cases.values()]}
-        study = documents.validate(document, Study, named, context=around)
-    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_series):
-        with mistakes.gathered():
-            refuse(document, cases)
-    mistakes.refuse(more=len(unknown[documents.MOST_REPORTED :]))
-    assert len(study.cases) == len(given)
-    _require_shown(document, study)
-    study = expecting.resolved(document, study)
-    lines = tuple(document.line(("expect", i)) for i in range(len(study.expect or ())))
-    study._expected_at = (document.name, tuple(filter(None, lines)))
-    for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
-        _warn_of(spec)
-    return study
+    return cases
 
 
 def _warn_of(spec: ProblemSpec) -> None:
@@ -529,38 +555,32 @@ def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> No
 
 def _require_shown(document: Document, study: Study) -> None:
     """Figures and tables must be of what the study measures."""
-    cases = study.cases
     known: dict[str, Collection[str]] = {
-        "measure": {name: None for case in cases for name in case.measure},
-        "problem": {spec.label: None for case in cases for spec in case.problem},
-        "form": {name: None for case in cases for name in case.form},
+        "measure": {name: None for case in study.cases for name in case.measure},
+        "problem": {spec.label: None for case in study.cases for spec in case.problem},
+        "form": {name: None for case in study.cases for name in case.form},
     }
-    shown: list[tuple[str, int, RuledModel]] = [
-        ("figures", i, figure) for i, figure in enumerate(study.figures or ())
-    ]
-    shown += [("tables", i, table) for i, table in enumerate(study.tables or ())]
-    for kind, i, each in shown:
-        measures = each.measure or ()
-        given = {
-            "measure": (measures,) if isinstance(measures, str) else measures,
-            "problem": each.problem or (),
-            "form": each.form or (),
-        }
-        for key, values in given.items():
-            for value in values:
-                if key == "measure" and set(drawing.needed(value)) & set(known[key]):
-                    continue
-                if value not in known[key]:
-                    raise document.error(
-                        (kind, i, key),
-                        f"{value!r} is not among the study's{nearest(value, known[key])}",
-                    )
-    names: dict[str, int] = {}
-    for i, figure in enumerate(study.figures or ()):
-        if figure.name is not None and names.setdefault(figure.name, i) != i:
-            raise document.error(
-                ("figures", i, "name"), f"{figure.name!r} is the name of another figure"
-            )
+    shown: Iterable[tuple[str, int, RuledModel]] = chain(
+        (("figures", i, figure) for i, figure in enumerate(study.figures or ())),
+        (("tables", i, table) for i, table in enumerate(study.tables or ())),
+    )
+    for (kind, i, each), key in product(shown, known):
+        given = getattr(each, key) or ()
+        for value in (given,) if isinstance(given, str) else given:
+            needed = drawing.needed(value) if key == "measure" else ()
+            if value not in known[key] and not set(needed) & set(known[key]):
+                near = nearest(value, known[key])
+                text = f"{value!r} is not among the study's{near}"
+                raise document.error((kind, i, key), text)
+
+
+def _refuse_repeated_names(document: Document, study: Study) -> None:
+    """Figures that would be one file."""
+    names = [figure.name for figure in study.figures or ()]
+    for i, name in enumerate(names):
+        if name is not None and name in names[:i]:
+            text = f"{name!r} is the name of another figure"
+            raise document.error(("figures", i, "name"), text)
 
 
 def shipped() -> tuple[str, ...]:

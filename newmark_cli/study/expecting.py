@@ -286,6 +286,16 @@ def _is_about(wanted: Any, quantity: str, row_block: str) -> bool:
     )
 
 
+def _names_of_rows(offered: Sequence[_Offered], measure: str) -> dict[str, list[str]]:
+    """Quantities and row blocks that rows of a measure may have; empty where nobody knows."""
+    rows = [case.rows(measure, {}) for case in offered]
+    if None in rows or not any(rows):
+        return {}
+    every = {row for found in rows for row in found or ()}
+    keys = ("quantity", "row_block")
+    return {key: sorted({row[k] for row in every} - {""}) for k, key in enumerate(keys)}
+
+
 def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[_Offered]) -> Any:
     mistakes = Mistakes()
 
@@ -296,31 +306,26 @@ def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[
                 text = f"{value!r} is not among the study's{nearest(value, names)}"
                 mistakes.note(document.error((*path, key), text))
 
+    def chosen_of(given: Any, prefix: str = "") -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Axis → values as spelled in an expectation or its divisor."""
+        for axis in _AXES:
+            if (values := getattr(given, axis.name)) is not None:
+                known = (text for case in offered for text in case.spellings[axis.name])
+                require(prefix + axis.name, values, known)
+                yield axis.name, values
+
     require("measure", [wanted.measure], (name for case in offered for name in case.records))
     choice: dict[str, tuple[str, ...]] = {}
-    for axis in _AXES:
-        if (given := getattr(wanted, axis.name)) is not None:
-            spellings = [case.spellings[axis.name] for case in offered]
-            require(axis.name, given, (text for known in spellings for text in known))
-            labels = (known.get(text, []) for known in spellings for text in given)
-            choice[axis.name] = tuple(dict.fromkeys(chain.from_iterable(labels)))
-    rows = [case.rows(wanted.measure, {}) for case in offered]
-    if any(rows) and None not in rows:
-        for place, key in enumerate(("quantity", "row_block")):
-            known = {row[place] for found in rows for row in found or ()} - {""}
-            require(key, getattr(wanted, key) or (), sorted(known))
+    for name, values in chosen_of(wanted):
+        labels = (case.spellings[name].get(text, []) for case in offered for text in values)
+        choice[name] = tuple(dict.fromkeys(chain.from_iterable(labels)))
+    for key, there in _names_of_rows(offered, wanted.measure).items():
+        require(key, getattr(wanted, key) or (), there)
     if not any(_has(case.h, wanted.h) for case in offered):
-        sizes = (f"{h:g}" for case in offered for h in case.h)
-        require("h", [f"{wanted.h:g}"], sizes)
+        require("h", [f"{wanted.h:g}"], (f"{h:g}" for case in offered for h in case.h))
     over = wanted.over
     if over is not None:
-        divisor = {}
-        for axis in _AXES:
-            if (given := getattr(over, axis.name)) is not None:
-                spellings = [case.spellings[axis.name] for case in offered]
-                require(f"over.{axis.name}", given, (text for known in spellings for text in known))
-                divisor[axis.name] = given
-        over = over.model_copy(update=divisor)
+        over = over.model_copy(update=dict(chosen_of(over, "over.")))
     mistakes.refuse()
     if not any(case.gives(wanted, choice) for case in offered):
         raise document.error(path, "no series of the study has all of this")

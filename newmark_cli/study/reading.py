@@ -100,17 +100,12 @@ def read_csv(
 
 
 def _read_csv(
-    path: Path, columns: Sequence[str], defaults: Mapping[str, str], content: bytes | OSError | None
+    path: Path,
+    columns: Sequence[str],
+    defaults: Mapping[str, str],
+    content: bytes | OSError | None,
 ) -> Table:
-    try:
-        content = files.read(path) if content is None else content
-        if isinstance(content, OSError):
-            raise content
-        text = content.decode("utf-8")
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ResultsError(f"{path}, line 1: not a text file in UTF-8") from None
+    text = _text(path, content)
     try:
         rows, begins = parse_csv(text)
     except csv.Error as error:
@@ -123,18 +118,27 @@ def _read_csv(
         raise ResultsError(f"{path}, line 1: not the columns of a study's CSV: {what}")
     if not text.endswith("\n") or len(rows) < 2:
         raise ResultsError(f"{path}, line {begins[-1]}: truncated; run the study again")
-    for row, line in zip(rows[1:], begins[1:], strict=True):
+    for row, line in zip(rows, begins, strict=True):
         if len(row) != len(header):
             raise ResultsError(
                 f"{path}, line {line}: {len(row)} fields where {len(header)} belong; truncated?"
             )
-    table: dict[str, list[Any]] = {
-        name: list(column) for name, column in zip(header, zip(*rows[1:], strict=True), strict=True)
-    }
-    for name, text in defaults.items():
-        if name not in header:
-            table[name] = [text] * (len(rows) - 1)
-    return Table(table, begins[1:])
+    lacking = {name: [usual] * (len(rows) - 1) for name, usual in defaults.items()}
+    given = dict(zip(header, map(list, zip(*rows[1:], strict=True)), strict=True))
+    return Table(given | {name: lacking[name] for name in lacking if name not in given}, begins[1:])
+
+
+def _text(path: Path, content: bytes | OSError | None) -> str:
+    """The text of a file, whose content may be known."""
+    try:
+        content = files.read(path) if content is None else content
+        if isinstance(content, OSError):
+            raise content
+        return content.decode("utf-8")
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ResultsError(f"{path}, line 1: not a text file in UTF-8") from None
 
 
 def read_texts(path: Path, content: bytes | OSError | None = None) -> Table:
