@@ -127,14 +127,14 @@ _LONGEST_RATE, _IN_TIME, _ALONG = 0.13, 0.3, 0.03
 _SHRINKING = [np.array([STEP_RATIO**-k for k in range(levels)]) for levels in (11, 7)]
 
 
-def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..., None]:
+def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..., None] | None:
     """`newmark_cli.problems.problem.Problem.rates`, by differences in plain Python."""
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
-    missing = len({"constraint_rate", "curvature"} - given.keys())
+    if {"constraint_rate", "curvature"} <= given.keys():
+        return None
 
     def rates(t, u, v, ints, reals, rate, curvature, share=1.0):  # type: ignore[no-untyped-def]
-        if missing:
-            differentiate(t, u, v, rate, curvature, share)  # type: ignore[no-untyped-call]
+        differentiate(t, u, v, rate, curvature, share)  # type: ignore[no-untyped-call]
         if "constraint_rate" in given:
             rate[:] = given["constraint_rate"](u, t)
         if "curvature" in given:

@@ -107,6 +107,7 @@ class Definition:
 
 _FUNCTIONS = ("force", "constraints", "gradient")
 _TANGENTS = ("stiffness", "damping")
+_OPTIONAL = (*_TANGENTS, *constraint_rows.NAMES, "energy")
 
 
 def load(
@@ -232,62 +233,29 @@ def _is_in(code: Any, path: Path) -> bool:
 def from_definition(given: Any, name: str, where: str | _Source = "problem") -> Problem:
     """Problem from a `Definition` or anything with its attributes."""
     source = where if isinstance(where, _Source) else _Source(where)
-    missing = [key for key in ("mass_matrix", "u0", "v0", *_FUNCTIONS) if not hasattr(given, key)]
-    if missing:
-        raise ProblemError(
-            f"{source.name} returned {_described(given)}, which lacks {', '.join(missing)}"
-        )
+    needed = ("mass_matrix", "u0", "v0", *_FUNCTIONS)
+    if missing := ", ".join(key for key in needed if not hasattr(given, key)):
+        raise ProblemError(f"{source.name} returned {_described(given)}, which lacks {missing}")
     u0 = _attribute(given.u0, "u0", source, None)
     n = len(u0)
     v0 = _attribute(given.v0, "v0", source, (n,))
     mass_matrix = _attribute(given.mass_matrix, "mass_matrix", source, (n, n))
-    if not np.allclose(mass_matrix, mass_matrix.T):
-        raise source.error("mass_matrix", "must be symmetric")
-    inertia = np.linalg.eigvalsh(mass_matrix)
-    if inertia[-1] <= 0 or inertia[0] < -1e-13 * inertia[-1]:
-        raise source.error("mass_matrix", "must be positive: it has a negative eigenvalue, or is 0")
     t0 = float(_attribute(getattr(given, "t0", 0.0), "t0", source, ()))
-    chosen = {key: getattr(given, key) for key in _FUNCTIONS}
-    chosen |= {
-        key: getattr(given, key, None) for key in (*_TANGENTS, *constraint_rows.NAMES, "energy")
-    }
-    for key, function in chosen.items():
-        if not (callable(function) or (function is None and key not in _FUNCTIONS)):
-            raise source.error(key, f"must be a function, given {_described(function)}")
-    phi, constraints = _called(chosen["constraints"], (u0, t0), "constraints", source, None)
-    m = len(phi)
-    multipliers = np.linspace(1.0, 2.0, m)
-    _, force_of = _called(chosen["force"], (u0, v0, t0), "force", source, (n,))
-    gradient, gradient_of = _called(chosen["gradient"], (u0, t0), "gradient", source, (n, m))
-    if m == 0 or np.linalg.matrix_rank(gradient) < m:
-        raise source.error(
-            "gradient", f"has a rank below {m} at the start: constraints are redundant",
-            chosen["gradient"],
-        )  # fmt: skip
-    if inertia[0] <= 1e-13 * inertia[-1] and index_1.weightless(mass_matrix, gradient).size:
-        raise source.error(
-            "mass_matrix", "is singular on motions that the constraints allow: at the start the "
-            "accelerations are not determined",
-        )  # fmt: skip
-    functions = {"force": force_of, "constraints": constraints, "gradient": gradient_of}
-    energy = chosen["energy"]
-    if energy is not None:
-        _, energy = _called(energy, (u0, v0, t0), "energy", source, ())
-    tangents: dict[str, Any] = dict.fromkeys(_TANGENTS)
-    calls = {"stiffness": (u0, v0, multipliers, t0), "damping": (u0, v0, t0)}
-    for key in _TANGENTS:
-        if chosen[key] is not None:
-            _, tangents[key] = _called(chosen[key], calls[key], key, source, (n, n))
-    rows: dict[str, Any] = {}
-    for key, (arguments, shape) in _row_calls(u0, v0, t0, m).items():
-        if chosen[key] is not None:
-            _, rows[key] = _called(chosen[key], arguments, key, source, shape)
-    used = [*functions.values(), *filter(None, tangents.values()), *rows.values()]
-    compiled = all(isinstance(f, Dispatcher) for f in used)
+    chosen = {key: getattr(given, key, None) for key in (*_FUNCTIONS, *_OPTIONAL)}
+    used, gradient = _used(chosen, u0, v0, t0, source)
+    m = gradient.shape[1]
+    _require_regular(mass_matrix, gradient, source, chosen["gradient"])
+    functions = {key: used[key] for key in _FUNCTIONS}
+    tangents = {key: used.get(key) for key in _TANGENTS}
+    rows = {key: used[key] for key in constraint_rows.NAMES if key in used}
+    energy = used.get("energy")
+    compiled = all(isinstance(f, Dispatcher) for key, f in used.items() if key != "energy")
     compile_ = njit if compiled else differences.as_it_is
     quadratic = bool(getattr(given, "quadratic", False))
-    x_rows, x_columns = (index.ravel().astype(np.int64) for index in np.indices((n, n)))
-    g_rows, g_columns = (index.ravel().astype(np.int64) for index in np.indices((n, m)))
+    places, of_g = (
+        [index.ravel().astype(np.int64) for index in np.indices(shape)]
+        for shape in ((n, n), (n, m))
+    )
     problem = Problem(
         name=name,
         u0=u0,
@@ -298,29 +266,58 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         derivatives=constraint_rows.derivatives(functions, rows, compile_, quadratic),
         ints=np.zeros((1, 1), np.int64),
         reals=np.zeros((1, 1)),
-        pattern=Pattern(x_rows, x_columns, x_rows, x_columns, x_rows, x_columns, g_rows, g_columns),
+        pattern=Pattern(*places, *places, *places, *of_g),
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
         quadratic=quadratic,
         potential=None if energy is None else _potential(energy, mass_matrix),
         coordinates_given=_names(given, "coordinate_names", n, source),
         constraints_given=tuple((name,) for name in _names(given, "constraint_names", m, source)),
-        rows_given="exact"
-        if quadratic or len(rows) == len(constraint_rows.NAMES)
-        else "differences",
-        rates=(
-            None
-            if {"constraint_rate", "curvature"} <= rows.keys()
-            else constraint_rows.rates(functions, rows)
+        rows_given=(
+            "exact" if quadratic or rows.keys() == {*constraint_rows.NAMES} else "differences"
         ),
+        rates=constraint_rows.rates(functions, rows),
     )
-    given_twice = {key: f for key, f in (tangents | rows | {"energy": energy}).items() if f}
+    given_twice = {key: f for key, f in used.items() if key not in _FUNCTIONS}
     agreement = Agreement(problem, functions, given_twice, lambda key: source.of(key, chosen[key]))
     agreement.at_load()
     if problem.quadratic:
         _require_quadratic(problem, functions, source, chosen["constraints"])
     _require_consistent(problem, gradient, source)
     return replace(problem, reached=agreement.reached)
+
+
+def _used(
+    chosen: Mapping[str, Any], u: Array, v: Array, t: float, source: _Source
+) -> tuple[dict[str, Any], Array]:
+    """Functions of a definition, as they return arrays, and G at the start."""
+    for key, function in chosen.items():
+        if not (callable(function) or (function is None and key not in _FUNCTIONS)):
+            raise source.error(key, f"must be a function, given {_described(function)}")
+    phi, constraints = _called(chosen["constraints"], (u, t), "constraints", source, None)
+    used, values = {"constraints": constraints}, {}
+    for key, (arguments, shape) in _calls(u, v, t, len(phi)).items():
+        if chosen[key] is not None:
+            values[key], used[key] = _called(chosen[key], arguments, key, source, shape)
+    return used, values["gradient"]
+
+
+def _require_regular(mass: Array, gradient: Array, source: _Source, function: Any) -> None:
+    """M and G that determine accelerations at the start."""
+    if not np.allclose(mass, mass.T):
+        raise source.error("mass_matrix", "must be symmetric")
+    inertia = np.linalg.eigvalsh(mass)
+    if inertia[-1] <= 0 or inertia[0] < -1e-13 * inertia[-1]:
+        raise source.error("mass_matrix", "must be positive: it has a negative eigenvalue, or is 0")
+    m = gradient.shape[1]
+    if m == 0 or np.linalg.matrix_rank(gradient) < m:
+        text = f"has a rank below {m} at the start: constraints are redundant"
+        raise source.error("gradient", text, function)
+    if inertia[0] <= 1e-13 * inertia[-1] and index_1.weightless(mass, gradient).size:
+        raise source.error(
+            "mass_matrix", "is singular on motions that the constraints allow: at the start the "
+            "accelerations are not determined",
+        )  # fmt: skip
 
 
 def _names(given: Any, key: str, count: int, source: _Source) -> tuple[str, ...]:
@@ -341,14 +338,19 @@ def _names(given: Any, key: str, count: int, source: _Source) -> tuple[str, ...]
     return names
 
 
-def _row_calls(
+def _calls(
     u: Array, v: Array, t: float, m: int
 ) -> dict[str, tuple[tuple[Any, ...], tuple[int, ...]]]:
-    """Arguments of each function of a term of Φ' or Φ'' at a state, and its shape."""
+    """Arguments of each function but the constraints at a state, and the shape of its value."""
     n = len(u)
     # An acceleration that changes u by its own size within a second.
     w = np.full(n, float(np.abs(u).max()) or 1.0)
     return {
+        "force": ((u, v, t), (n,)),
+        "gradient": ((u, t), (n, m)),
+        "energy": ((u, v, t), ()),
+        "stiffness": ((u, v, np.linspace(1.0, 2.0, m), t), (n, n)),
+        "damping": ((u, v, t), (n, n)),
         "constraint_rate": ((u, t), (m,)),
         "curvature": ((u, v, t), (m,)),
         "rate_gradient": ((u, v, t), (n, m)),
