@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from newmark_cli.study import axes, results
@@ -83,20 +82,16 @@ class Table:
 
 
 def read_csv(
-    path: Path,
-    columns: Sequence[str],
-    defaults: Mapping[str, str] = MappingProxyType({}),
-    content: bytes | OSError | None = None,
+    path: Path, columns: Sequence[str], content: bytes | OSError | None = None
 ) -> "pd.DataFrame":
     """A CSV as text, cell by cell; its index is the line in which each row begins, from 1.
 
-    Its header must have these columns in this order, but for those with defaults, and its content
-    may be known already.
+    Its header must have these columns in this order, and its content may be known already.
 
     Raises:
         ResultsError: When the file is missing, truncated or of another schema.
     """
-    return _read_csv(path, columns, defaults, content).frame()
+    return _read_csv(path, columns, {}, content).frame()
 
 
 def _read_csv(
@@ -105,6 +100,7 @@ def _read_csv(
     defaults: Mapping[str, str],
     content: bytes | OSError | None,
 ) -> Table:
+    """Rows of a CSV, whose header may lack the columns that have a default."""
     text = _text(path, content)
     try:
         rows, begins = parse_csv(text)
@@ -141,11 +137,6 @@ def _text(path: Path, content: bytes | OSError | None) -> str:
         raise ResultsError(f"{path}, line 1: not a text file in UTF-8") from None
 
 
-def read_texts(path: Path, content: bytes | OSError | None = None) -> Table:
-    """Rows of one study's CSV as text; see `read_csv`."""
-    return _read_csv(path, COLUMNS, results.DEFAULTS, content)
-
-
 def read_study(path: Path) -> "pd.DataFrame":
     """Rows of one study's CSV."""
     return read_rows(path).frame()
@@ -154,7 +145,7 @@ def read_study(path: Path) -> "pd.DataFrame":
 def read_rows(path: Path) -> Table:
     """`read_study` without pandas, which takes longer to import than most CSVs to read."""
     contents = results.read(path)
-    texts = read_texts(path, contents[path])
+    texts = _read_csv(path, COLUMNS, results.DEFAULTS, contents[path])
     columns, lines = dict(texts.columns), texts.lines
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in dict.fromkeys(columns[axis.name])}

@@ -168,49 +168,47 @@ SERIES_FOLDERS = ("history", "drift", "trajectory")
 
 def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of multipliers and outputs: a row for each cell and recorded step; or empty."""
-    recording = [
-        (cell, outcome.history)
-        for cell, outcome in zip(cells, outcomes, strict=True)
-        if outcome.history
-    ]
-    problems = {cell.problem for cell, _ in recording}
-    of_problem = {spec: over_time(spec.load()) for spec in problems}
-    each = dict.fromkeys(name for cell, _ in recording for name in of_problem[cell.problem])
-    names = sorted(each, key=lambda name: not name.startswith(LAMBDA))
-    return _over_time(study, recording, names, [of_problem[cell.problem] for cell, _ in recording])
+    of_problem = {
+        spec: over_time(spec.load())
+        for spec in {cell.problem for cell, o in zip(cells, outcomes, strict=True) if o.history}
+    }
+    recorded = [outcome.history for outcome in outcomes]
+    names = [of_problem.get(cell.problem, ()) for cell in cells]
+    return _over_time(study, cells, recorded, names)
 
 
 def drift_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
     """CSV of the recorded drifts: a row for each cell and recorded step; or empty."""
-    recording = [
-        (cell, outcome.drift)
-        for cell, outcome in zip(cells, outcomes, strict=True)
-        if outcome.drift
-    ]
-    return _over_time(study, recording, DRIFTS, [DRIFTS] * len(recording))
+    return _over_time(
+        study, cells, [outcome.drift for outcome in outcomes], [DRIFTS] * len(outcomes)
+    )
 
 
 def _over_time(
     study: str,
-    recording: Sequence[tuple[Cell, Sequence[tuple[int, Array]]]],
-    names: Sequence[str],
-    of_cells: Sequence[Sequence[str]],
+    cells: Sequence[Cell],
+    recorded: Sequence[Sequence[tuple[int, Array]]],
+    names: Sequence[Sequence[str]],
 ) -> str:
-    """CSV of values of these names: a row for each cell and recorded step; or empty."""
-    if not recording:
+    """CSV of what cells recorded, values by their names; or empty."""
+    parts = [
+        (cell, own, steps) for cell, own, steps in zip(cells, names, recorded, strict=True) if steps
+    ]
+    if not parts:
         return ""
-    labels = [axes.labels(cell) for cell, _ in recording]
-    columns = (*HISTORY_COLUMNS, *told_apart(labels), *names)
+    every = dict.fromkeys(name for _, own, _ in parts for name in own)
+    ordered = sorted(every, key=lambda name: not name.startswith(LAMBDA))
+    labels = [axes.labels(cell) for cell, _, _ in parts]
     # Row by row: there may be millions of values.
     table = (
         {"study": study}
         | label
         | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
         | dict(zip(own, values.tolist(), strict=False))
-        for label, own, (cell, recorded) in zip(labels, of_cells, recording, strict=True)
-        for step, values in recorded
+        for label, (cell, own, steps) in zip(labels, parts, strict=True)
+        for step, values in steps
     )
-    return csv_text(columns, table)
+    return csv_text((*HISTORY_COLUMNS, *told_apart(labels), *ordered), table)
 
 
 def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
