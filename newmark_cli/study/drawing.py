@@ -3,12 +3,14 @@
 Plain values, without pydantic: those who read a study's record need them too.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from newmark_cli.study import axes
 from newmark_cli.study.measures import ERROR, MEASURES, RECORDS
+
+Entry = TypeVar("Entry")
 
 #: Error against work: made from the rows of `error` and the operations in the record.
 WORK_PRECISION = "work-precision"
@@ -99,13 +101,16 @@ def definitions(config: Any) -> list[Definition] | None:
     Raises:
         ValueError: When they are not as a run has written them.
     """
-    given = config.get("figures") if isinstance(config, Mapping) else None
-    if given is None:
-        return None
+    return entries(config, "figures", _definition)
+
+
+def entries(config: Any, key: str, read: Callable[[Any], Entry]) -> list[Entry] | None:
+    """Entries of a list in a config, as `read` has them; None where it has no such list."""
+    given = config.get(key) if isinstance(config, Mapping) else None
     try:
-        return [_definition(entry) for entry in given]
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"figures: not as written by a run: {error}") from None
+        return None if given is None else [read(entry) for entry in given]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{key}: not as written by a run: {error}") from None
 
 
 def _definition(entry: Mapping[str, Any]) -> Definition:

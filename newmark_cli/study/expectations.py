@@ -6,10 +6,11 @@ Plain values, without pydantic: those who read a study's record need them too.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import chosen
+from newmark_cli.study.drawing import chosen, entries
 from newmark_cli.study.measures import RECORDS
 
 
@@ -69,11 +70,8 @@ def expectations(config: Any) -> list[Expectation]:
     Raises:
         ValueError: When they are not as a run has written them.
     """
-    given = config.get("expect") if isinstance(config, Mapping) else None
-    try:
-        return [_expectation(i, entry) for i, entry in enumerate(given or (), start=1)]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"expect: not as written by a run: {error}") from None
+    number = count(1)
+    return entries(config, "expect", lambda entry: _expectation(next(number), entry)) or []
 
 
 def _expectation(number: int, entry: Mapping[str, Any]) -> Expectation:

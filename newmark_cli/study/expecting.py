@@ -89,6 +89,11 @@ def unknown(
             yield misfit("quantity", f"{measure} has no {quantity!r}{near}")
 
 
+def optional(kind: Any, about: str) -> tuple[Any, Any]:
+    """Key that may be left out."""
+    return kind | None, Field(None, description=about)
+
+
 def chosen(axis: Axis) -> tuple[Any, Any]:
     """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
     assert axis.config is not None
@@ -113,7 +118,7 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
         Annotated[item, WrapValidator(read), PlainSerializer(str), Shown(written)]  # type: ignore[valid-type]
     ]
     about = f"{axis.title} of the series, as in a case or as in the CSV; any when omitted"
-    return values | None, Field(None, description=about)
+    return optional(values, about)
 
 
 def _label(axis: Axis, value: Any) -> str:
@@ -142,60 +147,33 @@ else:
         "OverConfig",
         __base__=StrictModel,
         __doc__="What the values of a series are divided by: where the divisor differs from it.",
-        quantity=_one((Quantities | None, None)),
+        quantity=_one(optional(Quantities, "")),
         **{axis.name: _one(chosen(axis)) for axis in _AXES},
-        h=(Positive | None, Field(None, description="step size of the divisor (s)")),
+        h=optional(Positive, "step size of the divisor (s)"),
     )
     ExpectConfig = create_model(
         "ExpectConfig",
         __base__=_Rules,
         __doc__="A slope or a level that series of the study must have.",
         measure=(Recorded, Field(description="kind of rows, as the CSV's column `measure`")),
-        quantity=(Quantities | None, Field(None, description="quantities; any when omitted")),
+        quantity=optional(Quantities, "quantities; any when omitted"),
         **{axis.name: chosen(axis) for axis in _AXES},
-        row_block=(
-            RowBlocks | None,
-            Field(None, description="perturbed rows of sensitivities; any when omitted"),
+        row_block=optional(RowBlocks, "perturbed rows of sensitivities; any when omitted"),
+        slope=optional(Number, "order of the values in h"),
+        within=optional(
+            Positive, "largest |fitted − slope|; the tolerance of the measure when omitted"
         ),
-        slope=(Number | None, Field(None, description="order of the values in h")),
-        within=(
-            Positive | None,
-            Field(
-                None,
-                description="largest |fitted − slope|; the tolerance of the measure when omitted",
-            ),
+        at_most=optional(Annotated[Number, Field(ge=0)], "largest value"),
+        at_least=optional(Positive, "smallest value"),
+        h=optional(Positive, "step size of at_most and at_least (s); every one if omitted"),
+        over=optional(
+            OverConfig, "what the values are divided by: at_most and at_least bound the quotients"
         ),
-        at_most=(
-            Annotated[Number, Field(ge=0)] | None,
-            Field(None, description="largest value"),
-        ),
-        at_least=(Positive | None, Field(None, description="smallest value")),
-        h=(
-            Positive | None,
-            Field(None, description="step size of at_most and at_least (s); every one if omitted"),
-        ),
-        over=(
-            OverConfig | None,
-            Field(None, description="what the values are divided by: at_most and at_least bound "
-                  "the quotients"),
-        ),
-        spread=(
-            Positive | None,
-            Field(None, description="largest (max − min)/min of the values over the step sizes"),
-        ),
-        status=(
-            Literal[STATUSES] | None,
-            Field(None, description="how the cell at the smallest step size ends"),
-        ),
-        figure=(
-            Word | None,
-            Field(None, description="figure that shows it: `check` lists it as a claim of that"),
-        ),
-        label=(
-            OneLine | None,
-            Field(None, description="how `check` names the series; made from its axes if omitted"),
-        ),
-    )  # fmt: skip
+        spread=optional(Positive, "largest (max − min)/min of the values over the step sizes"),
+        status=optional(Literal[STATUSES], "how the cell at the smallest step size ends"),
+        figure=optional(Word, "figure that shows it: `check` lists it as a claim of that"),
+        label=optional(OneLine, "how `check` names the series; made from its axes if omitted"),
+    )
 
 Expectations = Annotated[tuple[ExpectConfig, ...], Field(min_length=1, max_length=_MOST)]
 

@@ -7,7 +7,7 @@ from pydantic import Field, Strict, create_model
 from pydantic_core import PydanticCustomError
 
 from newmark_cli.study import axes, drawing
-from newmark_cli.study.expecting import chosen, unknown
+from newmark_cli.study.expecting import chosen, optional, unknown
 from newmark_cli.study.keys import (
     Compared,
     Forms,
@@ -80,17 +80,13 @@ class _Rules(RuledModel):
 def series_keys() -> dict[str, Any]:
     """Keys that choose rows by an axis."""
     return {
-        "quantity": (Quantities | None, Field(None, description="quantities; default: all")),
+        "quantity": optional(Quantities, "quantities; default: all"),
         **{axis.name: chosen(axis) for axis in _AXES},
-        "row_block": (
-            RowBlocks | None,
-            Field(None, description="perturbed rows of sensitivities; default: all"),
+        "row_block": optional(RowBlocks, "perturbed rows of sensitivities; default: all"),
+        "problem": optional(
+            OneOrMore[Annotated[str, Strict()]], "problems to show, as in the CSV; default: all"
         ),
-        "problem": (
-            OneOrMore[Annotated[str, Strict()]] | None,
-            Field(None, description="problems to show, as in the CSV; default: all"),
-        ),
-        "form": (Forms | None, Field(None, description="forms to show; default: all")),
+        "form": optional(Forms, "forms to show; default: all"),
     }
 
 
@@ -101,90 +97,60 @@ else:
         "CurveConfig",
         __base__=StrictModel,
         __doc__="Series of a figure: the axes in which they differ from what the figure shows.",
-        label=(
-            OneLine | None,
-            Field(None, description="name in the legend; made from the axes in series if omitted"),
-        ),
-        panel=(OneLine | None, Field(None, description="title of the panel that it stands in")),
-        color=(OneLine | None, Field(None, description="colour, as matplotlib writes it")),
-        marker=(OneLine | None, Field(None, description="marker, as matplotlib writes it")),
+        label=optional(OneLine, "name in the legend; made from the axes in series if omitted"),
+        panel=optional(OneLine, "title of the panel that it stands in"),
+        color=optional(OneLine, "colour, as matplotlib writes it"),
+        marker=optional(OneLine, "marker, as matplotlib writes it"),
         **series_keys(),
     )
     FigureConfig = create_model(
         "FigureConfig",
         __base__=_Rules,
         __doc__="A figure of the study: the rows that it shows, and how it arranges them.",
-        measure=(
-            Showable | None,
-            Field(None, description="what it shows; only drawings of mechanisms do without"),
+        measure=optional(Showable, "what it shows; only drawings of mechanisms do without"),
+        kind=optional(
+            Literal[drawing.KINDS],
+            "how: against the step size (orders) or the work, over time (history, drift), "
+            "or a drawing of the problem (mechanism); default: orders, or work for work-precision",
         ),
-        kind=(
-            Literal[drawing.KINDS] | None,
-            Field(
-                None,
-                description="how: against the step size (orders) or the work, over time (history, "
-                "drift), or a drawing of the problem (mechanism); default: orders, or work for "
-                "work-precision",
-            ),
+        series=optional(
+            Compared, "axes that tell the series of a panel apart; default: the most varied"
         ),
-        series=(
-            Compared | None,
-            Field(None, description="axes that tell the series of a panel apart; default: the "
-                  "most varied"),
-        ),
-        panels=(
-            Compared | None,
-            Field(None, description="axes that tell panels apart; default: what else varies"),
-        ),
+        panels=optional(Compared, "axes that tell panels apart; default: what else varies"),
         **series_keys(),
-        initial=(
-            Literal["start"] | None,
-            Field(None, description="start: what was measured at the initial state"),
+        initial=optional(Literal["start"], "start: what was measured at the initial state"),
+        title=optional(
+            OneLine | Literal[""], "title; made from what it shows when omitted; none for none"
         ),
-        title=(
-            OneLine | Literal[""] | None,
-            Field(None, description="title; made from what it shows when omitted; none for none"),
+        name=optional(Name, "name of its files, behind that of the study"),
+        figure=optional(
+            Word,
+            "number or word by which `plot` knows it; its files are figure-<n>, and it names "
+            "all its series",
         ),
-        name=(
-            Name | None, Field(None, description="name of its files, behind that of the study")
+        curves=optional(
+            Annotated[tuple[CurveConfig, ...], Field(min_length=1, max_length=_MOST_CURVES)],
+            "its series one by one, in the order of the legend",
         ),
-        figure=(
-            Word | None,
-            Field(None, description="number or word by which `plot` knows it; its files are "
-                  "figure-<n>, and it names all its series"),
+        labels=optional(
+            Texts, "names of values in legends and titles of panels, such as {none: no scaling}"
         ),
-        curves=(
-            Annotated[tuple[CurveConfig, ...], Field(min_length=1, max_length=_MOST_CURVES)] | None,
-            Field(None, description="its series one by one, in the order of the legend"),
+        colors=optional(Texts, "colours of series, by a value of theirs or by their label"),
+        style=optional(
+            Style,
+            "settings of matplotlib for this figure; axes.prop_cycle has lists: {color: [k, r]}",
         ),
-        labels=(
-            Texts | None,
-            Field(None, description="names of values in legends and titles of panels, such as "
-                  "{none: no scaling}"),
+        note=optional(OneLine, "what stands above the legend"),
+        columns=optional(
+            Annotated[int, Strict(), Field(ge=1, le=8), WHOLE],
+            "panels side by side; default: as suits their number",
         ),
-        colors=(
-            Texts | None,
-            Field(None, description="colours of series, by a value of theirs or by their label"),
+        h=optional(Positive, "step size of values over time (s); default: the smallest"),
+        within=optional(
+            Positive,
+            "largest |fitted − predicted slope| of its series, which `check` then prints; default: "
+            "the tolerance of their measure",
         ),
-        style=(
-            Style | None,
-            Field(None, description="settings of matplotlib for this figure; axes.prop_cycle has "
-                  "lists: {color: [k, r]}"),
-        ),
-        note=(OneLine | None, Field(None, description="what stands above the legend")),
-        columns=(
-            Annotated[int, Strict(), Field(ge=1, le=8), WHOLE] | None,
-            Field(None, description="panels side by side; default: as suits their number"),
-        ),
-        h=(
-            Positive | None,
-            Field(None, description="step size of values over time (s); default: the smallest"),
-        ),
-        within=(
-            Positive | None,
-            Field(None, description="largest |fitted − predicted slope| of its series, which "
-                  "`check` then prints; default: the tolerance of their measure"),
-        ),
-    )  # fmt: skip
+    )
 
 Figures = Annotated[tuple[FigureConfig, ...], Field(min_length=1, max_length=_MOST_FIGURES)]

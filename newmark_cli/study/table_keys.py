@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, create_model
 from pydantic_core import PydanticCustomError
 
+from newmark_cli.study.expecting import optional
 from newmark_cli.study.figure_keys import series_keys
 from newmark_cli.study.keys import OneLine, OneOrMore, Recorded, TableValues, Tabulated, Word
 from newmark_cli.support.documents import RuledModel, StrictModel, misfit
@@ -27,14 +28,8 @@ class _Rules(RuledModel):
 def _series() -> dict[str, Any]:
     """Keys that choose series."""
     return {
-        "measure": (
-            OneOrMore[Recorded] | None,
-            Field(None, description="kinds of rows of the CSV; default: all"),
-        ),
-        "initial": (
-            Literal["start"] | None,
-            Field(None, description="start: what was measured at the initial state"),
-        ),
+        "measure": optional(OneOrMore[Recorded], "kinds of rows of the CSV; default: all"),
+        "initial": optional(Literal["start"], "start: what was measured at the initial state"),
         **series_keys(),
     }
 
@@ -53,26 +48,20 @@ else:
         "TableConfig",
         __base__=_Rules,
         __doc__="A table of fitted orders, one for each combination of what else varies.",
-        rows=(
-            Tabulated | None,
-            Field(None, description="axes that tell rows apart; default, of a list: what varies"),
+        rows=optional(Tabulated, "axes that tell rows apart; default, of a list: what varies"),
+        columns=optional(
+            Tabulated,
+            "axes that tell columns apart; without them and headings each series has a "
+            "row, and its values are the columns",
         ),
-        columns=(
-            Tabulated | None,
-            Field(None, description="axes that tell columns apart; without them and headings "
-                  "each series has a row, and its values are the columns"),
+        headings=optional(
+            Annotated[tuple[HeadingConfig, ...], Field(min_length=1, max_length=40)],
+            "the columns one by one",
         ),
-        headings=(
-            Annotated[tuple[HeadingConfig, ...], Field(min_length=1, max_length=40)] | None,
-            Field(None, description="the columns one by one"),
-        ),
-        values=(
-            TableValues | None,
-            Field(None, description="what it says of each series; default: predicted and fitted"),
-        ),
-        title=(OneLine | None, Field(None, description="what it shows")),
-        table=(Word | None, Field(None, description="number or word of its files")),
+        values=optional(TableValues, "what it says of each series; default: predicted and fitted"),
+        title=optional(OneLine, "what it shows"),
+        table=optional(Word, "number or word of its files"),
         **_series(),
-    )  # fmt: skip
+    )
 
 Tables = Annotated[tuple[TableConfig, ...], Field(min_length=1, max_length=40)]

@@ -59,11 +59,7 @@ def layouts(config: Any) -> list[Layout]:
     Raises:
         ValueError: When they are not as a run has written them.
     """
-    given = config.get("tables") if isinstance(config, Mapping) else None
-    try:
-        return [_layout(entry) for entry in given or ()]
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ValueError(f"tables: not as written by a run: {error}") from None
+    return drawing.entries(config, "tables", _layout) or []
 
 
 def _layout(entry: Mapping[str, Any]) -> Layout:
