@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -58,44 +58,35 @@ def motion(
     h: float | None = None,
     integrator: Integrator = DAMPED,
 ) -> Motion:
-    """Positions along the motion, in the (u, λ) form with optimal scaling."""
-    if h is not None:
-        if not t_end / h <= _MOST_STEPS:
-            raise InputError(f"more than {_MOST_STEPS} steps to t = {t_end:g} with h = {h:g}")
-        return _judged(
-            problem, t_end, frames, max(round(t_end / h), frames - 1), integrator, halvings=0
-        )
-    return _judged(problem, t_end, frames, max(_STEPS, frames - 1), integrator, _HALVINGS)
+    """Positions along the motion, in the (u, λ) form with optimal scaling.
 
-
-def _judged(
-    problem: Problem, t_end: float, frames: int, steps: int, integrator: Integrator, halvings: int
-) -> Motion:
-    """The motion with so many steps, compared with half as many; finer while that shows."""
-    coarse: Motion | None = None
-    try:
-        coarse = _marched(problem, t_end, frames, max(steps // 2, frames - 1), integrator)
-    except InputError:
-        if not halvings:
-            raise
-    for attempt in range(halvings + 1):
-        last = attempt == halvings
+    Compared with those at twice the step size; without one finer while a difference shows.
+    """
+    if h is not None and not t_end / h <= _MOST_STEPS:
+        raise InputError(f"more than {_MOST_STEPS} steps to t = {t_end:g} with h = {h:g}")
+    steps, halvings = (_STEPS, _HALVINGS) if h is None else (round(t_end / h), 0)
+    steps = max(steps, frames - 1)
+    tries = [max(steps // 2, frames - 1), *(steps << halving for halving in range(halvings + 1))]
+    found: Motion | None = None
+    for count in tries:
         try:
-            fine = _marched(problem, t_end, frames, steps << attempt, integrator)
+            fine = _marched(problem, t_end, frames, count, integrator)
         except InputError:
-            if last:
+            if count == tries[-1] or not halvings:
                 raise
             continue
-        error = math.inf
-        if coarse is not None:
-            size = max(float(np.abs(u).max()) for u in fine.positions) or 1.0
-            pairs = zip(coarse.positions, fine.positions, strict=True)
-            error = max(float(np.abs(a - b).max()) for a, b in pairs) / size
-        coarse = Motion(fine.positions, fine.h, error, fine.invariant)
-        if last or not coarse.doubt:
+        found = replace(fine, error=_apart(found, fine) if found else math.inf)
+        if not found.doubt:
             break
-    assert coarse is not None
-    return coarse
+    assert found is not None
+    return found
+
+
+def _apart(coarse: Motion, fine: Motion) -> float:
+    """Largest difference of the positions, relative to the largest coordinate."""
+    size = max(float(np.abs(u).max()) for u in fine.positions) or 1.0
+    pairs = zip(coarse.positions, fine.positions, strict=True)
+    return max(float(np.abs(a - b).max()) for a, b in pairs) / size
 
 
 def _marched(
@@ -104,34 +95,27 @@ def _marched(
     h = t_end / steps
     try:
         with np.errstate(all="ignore"):
-            return _marched_with(problem, h, frames, steps, integrator)
+            march = March(problem, _scheme(integrator, h))
+            recorder = Recorder(march, most=frames)
+            recorder.keep_here()
+            for stretch in march.recorded(steps, _spread(steps, frames)):
+                recorder.took(stretch)
+                failed = march.ending != COMPLETED or not recorder.finite
+                if failed or np.any(stretch.iterations < 0):
+                    raise InputError(
+                        f"the march fails before t = {march.t - problem.t0:g} with h = {h:g}: "
+                        "Newton's iteration does not converge; try a smaller --h, or the motion "
+                        "ends there"
+                    )
+            found, worst = recorder.trajectory(), 0.0
+            states = zip(found.t.tolist(), found.u, found.v, strict=True)
+            for state in islice(states, 1, None):
+                for each in misfits(problem, *state).values():
+                    worst = max(worst, each.error / float(each.sizes[0]) if each.error else 0.0)
+            return Motion([*found.u], h, math.inf, worst)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         why = error.args[-1] if error.args else type(error).__name__
         raise InputError(f"no march to t = {t_end:g} with h = {h:g}: {why}") from None
-
-
-def _marched_with(
-    problem: Problem, h: float, frames: int, steps: int, integrator: Integrator
-) -> Motion:
-    march = March(problem, _scheme(integrator, h))
-    recorder = Recorder(march, most=frames)
-    recorder.keep_here()
-    for stretch in march.recorded(steps, _spread(steps, frames)):
-        recorder.took(stretch)
-        failed = march.ending != COMPLETED or not recorder.finite
-        if failed or np.any(stretch.iterations < 0):
-            raise InputError(
-                f"the march fails before t = {march.t - problem.t0:g} with h = {h:g}: Newton's "
-                "iteration does not converge; try a smaller --h, or the motion ends there"
-            )
-    found, worst = recorder.trajectory(), 0.0
-    states = zip(found.t.tolist(), found.u, found.v, strict=True)
-    for state in islice(states, 1, None):
-        kept = misfits(problem, *state).values()
-        worst = max(
-            worst, *(each.error / float(each.sizes[0]) if each.error else 0.0 for each in kept)
-        )
-    return Motion([*found.u], h, math.inf, worst)
 
 
 def _scheme(integrator: Integrator, h: float) -> Scheme:
