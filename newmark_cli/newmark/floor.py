@@ -131,9 +131,9 @@ class _Results:
         self._per_unit = np.divide(1.0, self.unit, out=np.zeros_like(self.unit), where=self._rounds)
         self._phase = random.uniform(-0.5, 0.5, size=self.unit.shape)
 
-    def lie(self, off: Array, where: Any = True) -> None:
+    def lie(self, off: Array) -> None:
         """Let exact results lie so far from the machine number that `rounded` counts from."""
-        self._phase = np.where(where, off * self._per_unit, self._phase)
+        self._phase = off * self._per_unit
 
     def lie_like(self, others: "_Results", where: Any) -> None:
         """Let exact results lie between machine numbers as others do."""

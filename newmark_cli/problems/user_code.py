@@ -20,6 +20,7 @@ from importlib.machinery import (
 )
 from pathlib import Path, PurePath
 from types import CodeType, ModuleType
+from typing import Any
 
 from newmark_cli.support import apart, errors
 from newmark_cli.support.errors import one_line
@@ -28,12 +29,6 @@ from newmark_cli.support.errors import one_line
 _importing = threading.RLock()
 #: Folders of installed packages.
 _INSTALLED = frozenset(("site-packages", "dist-packages"))
-#: What keeps machine code: module, class, and its attribute for the function.
-_CACHES = (
-    ("numba.core.dispatcher", "Dispatcher", "py_func"),
-    ("numba.core.ccallback", "CFunc", "_pyfunc"),
-    ("numba.np.ufunc.ufuncbuilder", "UFuncDispatcher", "py_func"),
-)
 #: File of the user's, as tracebacks name it → as the user spells it.
 _spelled: dict[str, str] = {}
 #: Most characters of an error that `described` returns.
@@ -180,22 +175,16 @@ def _no_cache(folder: Path) -> Iterator[None]:
 
     Numba's ``cache=True`` would bring back code of a module that has changed since.
     """
-    kept = []
-    for module, name, attribute in _CACHES:
-        owner = getattr(importlib.import_module(module), name)
+    owner: Any = importlib.import_module("numba.core.dispatcher").Dispatcher
+    enable = owner.enable_caching
 
-        def enable_elsewhere(
-            dispatcher: object, enable: object = owner.enable_caching, attribute: str = attribute
-        ) -> None:
-            file = Path(getattr(dispatcher, attribute).__code__.co_filename)
-            theirs = file.absolute().is_relative_to(folder)
-            if not theirs or _INSTALLED.intersection(file.parts):
-                enable(dispatcher)  # type: ignore[operator]
+    def enable_elsewhere(dispatcher: Any) -> None:
+        file = Path(dispatcher.py_func.__code__.co_filename).absolute()
+        if not file.is_relative_to(folder) or _INSTALLED.intersection(file.parts):
+            enable(dispatcher)
 
-        kept.append((owner, owner.enable_caching))
-        owner.enable_caching = enable_elsewhere
+    owner.enable_caching = enable_elsewhere
     try:
         yield
     finally:
-        for owner, enable in kept:
-            owner.enable_caching = enable
+        owner.enable_caching = enable
