@@ -1,18 +1,33 @@
-"""What builders of mechanisms in the plane and in space have in common."""
+"""What builders of mechanisms in the plane and in space have in common.
+
+A key of a mechanism file whose values are parts by name, such as ``springs``, is a method of a
+builder, ``_springs``, which makes rows and forces of one.
+"""
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple
 
-from newmark_cli.mechanisms import laws
-from newmark_cli.mechanisms.models import Law
-from newmark_cli.problems.problem import Problem
+import numpy as np
+
+from newmark_cli.mechanisms import elements, laws, table
+from newmark_cli.mechanisms.models import Law, MechanismModel
+from newmark_cli.mechanisms.table import Element, Term
+from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
-from newmark_cli.support.arrays import Array
+from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import Document, DocumentError, KeyPath
 from newmark_cli.support.spelling import nearest
+
+#: What adds forces in Python to a problem.
+Code = Callable[[Problem, Sequence[Push]], Problem]
+#: Largest misfit of a start, relative to the length it is a misfit of: data are rounded.
+MISFIT = 1e-12
+#: Kinds of parts under whose name others refer to them.
+_ALIASES = {"body_points": "points"}
 
 
 class Follows(Exception):
@@ -43,17 +58,18 @@ class Row(NamedTuple):
         return ".".join(map(str, self.parts))
 
 
-def apart(length: float, misfit: float) -> str:
-    """A distance in so many digits that its misfit from a length shows."""
-    digits = 12 if abs(misfit) > 1e-9 * length else 16
-    return f"{length + misfit:.{digits}g}"
+class Sum(NamedTuple):
+    """A combination of vectors of a mechanism: what is constant of it, and its terms."""
+
+    constant: Sequence[float] | Array
+    terms: Sequence[Term]
 
 
 class Builder(ABC):
     """Turns a mechanism into the tables of an element loop.
 
-    A mistake in one part does not keep the others from being looked at; `problem` raises
-    all of them together.
+    A mistake in one part does not keep the others from being looked at; all of them are raised
+    together.
 
     Attributes:
         name: Of the problem.
@@ -63,26 +79,69 @@ class Builder(ABC):
         broken: Kind and name of what has a mistake: a reference to it is not another one.
         rows: All constraints.
         squares: Squares of lengths, of constraints ½ (|Δ|² − L²).
+        elements: All elements.
+        turning: Angles that are coordinates: name → place in u.
+        pushes: Forces in Python.
+        loads: (vectors, components) constant forces.
     """
 
-    def __init__(self, name: str, document: Document, mechanism: Any) -> None:
+    #: What a file may say, its keys of parts in the order of their rows, components of a vector,
+    #: and whether its weights are turned.
+    model: ClassVar[type[MechanismModel]]
+    parts: ClassVar[tuple[str, ...]]
+    components: ClassVar[int]
+    turned: ClassVar[bool] = False
+
+    def __init__(
+        self, name: str, document: Document, mechanism: Any,
+        broken: Collection[tuple[str, str]] = (),
+    ) -> None:  # fmt: skip
         self.name, self.document, self.mechanism = name, document, mechanism
         self.mistakes = documents.Mistakes()
-        self.broken: set[tuple[str, ...]] = set()
+        self.broken = set(broken)
         self.rows: list[Row] = []
         self.squares: dict[int, float] = {}
+        self.elements: list[Element] = []
+        self.turning: dict[str, int] = {}
+        self.pushes: dict[KeyPath, Push] = {}
+        self.loads: Array
+        self.prepare()
+        for key in self.parts:
+            for part, one in getattr(mechanism, key).items():
+                with self.checked(_ALIASES.get(key, key), part):
+                    getattr(self, f"_{key}")(one, (key, part))
+        self.mistakes.refuse()
+        self.weigh()
+        for place in np.flatnonzero(np.any(self.loads != 0, axis=1)).tolist():
+            self.load(self.components * place, self.loads[place].tolist())
 
     @abstractmethod
-    def problem(self, released: Sequence[int] = ()) -> Problem:
-        """The problem as the file has it, without some of its constraints.
+    def prepare(self) -> None:
+        """Make what parts need."""
 
-        Raises:
-            DocumentError: For mistakes in its parts.
-        """
+    @abstractmethod
+    def weigh(self) -> None:
+        """Complete masses and loads of sound parts."""
+
+    @abstractmethod
+    def masses(self) -> tuple[IndexArray, Array]:
+        """(2, k) places of M, and their values."""
+
+    @abstractmethod
+    def position(self) -> Array:
+        """(n,) coordinates that the file gives."""
 
     @abstractmethod
     def velocities(self, u: Array) -> Array:
         """(n,) velocities that the file gives, at a position."""
+
+    @abstractmethod
+    def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
+        """Fields of a problem with some of the rows that name or draw what it is."""
+
+    @abstractmethod
+    def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
+        """The problem, with what was found of its start."""
 
     @abstractmethod
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
@@ -91,6 +150,40 @@ class Builder(ABC):
     def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
         """Key, gradient (n,) and value of each rate that the file gives besides velocities."""
         return iter(())
+
+    def problem(self, released: Sequence[int] = ()) -> Problem:
+        """The problem as the file has it, without some of its constraints.
+
+        Args:
+            released: Numbers of constraints that are dropped.
+        """
+        kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
+        number = {-1: -1} | {row: k for k, row in enumerate(kept)}
+        chosen = self.elements
+        if released:
+            chosen = [replace(e, row=number[e.row]) for e in chosen if e.row in number]
+        tables = table.of_elements(chosen)
+        places, values = self.masses()
+        return Problem(
+            name=self.name,
+            u0=self.position(),
+            v0=self.velocities(self.position()),
+            t0=0.0,
+            constraints=len(kept),
+            **tables.functions(self.mechanism.conservative),
+            pattern=tables.pattern(places),
+            mass_values=values,
+            # Laws of time and angles are not carried by increments.
+            quadratic=not (self.mechanism.motions or self.turning),
+            single=True,
+            # A motion is named with what it drives: `m.x` may be another's name.
+            constraints_given=tuple(self.rows[row].parts for row in kept),
+            released=tuple(self.rows[row].full for row in sorted(released)),
+            until=table.until(self.elements),
+            **self.described(kept),
+        )
+
+    # -- mistakes and references ---------------------------------------------------------------
 
     @contextmanager
     def checked(self, *broken: str) -> Iterator[None]:
@@ -101,15 +194,57 @@ class Builder(ABC):
             if isinstance(error, DocumentError):
                 self.mistakes.note(error)
             if broken:
-                self.broken.add(broken)
+                self.broken.add((broken[0], broken[1]))
 
-    def unknown(
-        self, kind: str, name: str, path: KeyPath, allowed: Collection[str]
-    ) -> DocumentError:
-        """A reference to what there is not."""
-        # Looking for the nearest name takes its time, which only what is printed is worth.
-        hint = "" if self.mistakes.full else nearest(name, allowed)
-        return self.document.error(path, f"unknown {kind} {name!r}{hint}")
+    def known(
+        self, kind: str, name: str, path: KeyPath, among: Mapping[str, Any] | None = None
+    ) -> Any:
+        """The part of a kind that another one names.
+
+        Args:
+            kind: Key of the kind.
+            name: Name of the part.
+            path: Where it is named.
+            among: What there is, by name; what the file says if omitted.
+        """
+        among = getattr(self.mechanism, kind) if among is None else among
+        if (kind, name) in self.broken:
+            raise Follows
+        if name not in among:
+            # Looking for the nearest name takes its time, which only what is printed is worth.
+            hint = "" if self.mistakes.full else nearest(name, among)
+            word = "body" if kind == "bodies" else kind[:-1]
+            raise self.document.error(path, f"unknown {word} {name!r}{hint}")
+        return among[name]
+
+    def both(
+        self, find: Callable[..., Any], start: str, end: str, path: KeyPath,
+        keys: tuple[str, str] = ("from", "to"),
+    ) -> tuple[Any, Any]:  # fmt: skip
+        """Both ends of a part; a mistake in one does not hide that in the other."""
+        ends = []
+        for name, key in ((start, keys[0]), (end, keys[1])):
+            with self.checked():
+                ends.append(find(name, (*path, key)))
+        if len(ends) < 2:
+            raise Follows
+        return ends[0], ends[1]
+
+    def require(
+        self, away: float, most: float, path: KeyPath, message: str, correct: str = "the positions"
+    ) -> None:
+        """Raise DocumentError where a start is off by more than it may; a guess may be."""
+        if not self.mechanism.assemble and abs(away) > most:
+            raise self.document.error(path, f"{message}; correct {correct} or set 'assemble: true'")
+
+    def require_length(self, what: str, misfit: float, length: float, path: KeyPath) -> None:
+        """Raise DocumentError where two points start at another distance than their length."""
+        # In so many digits that the misfit shows.
+        digits = 12 if abs(misfit) > 1e-9 * length else 16
+        given = f"{length + misfit:.{digits}g} m apart, given length {length:.16g}"
+        self.require(misfit, MISFIT * length, path, f"{what} start {given}")
+
+    # -- rows and elements ---------------------------------------------------------------------
 
     def one_row(self, path: KeyPath) -> int:
         """Number of a constraint that is the only one of its key."""
@@ -138,3 +273,142 @@ class Builder(ABC):
                 path, f"the law starts at {begin:.12g}, the mechanism at {now:.12g}"
             )
         return parameters
+
+    def add(
+        self,
+        kind: str,
+        *sums: Sum,
+        row: int = -1,
+        single: Sequence[Term] = (),
+        parameters: Sequence[float] = (),
+        law: Law | None = None,
+        timed: Sequence[laws.Timed] = (),
+    ) -> None:
+        """Add an element.
+
+        Args:
+            kind: Name of one of the kinds of `elements`.
+            sums: L and K, and what is constant of P; none where there are single coordinates only.
+            row: Its constraint, if it is one.
+            single: Single coordinates with their weights.
+            parameters: Those of its kind, or of its law.
+            law: Law of time that drives it.
+            timed: Other laws.
+        """
+        first, second = ([*of] for of in ([*(of.terms for of in sums), (), ()])[:2])
+        self.elements.append(
+            Element(
+                getattr(elements, kind),
+                self.components if sums else 0,
+                row,
+                first,
+                second,
+                single,
+                [number for of in sums for number in of.constant],
+                parameters,
+                self.turned and bool(sums) and kind not in ("LINK", "LOAD"),
+                timed if law is None else (laws.Timed(law, parameters),),
+            )
+        )
+
+    def load(self, place: int, force: Sequence[float], *timed: laws.Timed) -> None:
+        """Add a force on one vector, whose place in u is given."""
+        self.add("LOAD", Sum((), [(place,)]), parameters=force, timed=timed)
+
+    @abstractmethod
+    def between(self, start: str, end: str, path: KeyPath) -> Sum:
+        """The vector from one point to another, which it moves relative to."""
+
+    def _springs(self, spring: Any, path: KeyPath) -> None:
+        parameters = (spring.stiffness, spring.rest_length)
+        self.add("SPRING", self.between(spring.from_, spring.to, path), parameters=parameters)
+
+    def _dampers(self, damper: Any, path: KeyPath) -> None:
+        between = self.between(damper.from_, damper.to, path)
+        self.add("DAMPER", between, parameters=(damper.damping,))
+
+
+# -- from files to problems ---------------------------------------------------------------------
+
+
+def built(kind: type[Builder], name: str, document: Document, code: Code | None = None) -> Problem:
+    """Problem from a mechanism file that was read.
+
+    Args:
+        kind: Builder of such a mechanism.
+        name: Name of the problem.
+        document: The file.
+        code: Adds forces in Python; refused if omitted.
+
+    Raises:
+        DocumentError: For every mistake that can be found, each with file, line and
+            key: of the file itself, or of a mechanism without a consistent start.
+    """
+    try:
+        mechanism = documents.validate(document, kind.model)
+    except DocumentError as error:
+        mistakes = documents.Mistakes()
+        mistakes.note(error)
+        with mistakes.gathered():
+            _check_rest(kind, name, document, error)
+        mistakes.refuse()
+        raise
+    return build(kind, name, mechanism, document, code)
+
+
+def build(
+    kind: type[Builder],
+    name: str,
+    mechanism: MechanismModel,
+    document: Document | None = None,
+    code: Code | None = None,
+) -> Problem:
+    """Problem from a mechanism.
+
+    Args:
+        kind: Builder of such a mechanism.
+        name: Name of the problem.
+        mechanism: The mechanism.
+        document: Where it came from, for errors.
+        code: Adds forces in Python; refused if omitted.
+
+    Raises:
+        DocumentError: See `built`.
+    """
+    from newmark_cli.mechanisms import start
+
+    document = document or Document(name, {}, {})
+    under_way = kind(name, document, mechanism)
+    for path, push in under_way.pushes.items():
+        if code is None:
+            message = f"{push.given.rpartition(':')[0]} is code, which runs only with --allow-code"
+            raise document.error((*path, "python"), message)
+    problem = under_way.completed(*start.consistent(under_way))
+    if under_way.pushes and code is not None:
+        problem = code(problem, tuple(under_way.pushes.values()))
+    return problem
+
+
+def _check_rest(kind: type[Builder], name: str, document: Document, error: DocumentError) -> None:
+    """What can be said of a file apart from mistakes that are known.
+
+    Raises:
+        DocumentError: For mistakes in the relations between parts that are well formed.
+    """
+    others_allowed = kind.model.model_fields.keys() - set(kind.parts)
+    wrong: set[KeyPath] = {mistake.path[:2] for mistake in error.mistakes}
+    parts = {path for path in wrong if path[:1] and path[0] in kind.parts}
+    others = {path[0] for path in wrong - parts if path}
+    if error.more or () in wrong or any(len(path) < 2 for path in parts) or others - others_allowed:
+        return
+    sound = {
+        key: {name: part for name, part in value.items() if (key, name) not in parts}
+        if key in kind.parts
+        else value
+        for key, value in document.data.items()
+        if key not in others
+    }
+    if "assemble" in others:
+        sound["assemble"] = True  # nobody knows whether positions are meant to fit
+    broken = [(_ALIASES.get(str(key), str(key)), str(part)) for key, part in parts]
+    kind(name, document, documents.validate(document, kind.model, sound), broken)

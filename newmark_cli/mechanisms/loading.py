@@ -72,7 +72,7 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
     Args:
         name: Name of the problem.
         document: The file.
-        code: Adds forces in Python, see `planar.built`; refused if omitted.
+        code: Adds forces in Python, see `builder.built`; refused if omitted.
     """
     if isinstance(document.data, dict):
         if not is_mechanism(document.data) and not document.data.keys().isdisjoint(_OF_STUDIES):
@@ -87,13 +87,6 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
 
 
 def _built(name: str, document: Document, code: Any) -> Problem:
-    # Either room is large, and one of them is enough.
-    if is_spatial(document.data):
-        from newmark_cli.mechanisms import spatial
-
-        return spatial.built(name, document)
-    from newmark_cli.mechanisms import planar
-
     if isinstance(document.data, dict) and "dimensions" not in document.data:
         message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
         for key in _SPATIAL:
@@ -103,20 +96,28 @@ def _built(name: str, document: Document, code: Any) -> Problem:
         for key, body in bodies.items() if isinstance(bodies, dict) else ():
             if isinstance(body, dict) and "position" in body:
                 raise document.error(("bodies", key, "position"), message)
-    return planar.built(name, document, code)
+    from newmark_cli.mechanisms import builder
+
+    return builder.built(_builder(document.data), name, document, code)
+
+
+def _builder(data: Any) -> Any:
+    # Either room is large, and one of them is enough.
+    if is_spatial(data):
+        from newmark_cli.mechanisms import spatial
+
+        return spatial.Builder
+    from newmark_cli.mechanisms import planar
+
+    return planar.Builder
 
 
 def made(name: str, data: dict[str, Any]) -> Problem:
     """Problem from data that are known to be those of a mechanism."""
-    if is_spatial(data):
-        from newmark_cli.mechanisms import spatial
-        from newmark_cli.mechanisms.spatial_model import SpatialMechanism
+    from newmark_cli.mechanisms import builder
 
-        return spatial.build(name, SpatialMechanism.model_validate(data))
-    from newmark_cli.mechanisms import planar
-    from newmark_cli.mechanisms.models import Mechanism
-
-    return planar.build(name, Mechanism.model_validate(data))
+    kind = _builder(data)
+    return builder.build(kind, name, kind.model.model_validate(data))
 
 
 def is_mechanism(data: Any) -> bool:

@@ -5,7 +5,7 @@ Nothing is built here, and what compiles is not imported; see `newmark_cli.mecha
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
@@ -245,16 +245,23 @@ class Law(StrictModel):
 _PYTHON = re.compile(r"^[^:]+\.py:[A-Za-z_][A-Za-z_0-9]*$")
 
 #: Which branch of a union a value is meant for, so that errors are those of one branch.
-_MAPPED, _PLAIN = "(mapping)", "(value)"
+MAPPED, LISTED, PLAIN = "(mapping)", "(list)", "(value)"
 
 
-def _number_or_law(value: Any) -> str:
-    return _MAPPED if isinstance(value, Mapping | Law) else _PLAIN
+def branch(mapped: str, listed: str, plain: str) -> Discriminator:
+    """What chooses the branch of a union for a mapping, for a list and for another value."""
+
+    def chosen(value: Any) -> str:
+        if isinstance(value, Mapping | StrictModel):
+            return mapped
+        return listed if isinstance(value, list | tuple) else plain
+
+    return Discriminator(chosen)
 
 
 #: A number, or a law of time.
 Amount = Annotated[
-    Annotated[Bounded, Tag(_PLAIN)] | Annotated[Law, Tag(_MAPPED)], Discriminator(_number_or_law)
+    Annotated[Bounded, Tag(PLAIN)] | Annotated[Law, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
 ]
 
 
@@ -263,9 +270,15 @@ def size_of(amount: "float | Law") -> float:
     return 1.0 if isinstance(amount, Law) else amount
 
 
-def as_law(amount: "float | Law") -> Law:
-    """A number as a law of time."""
-    return amount if isinstance(amount, Law) else Law(value=amount)
+def laws_of(amounts: Sequence["float | Law"]) -> dict[int, Law]:
+    """Those of several numbers that are laws of time, by their places."""
+    return {place: one for place, one in enumerate(amounts) if isinstance(one, Law)}
+
+
+def driven(motion: Any) -> dict[str, Law]:
+    """Quantity → law that drives it."""
+    keys = ("angle", "distance", "x", "y", "z")
+    return {key: law for key in keys if (law := getattr(motion, key, None)) is not None}
 
 
 class Motion(StrictModel):
@@ -305,8 +318,7 @@ class Motion(StrictModel):
     @property
     def laws(self) -> dict[str, Law]:
         """Driven quantity → its law."""
-        keys = ("x", "y", "angle", "distance")
-        return {key: law for key in keys if (law := getattr(self, key)) is not None}
+        return driven(self)
 
 
 class Force(StrictModel):
@@ -318,9 +330,9 @@ class Force(StrictModel):
     )
 
     @property
-    def amounts(self) -> tuple[Law, Law]:
-        """Both components as laws."""
-        return as_law(self.force[0]), as_law(self.force[1])
+    def laws(self) -> dict[int, Law]:
+        """Components that are laws of time."""
+        return laws_of(self.force)
 
 
 class Torque(StrictModel):
@@ -332,8 +344,13 @@ class Torque(StrictModel):
     )
     torque: Amount = Field(description="counter-clockwise (N m), a number or a law of time")
 
+    @property
+    def acts(self) -> bool:
+        """Whether it is a torque at all."""
+        return self.torque != 0
 
-#: What parts that act on angles call the ground.
+
+#: What the ground is called.
 GROUND = "ground"
 
 
@@ -442,12 +459,32 @@ class PythonForce(StrictModel):
         return self
 
 
-class Mechanism(StrictModel):
-    """A planar mechanism; SI units."""
+class MechanismModel(StrictModel):
+    """What mechanisms in the plane and in space have in common."""
 
     title: str = Field("", description="heads drawings")
     description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
+
+    @property
+    def conservative(self) -> bool:
+        """Whether energy is conserved: nothing damps, drives or moves by a law of time."""
+
+        def all_of(*kinds: str) -> Iterator[Any]:
+            for kind in kinds:
+                yield from getattr(self, kind, {}).values()
+
+        return not (
+            any(damper.damping for damper in all_of("dampers", "torsion_dampers"))
+            or any(torque.acts for torque in all_of("torques"))
+            or any(law.moves for one in all_of("forces", "motions") for law in one.laws.values())
+            or any(all_of("python_forces"))
+        )
+
+
+class Mechanism(MechanismModel):
+    """A planar mechanism; SI units."""
+
     dimensions: Literal[2] = Field(2, description="2: the mechanism is planar")
     points: dict[str, Point] = Field(
         description="fixed points, and moving ones, whose coordinates are the unknowns"

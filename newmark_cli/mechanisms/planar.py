@@ -1,4 +1,4 @@
-"""Planar mechanisms as data: points, two-point bodies, and parts that join or load them.
+"""Planar mechanisms: points, two-point bodies, and parts that join or load them.
 
 The coordinates are the positions of the moving points ("natural coordinates").
 A body is carried by two points at constant distance, so it needs no angle, its
@@ -11,366 +11,170 @@ on angles is linear in them.  Other bodies keep to points.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, elements, laws, start, table
-from newmark_cli.mechanisms.builder import Follows
-from newmark_cli.mechanisms.models import Body, Law, Line, Mechanism, Slider
-from newmark_cli.mechanisms.parts import MISFIT, PARTS, UNIT, conserves, is_ground
-from newmark_cli.mechanisms.table import Element, Term
+from newmark_cli.mechanisms import builder, laws
+from newmark_cli.mechanisms.builder import MISFIT, Code, Follows, Sum
+from newmark_cli.mechanisms.models import (
+    GROUND,
+    AngleJoint,
+    Bar,
+    Body,
+    BodyPoint,
+    Force,
+    Gear,
+    Law,
+    Line,
+    Mechanism,
+    Motion,
+    Point,
+    PythonForce,
+    Rolling,
+    Slider,
+    Torque,
+    TorsionDamper,
+    TorsionSpring,
+)
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem, Push
-from newmark_cli.support import documents
-from newmark_cli.support.arrays import Array
-from newmark_cli.support.documents import Document, DocumentError, KeyPath
+from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.documents import Document, KeyPath
 
-#: What adds forces in Python to a problem.
-Code = Callable[[Problem, Sequence["Push"]], Problem]
+#: The constant vector (1, 0), as if it were a fixed point.
+UNIT = "\0"
 
 #: Coordinates of angles with their weights in a sum.
 Angles = tuple[tuple[int, float], ...]
+#: A combination of points: name → a + ib of the weight a + bR.
+Weights = Mapping[str, complex]
 
 
-@dataclass(frozen=True)
-class Site:
-    """A point of the mechanism as Σ (a + bR) P over base points."""
-
-    weights: Mapping[str, complex]
-
-    def minus(self, other: "Site") -> dict[str, complex]:
-        """Weights of the difference of two sites."""
-        names = dict.fromkeys((*other.weights, *self.weights))
-        return {
-            name: weight
-            for name in names
-            if (weight := self.weights.get(name, 0) - other.weights.get(name, 0)) != 0
-        }
+def _minus(one: Weights, other: Weights) -> dict[str, complex]:
+    """Weights of the difference of two combinations."""
+    return {
+        name: weight
+        for name in dict.fromkeys((*other, *one))
+        if (weight := one.get(name, 0) - other.get(name, 0)) != 0
+    }
 
 
 def built(name: str, document: Document, code: Code | None = None) -> Problem:
-    """Problem from a mechanism file that was read.
-
-    Args:
-        name: Name of the problem.
-        document: The file.
-        code: Adds forces in Python; refused if omitted.
-
-    Raises:
-        DocumentError: For every mistake that can be found, each with file, line and
-            key: of the file itself, or of a mechanism without a consistent start.
-    """
-    try:
-        mechanism = documents.validate(document, Mechanism)
-    except DocumentError as error:
-        mistakes = documents.Mistakes()
-        mistakes.note(error)
-        with mistakes.gathered():
-            _check_rest(name, document, error)
-        mistakes.refuse()
-        raise
-    return build(name, mechanism, document, code)
-
-
-def _check_rest(name: str, document: Document, error: DocumentError) -> None:
-    """What can be said of a file apart from mistakes that are known.
-
-    Raises:
-        DocumentError: For mistakes in the relations between parts that are well formed.
-    """
-    wrong: set[KeyPath] = {mistake.path[:2] for mistake in error.mistakes}
-    parts = {path for path in wrong if path[:1] and path[0] in _PARTS}
-    others = {path[0] for path in wrong - parts if path}
-    if error.more or () in wrong or any(len(path) < 2 for path in parts) or others - _OTHERS:
-        return
-    sound = {
-        key: {name: part for name, part in value.items() if (key, name) not in parts}
-        if key in _PARTS
-        else value
-        for key, value in document.data.items()
-        if key not in others
-    }
-    if "assemble" in others:
-        sound["assemble"] = True  # nobody knows whether positions are meant to fit
-    broken = [("bodies" if kind == "bodies" else "points", str(name)) for kind, name in parts]
-    mechanism = documents.validate(document, Mechanism, sound)
-    Builder(name, document, mechanism, broken).problem()
-
-
-#: Keys of a mechanism whose values are parts by name.
-_PARTS = ("points", "bodies", "body_points", *PARTS)
-_OTHERS = Mechanism.model_fields.keys() - set(_PARTS)
-
-
-def build(
-    name: str,
-    mechanism: Mechanism,
-    document: Document | None = None,
-    code: Code | None = None,
-) -> Problem:
-    """Problem from a mechanism.
-
-    Args:
-        name: Name of the problem.
-        mechanism: The mechanism.
-        document: Where it came from, for errors.
-        code: Adds forces in Python; refused if omitted.
-
-    Raises:
-        DocumentError: See `load`.
-    """
-    document = document or Document(name, {}, {})
-    under_way = Builder(name, document, mechanism)
-    under_way.problem()
-    if under_way.pushes and code is None:
-        path = next(iter(under_way.pushes))
-        file = under_way.pushes[path].given.rpartition(":")[0]
-        message = f"{file} is code, which runs only with --allow-code"
-        raise document.error((*path, "python"), message)
-    problem = start.consistent(under_way).problem
-    if under_way.pushes and code is not None:
-        problem = code(problem, tuple(under_way.pushes.values()))
-    return problem
+    """Problem from a mechanism file that was read; see `builder.built`."""
+    return builder.built(Builder, name, document, code)
 
 
 class Builder(builder.Builder):
     """Turns a mechanism of the plane into the tables of the element loop."""
 
+    model = Mechanism
+    parts = (
+        "points", "body_points", "bodies", "bars", "springs", "sliders", "motions", "dampers",
+        "torques", "forces", "torsion_springs", "torsion_dampers", "angle_joints", "gears",
+        "rolling", "python_forces",
+    )  # fmt: skip
+    components = 2
+    turned = True
     mechanism: Mechanism
 
-    def __init__(
-        self,
-        name: str,
-        document: Document,
-        mechanism: Mechanism,
-        broken: Collection[tuple[str, str]] = (),
-    ) -> None:
-        super().__init__(name, document, mechanism)
-        self.broken.update(broken)
+    def prepare(self) -> None:
+        """Places of points."""
+        points = self.mechanism.points
         self.moving: dict[str, int] = {}
-        self.fixed: dict[str, complex] = {}
-        for point, data in mechanism.points.items():
-            if (data.fixed is None) == (data.at is None):
-                message = "needs either 'fixed' or 'at', the initial position"
-                self.mistakes.note(document.error(("points", point), message))
-                self.broken.add(("points", point))
-            elif data.fixed is not None:
-                self.fixed[point] = complex(*data.fixed)
-            else:
-                self.moving[point] = 2 * len(self.moving)
-        self.sites = {point: Site({point: 1}) for point in mechanism.points}
-        for point, on_body in mechanism.body_points.items():
-            with self.checked("points", point):
-                body = self.body(on_body.on, ("body_points", point, "on"))
-                if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
-                    raise Follows
-                z = complex(*on_body.at) / body.length
-                self.sites[point] = Site({body.from_: 1 - z, body.to: z})
-        self.fixed[UNIT] = 1 + 0j
-        self.elements: list[Element] = []
+        self.fixed: dict[str, complex] = {UNIT: 1 + 0j}
+        self.sites: dict[str, dict[str, complex]] = {point: {point: 1} for point in points}
         self.mass: dict[tuple[int, int], float] = {}
-        #: Angles that are coordinates: name → place in u, and at the start with their rates.
-        self.turning: dict[str, int] = {}
+        #: Of angles that are coordinates, and their rates.
         self.start_angles: list[tuple[float, float]] = []
-        #: Forces in Python.
-        self.pushes: dict[KeyPath, Push] = {}
-        self._problem: Problem | None = None
+        if not self.broken and not any(point.at or not point.fixed for point in points.values()):
+            self.mistakes.note(self.document.error(("points",), "no point moves"))
 
-    def problem(self, released: Sequence[int] = ()) -> Problem:
-        """The problem, whose start is as given; raises DocumentError for its mistakes."""
-        if self._problem is None:
-            self._problem = self._built()
-        return self._problem
+    def weigh(self) -> None:
+        """Mass matrix, and gravity on it."""
+        self.loads = np.zeros((len(self.moving), 2))
+        for name, body in self.mechanism.bodies.items():
+            self._body_mass(name, body)
+        for name, point in self.mechanism.points.items():
+            self._add_mass(name, name, complex(point.mass))
+
+    def masses(self) -> tuple[IndexArray, Array]:
+        """(2, k) places of M, in their order, and their values."""
+        places = sorted(self.mass)
+        values = np.array([self.mass[place] for place in places])
+        return np.array(places, np.int64).reshape(-1, 2).T.copy(), values
+
+    def position(self) -> Array:
+        """(n,) coordinates: moving points, and angles behind them."""
+        at = [part for name in self.moving for part in self.mechanism.points[name].at or ()]
+        return np.array(at + [angle for angle, _ in self.start_angles])
 
     def velocities(self, u: Array) -> Array:
         """(n,) velocities that the file gives, wherever the points are."""
-        return self.problem().v0
+        velocity = [part for name in self.moving for part in self.mechanism.points[name].velocity]
+        return np.array(velocity + [rate for _, rate in self.start_angles])
+
+    def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
+        """Its points and angles."""
+        return {
+            "drawing_given": self.mechanism,
+            "points_given": tuple(self.moving),
+            "coordinates_given": tuple(self.turning),
+        }
+
+    def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
+        """The problem itself."""
+        return problem
 
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
         """Points that move without inertia, as words of errors."""
         sizes = np.abs(motions).max(axis=1)
-        weak = np.flatnonzero(sizes > 1e-6 * sizes.max())
-        points = dict.fromkeys(self.problem().point_of(int(i)) for i in weak)
+        names = [*(name for name in self.moving for _ in "xy"), *self.turning]
+        points = dict.fromkeys(names[k] for k in np.flatnonzero(sizes > 1e-6 * sizes.max()))
         message = "carries no mass of its own; the mass matrix is singular"
         return [(("points", point), f"{point} {message}") for point in points]
 
-    def _built(self) -> Problem:
-        mechanism = self.mechanism
-        if not self.moving and not self.broken:
-            self.mistakes.note(self.document.error(("points",), "no point moves"))
-        for name, body in mechanism.bodies.items():
-            with self.checked("bodies", name):
-                self._require_points(body, ("bodies", name))
-                self.distance(body.from_, body.to, body.length, ("bodies", name))
-        for key, part in PARTS.items():
-            for name, one in getattr(mechanism, key).items():
-                with self.checked():
-                    part.build(self, one, (key, name))
-        self.mistakes.refuse()
-        n = 2 * len(self.moving) + len(self.turning)
-        loads = np.zeros(n)
-        gravity = complex(*mechanism.gravity)
-        for name, body in mechanism.bodies.items():
-            self._body_mass(name, body, loads, gravity)
-        for name, point in mechanism.points.items():
-            self._add_mass(name, name, complex(point.mass), loads, gravity)
-        for i in range(0, 2 * len(self.moving), 2):
-            if np.any(loads[i : i + 2]):
-                load = loads[i : i + 2].tolist()
-                self.elements.append(Element(elements.LOAD, 2, first=((i,),), parameters=load))
-        tables = table.of_elements(self.elements)
-        mass = np.array(sorted(self.mass), np.int64).reshape(-1, 2).T.copy()
-        points = [mechanism.points[name] for name in self.moving]
-        at = [c for point in points for c in point.at or ()]
-        velocity = [c for point in points for c in point.velocity]
-        return Problem(
-            name=self.name,
-            u0=np.array(at + [angle for angle, _ in self.start_angles]),
-            v0=np.array(velocity + [rate for _, rate in self.start_angles]),
-            t0=0.0,
-            constraints=len(self.rows),
-            **tables.functions(conserves(mechanism)),
-            pattern=tables.pattern(mass),
-            mass_values=np.array([self.mass[place] for place in sorted(self.mass)]),
-            drawing_given=mechanism,
-            points_given=tuple(self.moving),
-            coordinates_given=tuple(self.turning),
-            # Links, bars, sliders and angle joints are; laws of time and angles are not
-            # carried by increments.
-            quadratic=not mechanism.motions and not self.turning,
-            single=True,
-            # A motion is named with what it drives: `m.x` may be another's name.
-            constraints_given=tuple(row.parts for row in self.rows),
-            until=table.until(self.elements),
-        )
+    # -- vectors ---------------------------------------------------------------------------------
 
     def body(self, name: str, path: KeyPath) -> Body:
-        bodies = self.mechanism.bodies
-        if ("bodies", name) in self.broken:
-            raise Follows
-        if name not in bodies:
-            raise self.unknown("body", name, path, bodies)
-        return bodies[name]
+        found: Body = self.known("bodies", name, path)
+        return found
 
-    def site(self, name: str, path: KeyPath) -> Site:
-        if ("points", name) in self.broken:
-            raise Follows
-        if name not in self.sites:
-            raise self.unknown("point", name, path, self.sites)
-        return self.sites[name]
-
-    def _ends(
-        self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
-    ) -> tuple[Site, Site]:
-        """Both ends of a part; a mistake in one does not hide that in the other."""
-        found = []
-        for name, key in ((start, keys[0]), (end, keys[1])):
-            with self.checked():
-                found.append(self.site(name, (*path, key)))
-        if len(found) < 2:
-            raise Follows
-        return found[0], found[1]
+    def site(self, name: str, path: KeyPath) -> Weights:
+        """A point as Σ (a + bR) P over others."""
+        found: Weights = self.known("points", name, path, self.sites)
+        return found
 
     def difference(
         self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
-    ) -> dict[str, complex]:
+    ) -> Weights:
         """The vector from one point to another."""
         if start == end:
             raise self.document.error(path, f"joins {start} with itself")
-        first, last = self._ends(start, end, path, keys)
-        difference = last.minus(first)
+        first, last = self.both(self.site, start, end, path, keys)
+        difference = _minus(last, first)
         if not self._moves(difference):
             raise self.document.error(
                 path, f"joins {start} and {end}, which cannot move relative to each other"
             )
         return difference
 
-    def _moves(self, weights: Mapping[str, complex]) -> bool:
+    def between(self, start: str, end: str, path: KeyPath) -> Sum:
+        """The same as constant and terms."""
+        return self.combination(self.difference(start, end, path))
+
+    def _moves(self, weights: Weights) -> bool:
         return any(name in self.moving for name in weights)
 
-    def distance(
-        self, start: str, end: str, length: float, path: KeyPath, checked: bool = False
-    ) -> None:
-        """Two points keep a distance, which they have at the start; ``checked`` if it is known."""
-        difference = self.difference(start, end, path)
-        misfit = abs(self.vector(difference)) - length
-        if not (checked or self.mechanism.assemble) and abs(misfit) > MISFIT * length:
-            raise self.document.error(
-                path,
-                f"{start} and {end} start {builder.apart(length, misfit)} m apart, given length "
-                f"{length:.16g}; correct the positions or set 'assemble: true'",
-            )
-        square, row = length * length, self.one_row(path)
-        constants, terms = self.combination(difference)
-        turned = any(complex(weight).imag != 0 for weight in difference.values())
-        kind = elements.SQUARE if turned else elements.LINK
-        if not turned:
-            terms = [(place, weight) for place, weight, _ in terms]
-        self.add(kind, terms, constants=constants, parameters=(square,), row=row, turned=turned)
-        self.squares[row] = square
-
-    def on_line(
-        self, point: str, line: Slider | Line, path: KeyPath, point_path: KeyPath | None = None
-    ) -> tuple[dict[str, complex], dict[str, complex]]:
-        """Direction of a line, of length 1, and the vector from it to a point.
-
-        Args:
-            point: The point.
-            line: The line, fixed or on a body.
-            path: Where the line is given.
-            point_path: Where the point is; with the line if omitted.
-        """
-        site = self.site(point, point_path or (*path, "point"))
-        direction = complex(*line.direction) / abs(complex(*line.direction))
-        through = complex(*line.through)
-        if line.on is None:
-            along, origin = {UNIT: direction}, Site({UNIT: through})
-        else:
-            body = self.body(line.on, (*path, "on"))
-            turn = direction / body.length
-            z = through / body.length
-            along = self._joined({body.to: turn, body.from_: -turn})
-            origin = Site({body.from_: 1 - z, body.to: z})
-        away = site.minus(origin)
-        if not (self._moves(along) or self._moves(away)):
-            raise self.document.error(point_path or (*path, "point"), f"{point} is fixed")
-        return along, away
-
-    @staticmethod
-    def _joined(weights: Mapping[str, complex]) -> dict[str, complex]:
-        return {name: weight for name, weight in weights.items() if weight != 0}
-
-    def require_on_line(self, point: str, away: float, size: float, path: KeyPath) -> None:
-        """Raises DocumentError where a point starts off its line by ``away`` (m)."""
-        if not self.mechanism.assemble and abs(away) > MISFIT * max(1.0, size):
-            raise self.document.error(
-                path,
-                f"{point} starts {abs(away):.12g} m off the line; correct its position "
-                "or set 'assemble: true'",
-            )
-
-    def require_contact(
-        self, wheel: str, distance: float, asked: float, size: float, path: KeyPath
-    ) -> None:
-        """Raises DocumentError where a wheel starts at another distance than ``asked`` (m)."""
-        if not self.mechanism.assemble and abs(distance - asked) > MISFIT * max(size, asked):
-            raise self.document.error(
-                path,
-                f"{wheel} starts with its centre {distance:.12g} m away, its radius asks for "
-                f"{asked:.12g} m; correct the positions or set 'assemble: true'",
-            )
-
-    def moving_site(self, name: str, path: KeyPath) -> dict[str, complex]:
+    def moving_site(self, name: str, path: KeyPath) -> Weights:
         """A point that is not fixed."""
-        weights = dict(self.site(name, path).weights)
-        if not self._moves(weights):
+        site = self.site(name, path)
+        if not self._moves(site):
             raise self.document.error(path, f"{name} is fixed")
-        return weights
+        return site
 
-    def vector(self, weights: Mapping[str, complex]) -> complex:
+    def vector(self, weights: Weights) -> complex:
         """Initial value of Σ (a + bR) P."""
         return sum((weight * self._start(name) for name, weight in weights.items()), 0j)
 
@@ -381,14 +185,21 @@ class Builder(builder.Builder):
         assert at is not None
         return complex(*at)
 
-    # Angles that are coordinates.
+    def combination(self, weights: Weights) -> Sum:
+        """Σ (a + bR) P: what is constant of it, and its terms."""
+        fixed = [
+            weight * self.fixed[name] for name, weight in weights.items() if name in self.fixed
+        ]
+        offset = sum(fixed, 0j)
+        moving = {self.moving[name]: w for name, w in weights.items() if name in self.moving}
+        terms = [(place, complex(w).real, complex(w).imag) for place, w in moving.items()]
+        return Sum([offset.real, offset.imag], terms)
 
-    def direction(self, name: str, path: KeyPath) -> dict[str, complex]:
-        """The vector from the first to the second point of a body, or (1, 0) of the ground."""
-        if is_ground(name, self.mechanism):
-            return {UNIT: 1 + 0j}
-        body = self.body(name, path)
-        return self.difference(body.from_, body.to, path)
+    # -- angles, which are coordinates where something counts turns --------------------------------
+
+    def is_ground(self, name: str) -> bool:
+        """Whether what parts of angles name is the ground, and no body of that name."""
+        return name == GROUND and name not in self.mechanism.bodies
 
     def angle(self, body: str, path: KeyPath) -> int:
         """Place in u of the angle of a body, which becomes a coordinate."""
@@ -399,7 +210,7 @@ class Builder(builder.Builder):
         difference = self.difference(found.from_, found.to, path)
         return self.angle_of(difference, ("bodies", body, "angle"), name)
 
-    def angle_of(self, difference: Mapping[str, complex], path: KeyPath, name: str) -> int:
+    def angle_of(self, difference: Weights, path: KeyPath, name: str) -> int:
         """Place in u of the angle of a vector, a new coordinate with its constraint."""
         place = 2 * len(self.moving) + len(self.turning)
         self.turning[name] = place
@@ -418,7 +229,7 @@ class Builder(builder.Builder):
         if start == end:
             raise self.document.error((*path, keys[1]), f"joins {end} with itself")
         last = ((self.angle(end, (*path, keys[1])), 1.0),)
-        if is_ground(start, self.mechanism):
+        if self.is_ground(start):
             return last
         return (*last, (self.angle(start, (*path, keys[0])), -1.0))
 
@@ -427,74 +238,45 @@ class Builder(builder.Builder):
         first = 2 * len(self.moving)
         return math.fsum(weight * self.start_angles[place - first][0] for place, weight in angles)
 
-    # Elements.
+    # -- rows ------------------------------------------------------------------------------------
 
-    def combination(self, weights: Mapping[str, complex]) -> tuple[list[float], list[Term]]:
-        """Σ (a + bR) P: what is constant of it, and its terms."""
-        fixed = [
-            weight * self.fixed[name] for name, weight in weights.items() if name in self.fixed
-        ]
-        offset = sum(fixed, 0j)
-        moving = {self.moving[name]: w for name, w in weights.items() if name in self.moving}
-        terms = [(place, complex(w).real, complex(w).imag) for place, w in moving.items()]
-        return [offset.real, offset.imag], terms
-
-    def add(self, kind: int, first: Sequence[Term] = (), **given: Any) -> None:
-        """Add an element; its weights are turned unless it says otherwise."""
-        self.elements.append(Element(kind, 2, first=first, **{"turned": True, **given}))
-
-    def on_vector(
-        self, kind: str, difference: Mapping[str, complex], parameters: Sequence[float],
-        timed: Sequence[laws.Timed] = (),
-    ) -> None:  # fmt: skip
-        """Add a force that acts on a vector."""
-        constants, terms = self.combination(difference)
-        number = getattr(elements, kind)
-        self.add(number, terms, constants=constants, parameters=parameters, timed=timed)
+    def distance(self, start: str, end: str, length: float, path: KeyPath) -> float:
+        """Add the constraint that two points keep a distance; returns how far they start off it."""
+        difference = self.difference(start, end, path)
+        turned = any(complex(weight).imag != 0 for weight in difference.values())
+        row, between = self.one_row(path), self.combination(difference)
+        self.squares[row] = length * length
+        if not turned:
+            between = Sum(between.constant, [(place, weight) for place, weight, _ in between.terms])
+        self.add("SQUARE" if turned else "LINK", between, row=row, parameters=(length * length,))
+        return abs(self.vector(difference)) - length
 
     def line(
-        self,
-        site: Mapping[str, complex],
-        normal: complex,
-        path: KeyPath,
-        parameters: Sequence[float],
+        self, site: Weights, normal: complex, path: KeyPath, parameters: Sequence[float],
         law: Law | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Add the constraint n·P − law(t) = 0, of a site P that is linear in the coordinates."""
         constants, terms = self.combination(site)
         nx, ny = normal.real, normal.imag
         first, *others = parameters
-        parameters = (first - (nx * constants[0] + ny * constants[1]), *others)
         single = [
             term
             for place, a, b in terms
             for term in ((place, a * nx + b * ny), (place + 1, a * ny - b * nx))
         ]
-        self.elements.append(
-            Element(
-                elements.PRODUCT, 0, self.one_row(path), single=single, parameters=parameters,
-                timed=() if law is None else (laws.Timed(law, parameters),),
-            )
-        )  # fmt: skip
+        offset = nx * constants[0] + ny * constants[1]
+        parameters = (first - offset, *others)
+        self.add("PRODUCT", row=self.one_row(path), single=single, parameters=parameters, law=law)
 
-    def angular(
-        self, kind: str, difference: Mapping[str, complex], path: KeyPath, **given: Any
-    ) -> None:
+    def angular(self, kind: str, difference: Weights, path: KeyPath, **given: Any) -> None:
         """Add the constraint n·Δ = 0, n = (−sin θ, cos θ)."""
-        constants, terms = self.combination(difference)
-        constants = [0.0, 1.0, *constants, 1.0, 0.0]
-        number, row = getattr(elements, kind), self.one_row(path)
-        self.add(number, second=terms, constants=constants, row=row, **given)
+        sums = Sum([0.0, 1.0], ()), self.combination(difference), Sum([1.0, 0.0], ())
+        self.add(kind, *sums, row=self.one_row(path), **given)
 
     def pair(
-        self,
-        along: Mapping[str, complex],
-        away: Mapping[str, complex],
-        angles: Angles,
-        constraint: KeyPath,
-        parameters: Sequence[float] = (),
-        law: Law | None = None,
-    ) -> None:
+        self, along: Weights, away: Weights, angles: Angles, constraint: KeyPath,
+        parameters: Sequence[float] = (), law: Law | None = None,
+    ) -> None:  # fmt: skip
         """Add the constraint D × Δ + Σ w θ − law(t) = 0.
 
         Args:
@@ -506,59 +288,39 @@ class Builder(builder.Builder):
             law: The law.
         """
         # D × Δ is RD · Δ.
-        one, first = self.combination({name: 1j * weight for name, weight in along.items()})
-        other, second = self.combination(away)
-        products = bool(along or away)
-        self.elements.append(
-            Element(
-                elements.PRODUCT, 2 * products, self.one_row(constraint), first, second, angles,
-                [*one, *other] * products, parameters, products,
-                () if law is None else (laws.Timed(law, parameters),),
-            )
-        )  # fmt: skip
+        turned = {name: 1j * weight for name, weight in along.items()}
+        sums = [self.combination(turned), self.combination(away)] * bool(along or away)
+        row = self.one_row(constraint)
+        self.add("PRODUCT", *sums, row=row, single=angles, parameters=parameters, law=law)
 
-    def twist(self, angles: Angles, rest: float, stiffness: float, damping: float) -> None:
-        """Add a torque −stiffness (q − rest) − damping q' of q = Σ w θ."""
-        parameters = (rest, stiffness, damping)
-        self.elements.append(Element(elements.TWIST, 0, single=angles, parameters=parameters))
+    # -- points and bodies -----------------------------------------------------------------------
 
-    def push(self, given: str, points: Sequence[str], path: KeyPath) -> None:
-        """Keep a force in Python on points, for what adds it to the problem."""
-        sites = []
-        for place, point in enumerate(points):
-            with self.checked():
-                sites.append(self.site(point, (*path, "on", place)))
-        if len(sites) < len(points):
+    def _points(self, point: Point, path: KeyPath) -> None:
+        if (point.fixed is None) == (point.at is None):
+            message = "needs either 'fixed' or 'at', the initial position"
+            raise self.document.error(path, message)
+        if point.fixed is not None:
+            self.fixed[str(path[1])] = complex(*point.fixed)
+        else:
+            self.moving[str(path[1])] = 2 * len(self.moving)
+
+    def _body_points(self, point: BodyPoint, path: KeyPath) -> None:
+        body = self.body(point.on, (*path, "on"))
+        if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
             raise Follows
-        names = list(dict.fromkeys(n for site in sites for n in site.weights))
-        moving = [name for name in names if name in self.moving]
-        if not moving:
-            raise self.document.error((*path, "on"), "must name a point that moves")
-        weights = np.zeros((2 * len(sites), 2 * len(moving)))
-        offsets = np.zeros(2 * len(sites))
-        for k, site in enumerate(sites):
-            for name, weight in site.weights.items():
-                a, b = complex(weight).real, complex(weight).imag
-                block = np.array([[a, -b], [b, a]])
-                if name in self.fixed:
-                    at = self.fixed[name]
-                    offsets[2 * k : 2 * k + 2] += product(block, [at.real, at.imag])
-                else:
-                    j = 2 * moving.index(name)
-                    weights[2 * k : 2 * k + 2, j : j + 2] = block
-        coordinates = [self.moving[name] + c for name in moving for c in (0, 1)]
-        self.pushes[path] = Push(given, coordinates, weights, offsets)
+        z = complex(*point.at) / body.length
+        self.sites[str(path[1])] = {body.from_: 1 - z, body.to: z}
 
-    def _require_points(self, body: Body, path: KeyPath) -> None:
+    def _bodies(self, body: Body, path: KeyPath) -> None:
         mechanism = self.mechanism
         for name, key in ((body.from_, "from"), (body.to, "to")):
             if name in mechanism.body_points and name not in mechanism.points:
                 raise self.document.error(
                     (*path, key), f"{name} is itself fixed on a body; a body needs two of 'points'"
                 )
-        self._ends(body.from_, body.to, path)
+        self._bars(body, path)
 
-    def _body_mass(self, name: str, body: Body, loads: Array, gravity: complex) -> None:
+    def _body_mass(self, name: str, body: Body) -> None:
         along, across = body.centre
         mass, length, inertia = body.mass, body.length, body.inertia
         place = self.turning.get(f"{name}.angle")
@@ -570,21 +332,18 @@ class Builder(builder.Builder):
         about_first = (inertia + mass * (away * away)) / (length * length)
         first = complex(mass - 2 * mass * along / length + about_first)
         mixed = complex(mass * along / length - about_first, mass * across / length)
-        start, end = body.from_, body.to
-        self._add_mass(start, start, first, loads, gravity)
-        self._add_mass(start, end, mixed, loads, gravity)
-        self._add_mass(end, start, mixed.conjugate(), loads, gravity)
-        self._add_mass(end, end, complex(about_first), loads, gravity)
+        self._add_mass(body.from_, body.from_, first)
+        self._add_mass(body.from_, body.to, mixed)
+        self._add_mass(body.to, body.from_, mixed.conjugate())
+        self._add_mass(body.to, body.to, complex(about_first))
 
-    def _add_mass(
-        self, row: str, column: str, weight: complex, loads: Array, gravity: complex
-    ) -> None:
+    def _add_mass(self, row: str, column: str, weight: complex) -> None:
         """Add the 2×2 block a + bR of M, and its share of the weight of the mechanism."""
         if row not in self.moving or weight == 0:
             return
         i = self.moving[row]
-        share = weight * gravity
-        loads[i : i + 2] += (share.real, share.imag)
+        share = weight * complex(*self.mechanism.gravity)
+        self.loads[i // 2] += (share.real, share.imag)
         if column in self.moving:
             j = self.moving[column]
             a, b = weight.real, weight.imag
@@ -593,3 +352,227 @@ class Builder(builder.Builder):
             ):  # fmt: skip
                 if value != 0:
                     self.mass[place] = self.mass.get(place, 0.0) + value
+
+    # -- parts -----------------------------------------------------------------------------------
+
+    def _bars(self, bar: Bar | Body, path: KeyPath) -> None:
+        """A constant distance: ½ (|Δ|² − L²) = 0."""
+        misfit = self.distance(bar.from_, bar.to, bar.length, path)
+        self.require_length(f"{bar.from_} and {bar.to}", misfit, bar.length, path)
+
+    def _on_line(
+        self, point: str, line: Line, path: KeyPath, point_path: KeyPath
+    ) -> tuple[Weights, Weights]:
+        """Direction of a line, of length 1, and the vector from it to a point."""
+        site = self.site(point, point_path)
+        direction = complex(*line.direction) / abs(complex(*line.direction))
+        through = complex(*line.through)
+        along, origin = {UNIT: direction}, {UNIT: through}
+        if line.on is not None:
+            body = self.body(line.on, (*path, "on"))
+            turn, z = direction / body.length, through / body.length
+            along, origin = {body.to: turn, body.from_: -turn}, {body.from_: 1 - z, body.to: z}
+        away = _minus(site, origin)
+        if not (self._moves(along) or self._moves(away)):
+            raise self.document.error(point_path, f"{point} is fixed")
+        return along, away
+
+    def _sliders(self, slider: Slider, path: KeyPath) -> None:
+        """A point on a line: n·Δ = 0; on a body d × Δ = 0, both of them moving."""
+        point_path, size = (*path, "point"), abs(complex(*slider.through))
+        if slider.on is not None:
+            along, away = self._on_line(slider.point, slider, path, point_path)
+            arm = self.vector(away)
+            off, size = (self.vector(along).conjugate() * arm).imag, abs(arm)
+        else:
+            normal = 1j * (complex(*slider.direction) / abs(complex(*slider.direction)))
+            site = self.moving_site(slider.point, point_path)
+            level = (normal.conjugate() * complex(*slider.through)).real
+            off = (normal.conjugate() * self.vector(site)).real - level
+        message = f"{slider.point} starts {abs(off):.12g} m off the line"
+        self.require(off, MISFIT * max(1.0, size), path, message, "its position")
+        if slider.on is not None:
+            self.pair(along, away, (), path)
+        else:
+            self.line(site, normal, path, (level,))
+
+    def _motions(self, motion: Motion, path: KeyPath) -> None:
+        """A law of time: of a place, of an angle or between two, or along a line."""
+        key, law = next(iter(motion.laws.items()))
+        driven = (*path, key)
+        if motion.point is not None:
+            site = self.moving_site(motion.point, (*path, "point"))
+            for key, law in motion.laws.items():
+                normal = 1 + 0j if key == "x" else 1j
+                now = (normal.conjugate() * self.vector(site)).real
+                with self.checked():
+                    parameters = self.fitting(law, now, (*path, key))
+                    self.line(site, normal, (*path, key), parameters, law)
+        elif motion.slider is not None:
+            slider: Slider = self.known("sliders", motion.slider, (*path, "slider"))
+            of_slider = ("sliders", motion.slider)
+            along, away = self._on_line(slider.point, slider, of_slider, (*of_slider, "point"))
+            now = (self.vector(along).conjugate() * self.vector(away)).real
+            # D × Δ with −iD in place of D is D · Δ.
+            turned = {name: -1j * weight for name, weight in along.items()}
+            self.pair(turned, away, (), driven, self.fitting(law, now, driven), law)
+        elif motion.relative_to is not None:
+            assert motion.body is not None
+            self.body(motion.body, (*path, "body"))
+            names = motion.relative_to, motion.body
+            angles = self.relative(*names, path, ("relative_to", "body"))
+            now = self.sum_of(angles)
+            first, *others = self.fitting(law, now, driven, 2 * math.pi)
+            # The law may begin some turns away from the coordinates.
+            turns = round((now - laws.begin(law, first)) / (2 * math.pi))
+            self.pair({}, {}, angles, driven, (first + 2 * math.pi * turns, *others), law)
+        else:
+            assert motion.body is not None
+            body = self.body(motion.body, (*path, "body"))
+            difference = self.difference(body.from_, body.to, path)
+            vector = self.vector(difference)
+            now = math.atan2(vector.imag, vector.real)
+            parameters = self.fitting(law, now, driven, 2 * math.pi)
+            self.angular("ANGLE", difference, driven, parameters=parameters, law=law)
+
+    def _torques(self, torque: Torque, path: KeyPath) -> None:
+        """A torque τ(t) on a body, the opposite one on another."""
+        if torque.from_ == torque.on:
+            raise self.document.error((*path, "from"), f"must be another body than {torque.on}")
+        law = torque.torque if isinstance(torque.torque, Law) else None
+        for name, key, sign in ((torque.on, "on", 1.0), (torque.from_, "from", -1.0)):
+            with self.checked():
+                if name is None:
+                    continue
+                body = self.body(name, (*path, key))
+                between = self.between(body.from_, body.to, path)
+                constant = 0.0 if isinstance(torque.torque, Law) else sign * torque.torque
+                timed = [] if law is None else [laws.Timed(law, law.parameters(), 0, sign)]
+                self.add("TORQUE", between, parameters=(constant,), timed=timed)
+
+    def _forces(self, force: Force, path: KeyPath) -> None:
+        """A force F(t) at a point."""
+        site = self.combination(self.moving_site(force.at, (*path, "at")))
+        for given, normal in zip(force.force, ((1.0, 0.0), (0.0, 1.0)), strict=True):
+            if given != 0:
+                law = given if isinstance(given, Law) else Law(value=given)
+                six = law.parameters()
+                timed = (laws.Timed(law, six),)
+                self.add("FORCE", site, parameters=(*normal, *six), timed=timed)
+
+    def _twist(self, angles: Angles, rest: float, stiffness: float, damping: float) -> None:
+        """Add a torque −stiffness (q − rest) − damping q' of q = Σ w θ."""
+        self.add("TWIST", single=angles, parameters=(rest, stiffness, damping))
+
+    def _torsion_springs(self, spring: TorsionSpring, path: KeyPath) -> None:
+        angles = self.relative(spring.from_, spring.to, path)
+        rest = counted = self.sum_of(angles)
+        if spring.rest_angle is not None:
+            # The file counts from an angle within ±π, the coordinates perhaps from another turn.
+            rest = spring.rest_angle + 2 * math.pi * round(counted / (2 * math.pi))
+        self._twist(angles, rest, spring.stiffness, 0.0)
+
+    def _torsion_dampers(self, damper: TorsionDamper, path: KeyPath) -> None:
+        self._twist(self.relative(damper.from_, damper.to, path), 0.0, 0.0, damper.damping)
+
+    def _angle_joints(self, joint: AngleJoint, path: KeyPath) -> None:
+        """A constant angle: (Δ_a turned by φ) × Δ_b = 0."""
+        if joint.from_ == joint.to:
+            raise self.document.error((*path, "to"), f"joins {joint.to} with itself")
+
+        def direction(name: str, key: str) -> Weights:
+            if self.is_ground(name):
+                return {UNIT: 1 + 0j}
+            body = self.body(name, (*path, key))
+            return self.difference(body.from_, body.to, (*path, key))
+
+        end, start = direction(joint.to, "to"), direction(joint.from_, "from")
+        turn = self.vector(end) / self.vector(start)
+        now = math.atan2(turn.imag, turn.real)
+        angle = now if joint.angle is None else joint.angle
+        message = f"{joint.to} starts at {now:.12g} rad to {joint.from_}, given {angle:g}"
+        self.require(math.remainder(angle - now, 2 * math.pi), 1e-9, path, message)
+        turned = complex(math.cos(angle), math.sin(angle))
+        self.pair({name: turned * weight for name, weight in start.items()}, end, (), path)
+
+    def _gears(self, gear: Gear, path: KeyPath) -> None:
+        """Turns in a ratio, counted from the start: θ_b − ψ = i (θ_a − ψ), Willis' equation."""
+        angles = [(self.angle(gear.to, (*path, "to")), 1.0)]
+        angles.append((self.angle(gear.from_, (*path, "from")), -gear.ratio))
+        if gear.on is not None and gear.ratio != 1:
+            angles.append((self.angle(gear.on, (*path, "on")), gear.ratio - 1.0))
+        self.pair({}, {}, tuple(angles), path, (self.sum_of(tuple(angles)),))
+
+    def _rolling(self, rolling: Rolling, path: KeyPath) -> None:
+        """Contact and rolling without slip, on a line or on a circle.
+
+        On a line d × Δ = ±r and d·Δ ± r (θ − ψ) is constant; on a circle |Δ| = R ± r, and
+        (R ± r) ψ − R θ_b ∓ r θ is constant, with ψ the angle of the line of centres.
+        """
+        body = self.body(rolling.wheel, (*path, "wheel"))
+        centre = rolling.centre or body.from_
+        centre_path = (*path, "wheel" if rolling.centre is None else "centre")
+        contact, no_slip, radius = (*path, "contact"), (*path, "rolling"), rolling.radius
+
+        def require(distance: float, asked: float, size: float) -> None:
+            message = (
+                f"{rolling.wheel} starts with its centre {distance:.12g} m away, its radius asks "
+                f"for {asked:.12g} m"
+            )
+            self.require(distance - asked, MISFIT * max(size, asked), path, message)
+
+        if (line := rolling.line) is not None:
+            along, away = self._on_line(centre, line, (*path, "line"), centre_path)
+            start, arm = self.vector(along), self.vector(away)
+            off = (start.conjugate() * arm).imag
+            side = math.copysign(1.0, off)
+            require(abs(off), radius, abs(arm))
+            self.pair(along, away, (), contact, (side * radius,))
+            angles = [(self.angle(rolling.wheel, (*path, "wheel")), side * radius)]
+            if line.on is not None:
+                angles.append((self.angle(line.on, (*path, "line", "on")), -side * radius))
+            turned = {name: -1j * weight for name, weight in along.items()}
+            now = (start.conjugate() * arm).real + self.sum_of(tuple(angles))
+            self.pair(turned, away, tuple(angles), no_slip, (now,))
+            return
+        circle = rolling.circle
+        assert circle is not None
+        signed = -radius if circle.inside else radius
+        keys = ("circle", str(centre_path[-1]))
+        difference = self.difference(circle.centre, centre, path, keys)
+        distance = circle.radius + signed
+        require(abs(self.vector(difference)), distance, distance)
+        self.distance(circle.centre, centre, distance, contact)
+        name = ".".join(map(str, (*path, "angle")))
+        angles = [(self.angle_of(difference, (*path, "angle"), name), distance)]
+        angles.append((self.angle(rolling.wheel, (*path, "wheel")), -signed))
+        if circle.body is not None:
+            angles.append((self.angle(circle.body, (*path, "circle", "body")), -circle.radius))
+        self.pair({}, {}, tuple(angles), no_slip, (self.sum_of(tuple(angles)),))
+
+    def _python_forces(self, force: PythonForce, path: KeyPath) -> None:
+        """Keep forces F(P, P', t) for what adds them to the problem."""
+        sites = []
+        for place, point in enumerate(force.on):
+            with self.checked():
+                sites.append(self.site(point, (*path, "on", place)))
+        if len(sites) < len(force.on):
+            raise Follows
+        names = list(dict.fromkeys(name for site in sites for name in site))
+        moving = [name for name in names if name in self.moving]
+        if not moving:
+            raise self.document.error((*path, "on"), "must name a point that moves")
+        weights = np.zeros((2 * len(sites), 2 * len(moving)))
+        offsets = np.zeros(2 * len(sites))
+        for k, site in enumerate(sites):
+            for name, weight in site.items():
+                a, b = complex(weight).real, complex(weight).imag
+                block = np.array([[a, -b], [b, a]])
+                if name in self.fixed:
+                    at = self.fixed[name]
+                    offsets[2 * k : 2 * k + 2] += product(block, [at.real, at.imag])
+                else:
+                    j = 2 * moving.index(name)
+                    weights[2 * k : 2 * k + 2, j : j + 2] = block
+        coordinates = [self.moving[name] + c for name in moving for c in (0, 1)]
+        self.pushes[path] = Push(force.python, coordinates, weights, offsets)

@@ -119,21 +119,19 @@ def about(name: str) -> About:
 
 
 def size(data: Mapping[str, Any]) -> tuple[int, int]:
-    """Coordinates and constraints of the data of a valid mechanism."""
-    if data.get("dimensions") == 3:
-        from newmark_cli.mechanisms.joints import JOINTS
+    """Coordinates and constraints of the data of a valid mechanism without angle coordinates."""
+    from newmark_cli.mechanisms.joints import JOINTS
 
-        rows = sum(len(JOINTS[joint["type"]].rows) for joint in data.get("joints", {}).values())
-        laws = sum(
-            key in motion
-            for motion in data.get("motions", {}).values()
-            for key in ("angle", "distance", "x", "y", "z")
-        )
+    def all_of(*kinds: str) -> list[Any]:
+        return [one for kind in kinds for one in data.get(kind, {}).values()]
+
+    bodies = len(all_of("bodies"))
+    rows = len(all_of("bars", "sliders", "angle_joints", "gears")) + 2 * len(all_of("rolling"))
+    rows += sum(len(JOINTS[joint["type"]].rows) for joint in all_of("joints"))
+    driven = {"angle", "distance", "x", "y", "z"}
+    rows += sum(len(driven & motion.keys()) for motion in all_of("motions"))
+    if data.get("dimensions") == 3:
         redundant = data.get("redundant", {})
         released = 0 if isinstance(redundant, str) else sum(map(len, redundant.values()))
-        return 12 * len(data["bodies"]), 6 * len(data["bodies"]) + rows + laws - released
-    from newmark_cli.mechanisms.parts import PARTS
-
-    moving = sum("at" in point for point in data["points"].values())
-    rows = sum(part.rows(one) for key, part in PARTS.items() for one in data.get(key, {}).values())
-    return 2 * moving, len(data.get("bodies", ())) + rows
+        return 12 * bodies, 6 * bodies + rows - released
+    return 2 * sum("at" in point for point in data["points"].values()), bodies + rows

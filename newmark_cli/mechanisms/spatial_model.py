@@ -5,14 +5,12 @@ Geometry is given as it stands at the start, in global axes.  Only ``centre``, `
 """
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    Discriminator,
     Field,
     Tag,
     ValidationInfo,
@@ -21,13 +19,20 @@ from pydantic import (
 
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
+    LISTED,
+    MAPPED,
+    PLAIN,
     Amount,
     Bounded,
     Damper,
     Law,
     Length,
+    MechanismModel,
     NotNegative,
     Spring,
+    branch,
+    driven,
+    laws_of,
 )
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.support import documents
@@ -38,8 +43,6 @@ from newmark_cli.support.documents import StrictModel, Truth, misfit
 _SKEW = 1e-9
 #: How far the largest moment of inertia may be beyond the sum of the others.
 _IMPOSSIBLE = 1e-12
-
-GROUND = "ground"
 
 
 def _three_numbers(value: Any, info: ValidationInfo) -> Any:
@@ -65,40 +68,18 @@ Extents = Annotated[tuple[Length, Length, Length], BeforeValidator(_three_number
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-#: Which branch of a union a value is meant for, so that errors are those of one branch.
-_MAPPED, _LISTED, _PLAIN = "(mapping)", "(list)", "(value)"
-
-
-def _branch(value: Any) -> str:
-    if isinstance(value, Mapping | StrictModel):
-        return _MAPPED
-    return _LISTED if isinstance(value, list | tuple) else _PLAIN
-
-
-def _by_name(value: Any) -> str:
-    return _MAPPED if _branch(value) == _MAPPED else _LISTED
-
-
-def _as_list(value: Any) -> str:
-    return _LISTED if _branch(value) == _LISTED else _PLAIN
-
-
-def _as_mapping(value: Any) -> str:
-    return _MAPPED if _branch(value) == _MAPPED else _PLAIN
-
-
 Place = Annotated[
-    Annotated[Vector, Tag(_LISTED)] | Annotated[dict[str, Vector], Tag(_MAPPED)],
-    Discriminator(_by_name),
+    Annotated[Vector, Tag(LISTED)] | Annotated[dict[str, Vector], Tag(MAPPED)],
+    branch(MAPPED, LISTED, LISTED),
 ]
 Axis = Annotated[
-    Annotated[Direction, Tag(_LISTED)] | Annotated[dict[str, Direction], Tag(_MAPPED)],
-    Discriminator(_by_name),
+    Annotated[Direction, Tag(LISTED)] | Annotated[dict[str, Direction], Tag(MAPPED)],
+    branch(MAPPED, LISTED, LISTED),
 ]
 TwoAxes = Annotated[
-    Annotated[tuple[Direction, Direction], Tag(_LISTED)]
-    | Annotated[dict[str, Direction], Tag(_MAPPED)],
-    Discriminator(_by_name),
+    Annotated[tuple[Direction, Direction], Tag(LISTED)]
+    | Annotated[dict[str, Direction], Tag(MAPPED)],
+    branch(MAPPED, LISTED, LISTED),
 ]
 
 
@@ -163,7 +144,7 @@ class Tensor(StrictModel):
 
 
 Inertia = Annotated[
-    Annotated[Vector, Tag(_LISTED)] | Annotated[Tensor, Tag(_MAPPED)], Discriminator(_by_name)
+    Annotated[Vector, Tag(LISTED)] | Annotated[Tensor, Tag(MAPPED)], branch(MAPPED, LISTED, LISTED)
 ]
 
 
@@ -329,7 +310,8 @@ class Torque(StrictModel):
 
     on: str = Field(description="body or joint")
     torque: Annotated[
-        Annotated[Amounts, Tag(_LISTED)] | Annotated[Amount, Tag(_PLAIN)], Discriminator(_as_list)
+        Annotated[Amounts, Tag(LISTED)] | Annotated[Amount, Tag(PLAIN)],
+        branch(PLAIN, LISTED, PLAIN),
     ] = Field(
         description="on a body [x, y, z]; on a joint one, from 'from' on 'to' (N m); each a number "
         "or a law of time"
@@ -350,6 +332,11 @@ class Force(StrictModel):
 
     at: str = Field(description="point of a body: one of 'body_points', or a body: its origin")
     force: Amounts = Field(description="components (N), each a number or a law of time")
+
+    @property
+    def laws(self) -> dict[int, Law]:
+        """Components that are laws of time."""
+        return laws_of(self.force)
 
 
 class Motion(StrictModel):
@@ -377,8 +364,7 @@ class Motion(StrictModel):
     @property
     def laws(self) -> dict[str, Law]:
         """Driven quantity → its law."""
-        keys = ("angle", "distance", "x", "y", "z")
-        return {key: law for key in keys if (law := getattr(self, key)) is not None}
+        return driven(self)
 
 
 class Rate(StrictModel):
@@ -387,23 +373,24 @@ class Rate(StrictModel):
     angle: Bounded | None = Field(None, description="rate of its angle (rad/s)")
     distance: Bounded | None = Field(None, description="rate of its distance (m/s)")
 
+    @property
+    def rates(self) -> dict[str, float]:
+        """Those that are given."""
+        return {key: rate for key, rate in self if rate is not None}
+
 
 OneOrBoth = Annotated[
-    Annotated[Bounded, Tag(_PLAIN)] | Annotated[Rate, Tag(_MAPPED)], Discriminator(_as_mapping)
+    Annotated[Bounded, Tag(PLAIN)] | Annotated[Rate, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
 ]
 Redundant = Annotated[
-    Annotated[Literal["refuse", "drop"], Tag(_PLAIN)]
-    | Annotated[dict[str, list[str]], Tag(_MAPPED)],
-    Discriminator(_as_mapping),
+    Annotated[Literal["refuse", "drop"], Tag(PLAIN)] | Annotated[dict[str, list[str]], Tag(MAPPED)],
+    branch(MAPPED, PLAIN, PLAIN),
 ]
 
 
-class SpatialMechanism(StrictModel):
+class SpatialMechanism(MechanismModel):
     """A spatial mechanism; SI units."""
 
-    title: str = Field("", description="heads drawings")
-    description: str = Field("", description="what it is and how it moves, in one line")
-    source: str = Field("", description="where the data come from")
     dimensions: Literal[3] = Field(description="3: the mechanism is spatial")
     points: dict[str, Point] = Field({}, description="points of the ground")
     bodies: dict[str, Body] = Field(description="rigid bodies")
@@ -435,15 +422,3 @@ class SpatialMechanism(StrictModel):
         if not self.bodies:
             raise misfit("bodies", "must name at least one body")
         return self
-
-    @property
-    def conservative(self) -> bool:
-        """Whether energy is conserved: nothing damps, drives or moves by a law of time."""
-        laws = [law for motion in self.motions.values() for law in motion.laws.values()]
-        laws += [x for force in self.forces.values() for x in force.force if isinstance(x, Law)]
-        return not (
-            any(damper.damping for damper in self.dampers.values())
-            or any(damper.damping for damper in self.torsion_dampers.values())
-            or any(torque.acts for torque in self.torques.values())
-            or any(law.moves for law in laws)
-        )
