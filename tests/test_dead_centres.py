@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from newmark_cli.mechanisms import planar
+from newmark_cli.mechanisms import loading
 from newmark_cli.support.documents import DocumentError, parse
 
 #: A slider-crank whose slider is driven away from where the linkage is nearly straight.
@@ -40,7 +40,7 @@ def test_driven_at_a_dead_centre(text, off, options):
     document = parse(text.format(off=off, rate=1, options=options), "m.yaml")
     problem, refusal = None, ""
     try:
-        problem = planar.built("m.yaml", document)
+        problem = loading.built("m.yaml", document)
     except DocumentError as error:
         refusal = str(error)
     if problem is None:
@@ -59,7 +59,7 @@ def test_the_line_of_a_dead_centre():
     """What it is, which constraints are concerned, and what to do."""
     document = parse(DRIVEN.format(off=0.0, rate=1, options="project_velocities: true"), "m.yaml")
     with pytest.raises(DocumentError) as refused:
-        planar.built("m.yaml", document)
+        loading.built("m.yaml", document)
     assert str(refused.value) == (
         "m.yaml, line 6: motions.push.x: the start is a singular position, such as a dead "
         "centre: only here do these constraints depend on each other: bodies.crank, bodies.rod, "

@@ -22,12 +22,10 @@ from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import Document, DocumentError, KeyPath
 from newmark_cli.support.spelling import nearest
 
-#: What adds forces in Python to a problem.
-Code = Callable[[Problem, Sequence[Push]], Problem]
 #: Largest misfit of a start, relative to the length it is a misfit of: data are rounded.
 MISFIT = 1e-12
-#: Kinds of parts under whose name others refer to them.
-_ALIASES = {"body_points": "points"}
+#: Kinds of parts that others refer to by the name of another kind.
+ALIASES = {"body_points": "points"}
 
 
 class Follows(Exception):
@@ -108,7 +106,7 @@ class Builder(ABC):
         self.prepare()
         for key in self.parts:
             for part, one in getattr(mechanism, key).items():
-                with self.checked(_ALIASES.get(key, key), part):
+                with self.checked(ALIASES.get(key, key), part):
                     getattr(self, f"_{key}")(one, (key, part))
         self.mistakes.refuse()
         self.weigh()
@@ -326,89 +324,3 @@ class Builder(ABC):
     def _dampers(self, damper: Any, path: KeyPath) -> None:
         between = self.between(damper.from_, damper.to, path)
         self.add("DAMPER", between, parameters=(damper.damping,))
-
-
-# -- from files to problems ---------------------------------------------------------------------
-
-
-def built(kind: type[Builder], name: str, document: Document, code: Code | None = None) -> Problem:
-    """Problem from a mechanism file that was read.
-
-    Args:
-        kind: Builder of such a mechanism.
-        name: Name of the problem.
-        document: The file.
-        code: Adds forces in Python; refused if omitted.
-
-    Raises:
-        DocumentError: For every mistake that can be found, each with file, line and
-            key: of the file itself, or of a mechanism without a consistent start.
-    """
-    try:
-        mechanism = documents.validate(document, kind.model)
-    except DocumentError as error:
-        mistakes = documents.Mistakes()
-        mistakes.note(error)
-        with mistakes.gathered():
-            _check_rest(kind, name, document, error)
-        mistakes.refuse()
-        raise
-    return build(kind, name, mechanism, document, code)
-
-
-def build(
-    kind: type[Builder],
-    name: str,
-    mechanism: MechanismModel,
-    document: Document | None = None,
-    code: Code | None = None,
-) -> Problem:
-    """Problem from a mechanism.
-
-    Args:
-        kind: Builder of such a mechanism.
-        name: Name of the problem.
-        mechanism: The mechanism.
-        document: Where it came from, for errors.
-        code: Adds forces in Python; refused if omitted.
-
-    Raises:
-        DocumentError: See `built`.
-    """
-    from newmark_cli.mechanisms import start
-
-    document = document or Document(name, {}, {})
-    under_way = kind(name, document, mechanism)
-    for path, push in under_way.pushes.items():
-        if code is None:
-            message = f"{push.given.rpartition(':')[0]} is code, which runs only with --allow-code"
-            raise document.error((*path, "python"), message)
-    problem = under_way.completed(*start.consistent(under_way))
-    if under_way.pushes and code is not None:
-        problem = code(problem, tuple(under_way.pushes.values()))
-    return problem
-
-
-def _check_rest(kind: type[Builder], name: str, document: Document, error: DocumentError) -> None:
-    """What can be said of a file apart from mistakes that are known.
-
-    Raises:
-        DocumentError: For mistakes in the relations between parts that are well formed.
-    """
-    others_allowed = kind.model.model_fields.keys() - set(kind.parts)
-    wrong: set[KeyPath] = {mistake.path[:2] for mistake in error.mistakes}
-    parts = {path for path in wrong if path[:1] and path[0] in kind.parts}
-    others = {path[0] for path in wrong - parts if path}
-    if error.more or () in wrong or any(len(path) < 2 for path in parts) or others - others_allowed:
-        return
-    sound = {
-        key: {name: part for name, part in value.items() if (key, name) not in parts}
-        if key in kind.parts
-        else value
-        for key, value in document.data.items()
-        if key not in others
-    }
-    if "assemble" in others:
-        sound["assemble"] = True  # nobody knows whether positions are meant to fit
-    broken = [(_ALIASES.get(str(key), str(key)), str(part)) for key, part in parts]
-    kind(name, document, documents.validate(document, kind.model, sound), broken)

@@ -1,7 +1,7 @@
 """Mechanisms of any size: a planar mechanism, made from a few numbers.
 
 Each is made twice: as the data of a `models.Mechanism`, as a file would have them, for
-drawings, and as the arrays that `planar.build` makes of these data, without the detour over
+drawings, and as the arrays that builders make of these data, without the detour over
 a million parts.
 """
 

@@ -2,16 +2,22 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
-from newmark_cli.support.documents import Document, File
+from newmark_cli.support.documents import Document, DocumentError, File, KeyPath
+
+if TYPE_CHECKING:
+    from newmark_cli.mechanisms.builder import Builder
+
+#: What adds forces in Python to a problem.
+Code = Callable[[Problem, Sequence[Push]], Problem]
 
 #: Keys that only spatial mechanisms have.
 _SPATIAL = ("joints", "rates", "redundant")
@@ -66,13 +72,17 @@ def has_code(data: Any) -> bool:
     return isinstance(data, dict) and bool(data.get("python_forces"))
 
 
-def built(name: str, document: Document, code: Any = None) -> Problem:
-    """Problem from a mechanism file that was read; raises DocumentError as `load` does.
+def built(name: str, document: Document, code: Code | None = None) -> Problem:
+    """Problem from a mechanism file that was read.
 
     Args:
         name: Name of the problem.
         document: The file.
-        code: Adds forces in Python, see `builder.built`; refused if omitted.
+        code: Adds forces in Python; refused if omitted.
+
+    Raises:
+        DocumentError: For every mistake that can be found, each with file, line and
+            key: of the file itself, or of a mechanism without a consistent start.
     """
     if isinstance(document.data, dict):
         if not is_mechanism(document.data) and not document.data.keys().isdisjoint(_OF_STUDIES):
@@ -86,7 +96,7 @@ def built(name: str, document: Document, code: Any = None) -> Problem:
     return replace(found, doubts=sizes.doubts(found, document))
 
 
-def _built(name: str, document: Document, code: Any) -> Problem:
+def _built(name: str, document: Document, code: Code | None) -> Problem:
     if isinstance(document.data, dict) and "dimensions" not in document.data:
         message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
         for key in _SPATIAL:
@@ -96,12 +106,63 @@ def _built(name: str, document: Document, code: Any) -> Problem:
         for key, body in bodies.items() if isinstance(bodies, dict) else ():
             if isinstance(body, dict) and "position" in body:
                 raise document.error(("bodies", key, "position"), message)
-    from newmark_cli.mechanisms import builder
+    kind = _builder(document.data)
+    try:
+        mechanism = documents.validate(document, kind.model)
+    except DocumentError as error:
+        mistakes = documents.Mistakes()
+        mistakes.note(error)
+        with mistakes.gathered():
+            _check_rest(kind, name, document, error)
+        mistakes.refuse()
+        raise
+    return _build(kind, name, mechanism, document, code)
 
-    return builder.built(_builder(document.data), name, document, code)
+
+def _check_rest(kind: "type[Builder]", name: str, document: Document, error: DocumentError) -> None:
+    """What can be said of a file apart from mistakes that are known.
+
+    Raises:
+        DocumentError: For mistakes in the relations between parts that are well formed.
+    """
+    others_allowed = kind.model.model_fields.keys() - set(kind.parts)
+    wrong: set[KeyPath] = {mistake.path[:2] for mistake in error.mistakes}
+    parts = {path for path in wrong if path[:1] and path[0] in kind.parts}
+    others = {path[0] for path in wrong - parts if path}
+    if error.more or () in wrong or any(len(path) < 2 for path in parts) or others - others_allowed:
+        return
+    sound = {
+        key: {name: part for name, part in value.items() if (key, name) not in parts}
+        if key in kind.parts
+        else value
+        for key, value in document.data.items()
+        if key not in others
+    }
+    if "assemble" in others:
+        sound["assemble"] = True  # nobody knows whether positions are meant to fit
+    from newmark_cli.mechanisms.builder import ALIASES
+
+    broken = [(ALIASES.get(str(key), str(key)), str(part)) for key, part in parts]
+    kind(name, document, documents.validate(document, kind.model, sound), broken)
 
 
-def _builder(data: Any) -> Any:
+def _build(
+    kind: Any, name: str, mechanism: Any, document: Document, code: Code | None = None
+) -> Problem:
+    from newmark_cli.mechanisms import start
+
+    under_way: Builder = kind(name, document, mechanism)
+    for path, push in under_way.pushes.items():
+        if code is None:
+            message = f"{push.given.rpartition(':')[0]} is code, which runs only with --allow-code"
+            raise document.error((*path, "python"), message)
+    problem = under_way.completed(*start.consistent(under_way))
+    if under_way.pushes and code is not None:
+        problem = code(problem, tuple(under_way.pushes.values()))
+    return problem
+
+
+def _builder(data: Any) -> "type[Builder]":
     # Either room is large, and one of them is enough.
     if is_spatial(data):
         from newmark_cli.mechanisms import spatial
@@ -114,10 +175,8 @@ def _builder(data: Any) -> Any:
 
 def made(name: str, data: dict[str, Any]) -> Problem:
     """Problem from data that are known to be those of a mechanism."""
-    from newmark_cli.mechanisms import builder
-
     kind = _builder(data)
-    return builder.build(kind, name, kind.model.model_validate(data))
+    return _build(kind, name, kind.model.model_validate(data), Document(name, {}, {}))
 
 
 def is_mechanism(data: Any) -> bool:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.mechanisms import builder, laws
-from newmark_cli.mechanisms.builder import MISFIT, Code, Follows, Sum
+from newmark_cli.mechanisms.builder import MISFIT, Follows, Sum
 from newmark_cli.mechanisms.models import (
     GROUND,
     AngleJoint,
@@ -41,7 +41,7 @@ from newmark_cli.mechanisms.models import (
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support.arrays import Array, IndexArray
-from newmark_cli.support.documents import Document, KeyPath
+from newmark_cli.support.documents import KeyPath
 
 #: The constant vector (1, 0), as if it were a fixed point.
 UNIT = "\0"
@@ -59,11 +59,6 @@ def _minus(one: Weights, other: Weights) -> dict[str, complex]:
         for name in dict.fromkeys((*other, *one))
         if (weight := one.get(name, 0) - other.get(name, 0)) != 0
     }
-
-
-def built(name: str, document: Document, code: Code | None = None) -> Problem:
-    """Problem from a mechanism file that was read; see `builder.built`."""
-    return builder.built(Builder, name, document, code)
 
 
 class Builder(builder.Builder):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.mechanisms import builder, laws
-from newmark_cli.mechanisms.builder import MISFIT, Code, Row, Sum
+from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import GROUND, Law, laws_of
 from newmark_cli.mechanisms.spatial_model import (
@@ -33,7 +33,7 @@ from newmark_cli.mechanisms.table import Term
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
-from newmark_cli.support.documents import Document, KeyPath
+from newmark_cli.support.documents import KeyPath
 
 #: Coordinates of a body.
 PER_BODY = 12
@@ -78,11 +78,6 @@ class SpatialModel:
     def description(self) -> str:
         """Kind and motion, in one line."""
         return self.mechanism.description
-
-
-def built(name: str, document: Document, code: Code | None = None) -> Problem:
-    """Problem from the document of a spatial mechanism; see `builder.built`."""
-    return builder.built(Builder, name, document, code)
 
 
 #: Largest moment of a body, relative to others, with which a motion has no inertia.
