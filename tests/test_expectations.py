@@ -227,20 +227,6 @@ def test_folders_are_compared_by_the_expectations_that_both_have(expecting):
     assert "2 ± 0.1" in printed
 
 
-@each("broken", [
-    "3", '[{"slope": 2}]', '[{"measure": "bogus"}]', '[{"measure": "error", "slope": "2"}]',
-])  # fmt: skip
-def test_records_that_no_run_has_written(cli, marched, broken):
-    """One line names the record."""
-    shutil.copytree(marched, cli.folder / "results")
-    path = cli.folder / "results/swing.json"
-    path.write_text(
-        path.read_text().replace('"study": "swing",\n    "', f'"expect": {broken}, "', 1)
-    )
-    assert '"expect"' in path.read_text()
-    assert "swing.json: expect: not as written by a run" in cli.refused("check")
-
-
 # -- what a config may say --------------------------------------------------------------------
 
 

@@ -3,20 +3,17 @@
 import ast
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import synthetic
 from each import each
 
 import newmark_cli
-from newmark_cli.mechanisms.registry import problem
-from newmark_cli.report.drawing import draw, plot, sheets, style
+from newmark_cli.report.drawing import sheets
 from newmark_cli.report.drawing.panels import LOOKS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.fits import Fit, format_fit, power_law
 from newmark_cli.report.judging.slopes import study_slopes
-from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import RECORDS
@@ -107,16 +104,6 @@ def test_slopes_stand_where_there_is_a_prediction(tmp_path):
     np.testing.assert_allclose(line.x, [1e-6, 1e-4])
     assert order(line) == pytest.approx(2, abs=1e-10)
     assert line.text == "h²"
-
-
-def test_shares_and_counts_start_at_zero(tmp_path):
-    """Figure 12 shows all of 0 to 1, Figure 13 all counts; zeros are drawn."""
-    for name, top in (("12", 1), ("13", 600)):
-        (panel,) = sheet_of(tmp_path, FIGURES[name]).panels
-        low, high = panel.y_limits
-        assert low < 0 < top < high < 1.3 * top
-        assert -low < 0.1 * top
-        assert all(trace.shown(panel.x_scale, panel.y_scale).all() for trace in panel.traces)
 
 
 def test_stagnation_is_marked(tmp_path):
@@ -246,52 +233,6 @@ def test_only_the_drawing_modules_import_matplotlib():
     }
 
 
-def test_series_can_be_told_apart():
-    """Distinct markers and line styles; colours apart in grey and for the colour blind."""
-    looks = LOOKS[:4]
-    assert len({look.marker for look in looks}) == 4
-    assert len({look.linestyle for look in looks}) == 4
-    grey = [np.dot(mpl.colors.to_rgb(look.color), [0.2126, 0.7152, 0.0722]) for look in looks]
-    assert np.min(np.diff(grey)) > 0.05, "dark to light"
-
-
-@each("figure", [FIGURES["6"]])
-def test_mechanism_figures_show_every_joint(figure):
-    """All points are labelled, fixed ones filled, at their initial positions in mm."""
-    subject = problem(figure.problem)
-    mechanism = subject.drawing
-    drawing = draw.drawn(sheets.sheet(figure, Results(Path("nowhere"), [])))
-    (axes,) = drawing.axes
-    labels = {text.get_text() for text in axes.texts}
-    assert set("OABCDEFGH") | set(mechanism.bodies) <= labels
-    joints = {
-        tuple(np.round([line.get_xdata()[0], line.get_ydata()[0]], 9))
-        for line in axes.get_lines()
-        if line.get_marker() == "o"
-    }
-    expected = {
-        tuple(np.round(1e3 * np.array(point.fixed or point.at), 9))
-        for point in mechanism.points.values()
-    }
-    assert expected < joints
-    assert len(joints) == 9
-
-
-def test_figures_are_made_by_reproduce():
-    """The paper's by its studies, those past it by the others; none by both."""
-    paper = [figure.name for figure in plot.of_studies(config.REPRODUCED)]
-    assert paper == ["1", "2", "3", "4", "5", "6", "7", "8", "9", "sensitivity"]
-    assert plot.of_studies((*config.REPRODUCED, *config.BEYOND)) == list(FIGURES.values())
-    assert {figure.study for figure in synthetic.CLAIMING} == {*config.BEYOND} - {
-        "integrators",
-        "cures-tolerance",
-        "cures-krylov",
-        # Its claim comes with what it measures, as in a study of one's own.
-        "floor",
-        "spatial",
-    }
-
-
 @each(
     "figure",
     [f for f in FIGURES.values() if f.curves],
@@ -315,61 +256,6 @@ def test_shipped_configs_give_what_figures_draw(figure):
         assert {column: getattr(curve, column) for column in cells[0]} in cells, curve.label
 
 
-def test_both_files_have_the_same_bytes_again(committed_results, tmp_path):
-    """PNG and SVG of a figure drawn twice."""
-    figure = ORDER_FIGURES[1]
-    contents = []
-    for name in ("one", "two"):
-        sheet = sheets.sheet(figure, committed_results(figure.study))
-        files = style.save(draw.drawn(sheet), tmp_path, name)
-        contents.append([file.read_bytes() for file in files])
-    assert contents[0] == contents[1]
-    assert contents[0][0].startswith(b"\x89PNG")
-    assert b"<svg" in contents[0][1]
-
-
-def multiplier_rows(slope, zero_at=None, status="ok"):
-    """Rows of Figure 2's optimal series with a given slope."""
-    table = []
-    for i, h in enumerate((1e-1, 1e-2, 1e-3, 1e-4)):
-        row = dict.fromkeys(results.COLUMNS, 0)
-        row |= {
-            "study": "pendulum-u", "problem": "pendulum",
-            "integrator": "newmark beta=0.25 gamma=0.5",
-            "form": "u-lambda", "preconditioning": "optimal", "evaluation": "direct",
-            "precision": "float64", "linear_solver": "dense-lu", "h": h, "t_end": 3.0,
-            "steps": 30, "quantity": "lambda", "measure": "correction", "role": "primary",
-            "rms": 0.0 if i == zero_at else 1e-17 * h**slope, "status": status,
-            "row_block": "", "stop": "saturation", "met": "",
-            "formulation": "index-3", "projection": "none",
-            "multipliers": "newton", "start": "consistent",
-        }  # fmt: skip
-        table.append(row)
-    return table
-
-
-@each(
-    "slope, zero_at, status, verdict",
-    [
-        (0.0, None, "ok", PASS),
-        (0.149, None, "ok", PASS),
-        (0.151, None, "ok", UNDECIDED),
-        (-1.0, None, "ok", MISS),
-        # A zero has no logarithm; the rest shows the order, and the reason counts it.
-        (0.0, 2, "ok", PASS),
-        (0.0, None, "not_converged", INCOMPLETE),
-    ],
-)
-def test_verdicts(tmp_path, slope, zero_at, status, verdict):
-    """Within the figure's tolerance, complete, every cell ok: nothing else passes."""
-    path = tmp_path / "pendulum-u.csv"
-    path.write_text(results.csv_text(results.COLUMNS, multiplier_rows(slope, zero_at, status)))
-    (found,) = study_slopes(read_study(path), path)
-    assert found.figures == ("2",)
-    assert (found.expected, found.tolerance, found.verdict) == (0.0, 0.15, verdict)
-    assert ("exactly 0" in found.reason) == (zero_at is not None)
-
-
 @each(
     ("slope", "stderr", "text"),
     [
@@ -385,10 +271,3 @@ def test_verdicts(tmp_path, slope, zero_at, status, verdict):
 def test_fits_are_written_with_two_decimals(slope, stderr, text):
     """A true minus sign, no minus zero, no error that would be 0.00."""
     assert format_fit(Fit(slope, stderr, 0.0, 4)) == text
-
-
-def test_tolerances_are_the_claims():
-    """What the paper's figures are held to."""
-    assert {f.name: f.tolerance for f in ORDER_FIGURES} == {
-        "1": 0.15, "2": 0.15, "3": 0.02, "4": 0.15, "5": 0.15, "7": 0.1, "8": 0.1, "9": 0.05,
-    }  # fmt: skip

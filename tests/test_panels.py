@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
-import pytest
 import synthetic
 from click.testing import CliRunner
 from each import each
@@ -18,9 +17,7 @@ from newmark_cli.report.drawing.panels import (
     Reference,
     Sheet,
     Trace,
-    from_zero,
     look,
-    spread,
 )
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import study_slopes
@@ -78,25 +75,6 @@ def test_points_without_a_place_are_not_shown():
     assert x.shown("log", "log").tolist() == [False, False, False, False, True]
     assert Panel((y, x)).empty is False
     assert Panel((Trace("z", H, np.zeros(4), look(0)),)).empty is True
-
-
-def test_ends_of_ordinates():
-    """At least four decades around the values, or from below zero to above the top."""
-    low, high = spread([np.array([1.0, 1.1]), np.array([0.0, np.nan])])
-    assert low * high == pytest.approx(1.1)
-    assert np.log10(high / low) == pytest.approx(4)
-    low, high = spread([np.array([1e-5, 1e5])])
-    assert (np.log10(low), np.log10(high)) == (pytest.approx(-6.2), pytest.approx(6.2))
-    assert spread([np.array([0.0, np.nan])]) is None
-    assert spread([]) is None
-    assert from_zero(2.0) == pytest.approx((-0.12, 2.14))
-
-
-def test_a_sheet_in_words():
-    """Its title, and what its traces say; who says nothing is not mentioned."""
-    said = (trace(0, "a", said="a: slope 1"), trace(1, "b"), trace(2, "c", said="c: 5 at h = 1"))
-    sheet = Sheet("Title", (Panel(said[:2]), Panel(said[2:])))
-    assert sheet.words == "Title. a: slope 1. c: 5 at h = 1."
 
 
 # -- the renderer ---------------------------------------------------------------------------
@@ -201,15 +179,6 @@ def test_ticks_within_a_decade():
             if low <= label.get_position()[0] <= high
         }
         assert expected <= seen
-
-
-def test_settings_are_those_of_the_sheet():
-    """What a sheet sets holds for it, and for no other."""
-    sizes = []
-    for settings in ({"axes.labelsize": 5}, {}):
-        sheet = Sheet("", (Panel((trace(0, "a"),), "x"),), settings=settings)
-        sizes.append(draw.drawn(sheet).axes[0].xaxis.label.get_fontsize())
-    assert sizes == [5, 8]
 
 
 # -- whose results a mechanism belongs to ---------------------------------------------------

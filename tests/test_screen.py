@@ -1,21 +1,15 @@
 """What reaches a terminal, a figure, a table or a page of names that somebody made to harm."""
 
-import ast
 import csv
 import json
 import re
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 import pytest
-from click.shell_completion import CompletionItem
 from each import each
 from test_show import on_a_terminal
 
-import newmark_cli
-from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import as_json_text
 from newmark_cli.report.drawing import draw
 from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
@@ -30,39 +24,6 @@ SHOWN = (
     r"\x1b[2J\x1b]0;x\x07\x9b31m\r\x08\x7f\u2028\u2029\x85\u202e\u200b\nfake.csv: ok"
 )  # fmt: skip
 
-#: Functions that print.
-PRINTING = {"print", "echo", "secho", "echo_via_pager", "write", "writelines"}
-#: Where they may be called: the one place for commands; a line that has no name in it; files.
-MAY_PRINT = {
-    "cli/screen.py": {"echo"},
-    "cli/last_resort.py": {"print"},  # where nothing may fail
-    "support/files.py": {"write"},  # into files
-    "interrupts.py": {"write"},  # of a signal handler
-    "report/judging/text.py": {"print"},
-    "cli/terminal.py": {"print"},
-}
-
-
-def test_commands_print_in_one_place():
-    """Nobody else calls `click.echo`, `print` or the streams' `write`."""
-    package = Path(newmark_cli.__file__).parent
-    for path in sorted(package.rglob("*.py")):
-        text = path.read_text()
-        if not any(name in text for name in PRINTING):
-            continue
-        tree = ast.parse(text)
-        called = set()
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call):
-                name = node.func
-                last = name.attr if isinstance(name, ast.Attribute) else getattr(name, "id", "")
-                owner = ast.unparse(name.value) if isinstance(name, ast.Attribute) else ""
-                streams = owner in ("", "click", "sys.stdout", "sys.stderr", "console")
-                if last in PRINTING and (streams or owner.endswith("console")):
-                    called.add(last)
-        relative = path.relative_to(package).as_posix()
-        assert called <= MAY_PRINT.get(relative, set()), relative
-
 
 def test_visible():
     """What is not printed is escaped; letters of any script and wide blanks stay."""
@@ -71,28 +32,6 @@ def test_visible():
     assert visible("Δλ ≈ 1e−3, 机构 ½\u00a0x") == "Δλ ≈ 1e−3, 机构 ½\u00a0x"
     assert visible("\udc80\U000e0001") == r"\udc80\U000e0001"
     assert one_line("a \n\u2028 b\x1b" + "x" * 2000)[:12] == r"a b\x1bxxxxx"
-
-
-def test_json_stays_json():
-    """What no terminal prints is escaped so that it reads back."""
-    value = {"a": BAD, "b": ["\U000e0001", "λ", 1.5]}
-    told = as_json_text(value)
-    assert visible_lines(told) == told
-    assert json.loads(told) == value
-    assert "λ" in told
-    assert as_json_text(["a\\b"]) == json.dumps(["a\\b"], indent=2)
-
-
-def test_tables_show_what_is_not_printed(monkeypatch):
-    """As wide as it is shown; several lines only where they are given as such."""
-    monkeypatch.setenv("COLUMNS", "200")
-    printed = text.text_table([("name", "value"), (BAD, "1"), ((BAD, "2"), "3")])
-    lines = printed.split("\n")
-    assert [line.split("  ")[0].strip() for line in lines] == [
-        "name", "-" * len(SHOWN), SHOWN, SHOWN, "2"
-    ]  # fmt: skip
-    assert all(line.isprintable() for line in lines)
-    assert text.wrapped(BAD).isprintable()
 
 
 MECHANISM = """\
@@ -157,16 +96,6 @@ def test_no_command_prints_control_characters(cli, hostile):
     assert r"d\x1b[31m\u202e" in cli("info").stdout
 
 
-def test_completion_offers_what_a_shell_can_be_told(tmp_path, monkeypatch):
-    """A file's name goes into a line: one with a line end in it is left to the shell."""
-    for name in ("good.yaml", "a\nb.yaml", "c\x1b[31m.yaml", "d\u202e.yaml"):
-        (tmp_path / name).write_text("")
-    monkeypatch.chdir(tmp_path)
-    found = complete(files=True)(None, None, "")
-    assert [item.value for item in found] == ["good.yaml"]
-    assert all(isinstance(item, CompletionItem) for item in found)
-
-
 # -- figures, tables, the page ------------------------------------------------------------------
 
 NAMES = (
@@ -196,18 +125,6 @@ def test_figures_write_names_as_they_are(name, fits):
         # What matplotlib would read as mathematics has an even number of bare dollar signs.
         assert found.count("$") == found.count(r"\$")
     ElementTree.fromstring(rendered(drawing, "svg"))
-
-
-def test_a_mechanism_of_any_name_is_drawn(cli):
-    """The files have a name; titles, joints and bodies are drawn as they are written."""
-    moving = ("--at", "0.2", "--animate", "m.gif", "--frames", "2")
-    for name, options in (("$.yaml", ()), ("$x$ \\frac.yaml", ()), ("$x$ \\frac.yaml", moving)):
-        cli.write(name, MECHANISM.replace("t\\e[31m", "$\\\\frac$").replace("P", "$p$"))
-        cli("draw", name, *options)
-    assert {path.name for path in (cli.folder / "results/figures").iterdir()} == {
-        "mechanism.png", "mechanism.svg", "x-frac.png", "x-frac.svg",
-    }  # fmt: skip
-    assert not (cli.folder / "results/figures.png").exists()
 
 
 def test_latex_takes_names_as_text():

@@ -268,19 +268,6 @@ def test_tables_are_folded_not_cut(monkeypatch, columns):
     assert "a heading of what is below" in printed.splitlines()
 
 
-def test_columns_go_into_blocks(monkeypatch):
-    """Each block begins with the first column; every column is there once, in order."""
-    monkeypatch.setenv("COLUMNS", "60")
-    rows = [["h", *(f"c{i}" for i in range(7))], ["0.1", *(f"1.23e-05  {i}.00" for i in range(7))]]
-    blocks = [tables(block) for block in text.text_table(rows, blocks=True).split("\n\n")]
-    assert [block[0] for block in blocks] == [
-        ["h", "c0", "c1", "c2"], ["h", "c3", "c4", "c5"], ["h", "c6"]
-    ]  # fmt: skip
-    assert [block[2][2::2] for block in blocks] == [
-        ["0.00", "1.00", "2.00"], ["3.00", "4.00", "5.00"], ["6.00"]
-    ]  # fmt: skip
-
-
 def test_every_table_fits_a_pipe(cli):
     """80 columns, or those of COLUMNS: checks, studies, comparisons."""
     for name in ("10", "11", "12", "13"):
@@ -329,16 +316,3 @@ def test_colour_on_a_terminal(cli):
         assert "\x1b" not in found
         assert found == plain
     assert "\x1b" not in cli("check", "--all", code=1).stdout
-
-
-def test_width_of_a_terminal(cli):
-    """Tables are as wide as the terminal allows, unless COLUMNS says otherwise."""
-    synthetic.write(cli.folder / "results", FIGURES["13"])
-    shown = ("show", "krylov")
-    widths = [
-        max(map(len, on_a_terminal(cli, *shown, columns=columns, NO_COLOR="1").splitlines()))
-        for columns in (60, 120)
-    ]
-    assert widths[0] <= 60 < widths[1] <= 120
-    narrow = on_a_terminal(cli, *shown, columns=120, COLUMNS="60", NO_COLOR="1")
-    assert max(map(len, narrow.splitlines())) == widths[0]

@@ -90,38 +90,6 @@ def test_integrators(tmp_path, label, order, damped):
     assert {s.tolerance for s in errors[:2]} == {0.2}
 
 
-def test_error_is_fitted_above_the_rounding_floor(tmp_path):
-    """From the largest step down to the smallest error; what rises below does not count."""
-    values = {1e-2: 1e-2, 1e-3: 1e-4, 1e-4: 1e-6, 1e-5: 3e-5, 1e-6: 2e-3}
-    table = series(values, measure="error", quantity="u")
-    for row in table:
-        row["rounding"] = 6e-16 / row["h"] ** 2
-    (slope,) = found(tmp_path, table)
-    np.testing.assert_array_equal(slope.fitted, [True, True, True, False, False])
-    assert (slope.fit.points, slope.verdict) == (3, PASS)
-    assert slope.fit.slope == pytest.approx(2, abs=1e-12)
-    np.testing.assert_array_equal(slope.values, list(values.values()))
-
-
-@each(
-    "values, verdict",
-    [
-        ((1e-2, 1e-3, 1e-4, 1e-5), MISS),
-        ((1e-2, 1e-4, 1e-3, 1e-3), NOT_CONVERGING),
-        ((1e-2, 1e-4, 1e-3, 1e-2), NOT_CONVERGING),
-        ((1e-2, 1e-1, 1.0, 1e1), NOT_CONVERGING),
-        ((1e-2,), UNDECIDED),
-        ((1e-2, None, 1e-6, 1e-8), INCOMPLETE),
-    ],
-)
-def test_verdicts_on_errors(tmp_path, values, verdict):
-    """Another order misses; what ends where it began does not converge; a gap is incomplete."""
-    (slope,) = found(tmp_path, series(values, measure="error", quantity="v"))
-    assert slope.verdict == verdict
-    assert (slope.expected, slope.tolerance) == (2, 0.2)
-    assert slope.fails == (verdict != UNDECIDED)
-
-
 @each("accept", [None, ["not_converging"]])
 def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
     """Where theory predicts no order: the trapezoidal λ, not u, which has order 2."""
