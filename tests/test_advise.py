@@ -544,26 +544,6 @@ def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, 
     assert missed[1].not_converged > 0.8 * steps
 
 
-@pytest.mark.usefixtures("without_noise", "of_float64")
-@each("mechanism, form, t_end", [
-    (own_mechanisms.heavy_top(30, -1, 5), "a-lambda", 0.03),
-    ({**own_mechanisms.driven_pendulum(), "gravity": [0, 0]}, "u-lambda", None),
-])  # fmt: skip
-def test_positions_in_which_little_is_rounded_do_not_rule_the_tolerance(mechanism, form, t_end):
-    """A top whose corrections at four states are a tenth of others', and a motor that starts late.
-
-    At rest all corrections are zero; the top missed three times the smallest tolerance of four
-    states at a quarter of its steps.
-    """
-    problem = newmark.problem(mechanism)
-    how = {"h": 1e-5, "form": form, "integrator": "generalized-alpha rho=0.9"}
-    (smallest,) = [one.scaled for one in newmark.advise(problem, t_end=t_end, **how).tolerances
-                   if one.unknown == "all"]  # fmt: skip
-    assert 1e-17 < smallest < 1e-14
-    march = newmark.march(problem, steps=3000, every=0, stop={"absolute": 3 * smallest}, **how)
-    assert (march.status, march.not_converged) == ("ok", 0)
-
-
 @pytest.mark.usefixtures("without_noise", "of_float64", "few_draws")
 def test_what_stays_at_rest_is_said_to():
     """A pendulum that hangs, without a motor."""

@@ -72,17 +72,6 @@ def test_memory_of_mistakes(tmp_path, least, text, line):
     assert len(lines) <= 51
 
 
-def test_mistakes_that_nobody_reads_are_not_told(cli):
-    """99 cases with 990 mistakes each."""
-    names = ", ".join(f"y{i}" for i in range(990))
-    case = "  - {form: q, h: 1, problem: *p}\n"
-    head = f"study: many\npreconditioning: none\nsteps: 1\nproblem: &p [{names}]\ncases:\n"
-    cli.write("given.yaml", head + 99 * case)
-    lines = cli("validate", "given.yaml", code=2).stderr.splitlines()
-    assert len(lines) == 51
-    assert lines[-1].startswith("newmark-study: given.yaml: … and at least ")
-
-
 def test_cells_of_many_cases_are_compared(tmp_path):
     """250 cases of 40 step sizes, each pair of which could have a cell in common."""
     from newmark_cli.study import config

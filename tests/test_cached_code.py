@@ -68,12 +68,3 @@ def test_folders_that_cannot_be_written(tmp_path, monkeypatch):
     with pytest.warns(UserWarning, match="compiled code cannot be kept: .*kept.*denied"):
         assert tripled(tmp_path, 2) == (6, 0)
     assert tripled(tmp_path, 2) == (6, 0)  # another warning would be an error
-
-
-def test_no_folder_at_all(tmp_path, monkeypatch):
-    """As in some containers: a warning that says what to set."""
-    kept_in(tmp_path, monkeypatch)
-    monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
-    monkeypatch.setattr(cached_code, "_warned", set())
-    with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR to one"):
-        assert tripled(tmp_path, 2) == (6, 0)

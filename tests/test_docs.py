@@ -16,7 +16,8 @@ from warm import SCRIPT
 import newmark_cli as newmark
 from newmark_cli.cli.commands import cli as group
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.mechanisms.models import Mechanism
+from newmark_cli.mechanisms.models import Law, Mechanism, Table
+from newmark_cli.mechanisms.planar import Builder
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report.judging import expectations, slopes
@@ -387,7 +388,7 @@ def test_committed_results_are_complete(committed):
             assert (ROOT / f"results/figures/figure-{number}.{suffix}").stat().st_size > 5000
 
 
-# -- mechanisms in space --------------------------------------------------------------------------
+# -- mechanisms -----------------------------------------------------------------------------------
 
 
 def test_tables_name_every_joint_and_key():
@@ -403,6 +404,18 @@ def test_tables_name_every_joint_and_key():
     for name in ("heavy-top", "bricard", "governor", "spatial-slider-crank"):
         assert name in PROBLEMS
         assert f"`{name}`" in SPATIAL
+
+
+def test_tables_name_every_planar_part_and_law():
+    """Each part with its equation, each key of a law and of a table."""
+    page = PAGES["planar.md"].read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([a-z_]+)` \| .+ \|$", page, re.M)
+    parts = set(Builder.parts) - {"points", "body_points", "bodies"}
+    assert parts <= set(rows)
+    assert parts <= Mechanism.model_fields.keys()
+    for model in (Law, Table):
+        for key in model.model_fields:
+            assert f"`{key}`" in page or f"{key}`" in page or f", {key}" in page, key
 
 
 def test_slopes_of_the_shipped_study_are_those_of_the_page(cli):

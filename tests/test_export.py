@@ -16,8 +16,7 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.newmark.linear import dense, exact
 from newmark_cli.problems import algebra
-from newmark_cli.support import files
-from newmark_cli.support.errors import ArgumentError, InputError, ResultsError
+from newmark_cli.support.errors import ArgumentError, InputError
 
 RNG = np.random.default_rng(16)
 
@@ -407,21 +406,6 @@ def test_other_peoples_files_stay(cli):
     assert len([*read(out)]) == 2
 
 
-def test_a_link_in_an_export_is_not_followed(cli, tmp_path_factory):
-    """Neither to a folder of the same name, nor to an index."""
-    outside = tmp_path_factory.mktemp("outside")
-    cli(*QUICK, "--steps", "1", "--out", outside / "there")
-    before = contents(outside)
-    (cli.folder / "out").mkdir()
-    for entry in (outside / "there").iterdir():
-        (cli.folder / "out" / entry.name).symlink_to(entry)
-    assert "in it is not of an export" in cli.refused(*QUICK, "--out", "out")
-    assert "in it is not of an export" in cli.refused(
-        *QUICK, "--steps", "1", "--out", "out", "--force"
-    )
-    assert contents(outside) == before
-
-
 def test_an_interrupted_export_leaves_what_was(cli):
     """The old collection, and nothing under a temporary name."""
     out = cli.folder / "out"
@@ -435,23 +419,3 @@ def test_an_interrupted_export_leaves_what_was(cli):
     assert len(errors.splitlines()) == 1
     assert contents(out) == before
     assert [entry.name for entry in cli.folder.iterdir()] == ["out"]
-
-
-def test_a_full_disk_leaves_what_was(tmp_path, monkeypatch):
-    """In one line."""
-
-    def export(text):
-        with files.new_folder(tmp_path / "out", "last", lambda entry: True) as new:
-            files.write_new(new / "last", text)
-
-    export("old")
-    with monkeypatch.context() as patch:
-        patch.setattr(files, "_bytes", lambda content: full())
-        with pytest.raises(ResultsError, match="last: cannot be written: No space left on device"):
-            export("new")
-    assert (tmp_path / "out/last").read_text() == "old"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
-
-
-def full():
-    raise OSError(28, "No space left on device")

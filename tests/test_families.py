@@ -11,11 +11,6 @@ from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.march import March
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.index_1 import Index1
 
 
@@ -100,22 +95,6 @@ def assert_same(found, expected, name):
         assert found == expected, name
 
 
-def test_a_large_member_is_built_from_arrays():
-    """Neither parts nor names are made before somebody asks for them, and then once."""
-    made = []
-    family = FAMILIES["chain"]
-    counted = dataclasses.replace(
-        family, mechanism=lambda links: made.append(links) or family.mechanism(links)
-    )
-    chain = counted.problem("chain", {"links": 3000})
-    assert np.abs(chain.constraint_values(0.0, chain.u0)).max() < 1e-12
-    assert (chain.point_of(5999), made) == ("P3000", [])
-    assert not {"drawing", "points", "coordinate_names", "constraint_names"} & set(vars(chain))
-    assert chain.drawing.title == "Falling chain of 3000 links"
-    assert chain.drawing is chain.drawing
-    assert made == [3000]
-
-
 def test_one_link_is_the_pendulum():
     """The very tables of the shipped pendulum, from another angle."""
     link, pendulum = member("chain", 1).load(), problem("pendulum")
@@ -198,20 +177,3 @@ def test_forces_in_a_net(rows):
     # The outer columns carry half as many ties.
     assert hung[0] @ hung[0] < hung[1] @ hung[1]
     assert np.abs(hung[0]).max() > 0.1
-
-
-def test_static_elimination_takes_nets():
-    """No row is exchanged, the march is that of dense factors, and cost grows with the rows."""
-    scheme = Scheme(Newmark(), FORMS["u-lambda"], named_scaling("optimal", FORMS["u-lambda"]), 1e-3)
-    operations = []
-    for rows in (4, 8, 16):
-        net = Sized("spatial-grid", (("rows", rows), ("columns", 3))).load()
-        operations.append(March(net, scheme, "static-lu").system.elimination.lists.operations)
-    assert operations[2] - operations[1] < 2.3 * (operations[1] - operations[0])
-    net = member("spatial-grid", 2).load()
-    ends = []
-    for solver in ("static-lu", "dense-lu"):
-        under_way = March(net, scheme, solver)
-        assert under_way.advance(20).pivoted == 0
-        ends.append(under_way.here.fields[0])
-    np.testing.assert_allclose(ends[0], ends[1], atol=1e-11)

@@ -12,10 +12,6 @@ from each import each
 from jsonschema import Draft7Validator, Draft202012Validator
 
 from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.study import config, keys, schema
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
@@ -81,19 +77,6 @@ def test_schemas_are_schemas(kind):
         for key, value in definition.get("properties", {}).items():
             if "additionalProperties" in definition:
                 assert "description" in value or "$ref" in value or key == "method", key
-
-
-def test_names_come_from_the_registries():
-    """Forms, integrators, problems and families are offered by name."""
-    definitions = schema.config_schema()["$defs"]
-    assert definitions["form"]["enum"] == list(FORMS)
-    assert definitions["IntegratorConfig"]["anyOf"][-1]["properties"]["method"]["enum"] == list(
-        INTEGRATORS
-    )
-    shipped, _, _, *mappings, code = definitions["problem"]["anyOf"]
-    assert shipped["enum"] == list(PROBLEMS)
-    assert [name for mapping in mappings for name in mapping["properties"]] == list(FAMILIES)
-    assert code["required"] == ["python"]
 
 
 @functools.cache

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 import spatial
 from each import each
-from mechanisms import complex_terms
+from mechanisms import built, complex_terms
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.problems.index_1 import Index1
-from newmark_cli.support.documents import parse
 
 T = 0.4
 
@@ -19,7 +16,7 @@ T = 0.4
 @cache
 def subject_of(joints):
     """A mechanism with every element, and some of the joints."""
-    return loading.built(joints, parse(spatial.everything(joints), "everything.yaml"))
+    return built(spatial.everything(joints))
 
 
 #: Those that have every joint together.
@@ -107,7 +104,7 @@ def test_forces_derive_from_the_potential():
         while text[end] == " ":
             end = text.index("\n", end) + 1
         text = text[:begin] + text[end:]
-    subject = loading.built("conservative", parse(text, "conservative.yaml"))
+    subject = built(text)
     assert subject.quadratic
     u = subject.u0 + 0.05 * random.normal(size=subject.n)
     nothing = np.zeros(subject.n), np.zeros(subject.m)
@@ -117,33 +114,3 @@ def test_forces_derive_from_the_potential():
         step[j] = 1e-5
         sides = [subject.energies(0.0, u + s * step, nothing[0])[1] for s in (1, -1)]
         assert -(sides[0] - sides[1]) / 2e-5 == pytest.approx(force[j], abs=1e-7)
-
-
-@EVERY
-def test_single_precision_stays_single(joints):
-    """The loop gives float32 where it is handed float32."""
-    subject = subject_of(joints)
-    pattern = subject.pattern
-    u, v = subject.u0.astype(np.float32), subject.v0.astype(np.float32)
-    out = [np.zeros(k, np.float32) for k in (
-        subject.n, subject.m, len(pattern.x_rows), len(pattern.y_rows), len(pattern.g_rows),
-    )]  # fmt: skip
-    subject.function(
-        np.float32(0), u, v, np.ones(subject.m, np.float32), subject.ints,
-        subject.reals.astype(np.float32), *out,
-    )  # fmt: skip
-    exact = subject.evaluate(0.0, u.astype(float), v.astype(float), np.ones(subject.m))
-    assert np.abs(out[0] - exact.force).max() < 1e-5 * np.abs(exact.force).max()
-
-
-@EVERY
-def test_accelerations_meet_the_constraints(joints):
-    """Gᵀa = −Φ'' and M a = f + Gλ at the start."""
-    subject = subject_of(joints)
-    a, multipliers = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
-    found = subject.evaluate(0.0, subject.u0, subject.v0, multipliers)
-    size = np.abs(found.force).max()
-    np.testing.assert_allclose(subject.M @ a, found.force, rtol=0, atol=1e-11 * size)
-    rate, curvature = subject.constraint_derivatives(0.0, subject.u0, subject.v0)
-    assert np.abs(found.G.T @ a + curvature).max() < 1e-11 * np.abs(a).max()
-    assert np.abs(found.G.T @ subject.v0 + rate).max() < 1e-13

@@ -6,19 +6,13 @@ import numpy as np
 import pytest
 import spatial_references as references
 from each import each
+from mechanisms import built
 from spatial import outputs
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms import loading
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.support.documents import parse
 
 DAMPED = "generalized-alpha rho=0.9"
-
-
-def built(text):
-    """A problem from the text of a file."""
-    return loading.built("mine", parse("dimensions: 3\n" + text, "mine.yaml"))
 
 
 def marched(subject, h, t, **options):
@@ -47,6 +41,7 @@ def away(found, expected):
 
 
 FREE = """\
+dimensions: 3
 bodies:
   body: {position: [1, 2, 3], mass: 2, inertia: [1, 2, 2.5], velocity: [0.3, 0, -1],
          angular_velocity: [0.4, 3, 0.2]}

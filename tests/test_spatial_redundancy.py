@@ -75,20 +75,6 @@ def test_large_mechanisms_drop_the_same_rows(text, monkeypatch):
     assert str(caught.value).endswith(f"releases {', '.join(dense.released)}")
 
 
-def test_more_than_600_coordinates():
-    """Three rows of each of 17 linkages, as of one."""
-    many, one = built(four_bars(17)), built(four_bars(1))
-    assert many.n == 612
-    assert many.drawing.freedom == 17
-    kinds = [name[0] + name[name.index(".") :] for name in one.released]
-    by_linkage = {i: [] for i in range(17)}
-    for name in many.released:
-        joint, row = name.split(".")
-        by_linkage[int(joint[1:])].append(f"{joint[0]}.{row}")
-    assert by_linkage[0] == kinds
-    assert {len(rows) for rows in by_linkage.values()} == {3}
-
-
 def test_large_mechanism_that_is_singular_at_the_start(monkeypatch):
     """A folded linkage loses rank there only: nothing of it is redundant."""
     flat = four_bars(1, redundant="drop").replace("at: [0, 0, -1]", "at: [0.5, 0, 0]")
@@ -118,17 +104,3 @@ def test_march_ends_where_a_row_is_needed(limit, monkeypatch):
     # The states on the way had rank, and the last has next to none.
     least = [singular.smallest(subject, 0.0, u) for u in done.u[[0, -2, -1]]]
     assert least[2] < 1e-2 * least[0] < least[1] * 1.5
-
-
-def test_march_step_by_step_ends_where_a_row_is_needed():
-    """As soon, though nobody knows where the end will be; Bricard's own march goes on."""
-    stepped = newmark.march(built(NEEDED), h=5e-3, steps=True, integrator=DAMPED)
-    times = []
-    for step in stepped:
-        times.append(step.t)
-        if step.t > 1.5:
-            break
-    assert stepped.trajectory.status == "redundant"
-    assert times[-1] == pytest.approx(1.2, abs=50 * 5e-3)
-    whole = newmark.march("bricard", h=1e-2, t_end=1.6, integrator=DAMPED, every=0)
-    assert whole.status == "ok"

@@ -191,15 +191,6 @@ def test_a_thousand_mistakes_are_counted(cli):
         assert last == f"newmark-study: {name}: … and 950 more"
 
 
-def test_a_comma_in_a_file_name(tmp_path):
-    """No list is seen in it if there is such a file."""
-    (tmp_path / "a, b.yaml").write_text(HOIST)
-    study = config.parse(
-        documents.parse(QUICK.replace("pendulum", "a, b.yaml"), "c"), config.Surroundings(tmp_path)
-    )
-    assert study.cases[0].problem[0].given == "a, b.yaml"
-
-
 @each("given, said", [
         (
             "{method: generalized_alpha, rho_inf: 0.9}",
