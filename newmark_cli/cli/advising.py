@@ -14,6 +14,7 @@ from newmark_cli.cli.options import (
     axis_option,
     evaluation_option,
     formulation_option,
+    json_option,
 )
 from newmark_cli.support.errors import ArgumentError, InputError
 
@@ -130,7 +131,7 @@ def _tolerances(
     metavar="T",
     help="Length of the motion to look at (s); by default, until it has moved by its size.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@json_option
 @allow_code_option
 def advise(
     subject: str | None,

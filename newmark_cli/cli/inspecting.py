@@ -18,6 +18,7 @@ from newmark_cli.cli.options import (
     complete_config,
     evaluation_option,
     formulation_option,
+    json_option,
     results_folder,
 )
 from newmark_cli.support.errors import InputError
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     help="Use the forms, scalings and formulations of a config.",
 )
 @click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@json_option
 @allow_code_option
 def orders(
     form: str | None,

@@ -164,10 +164,12 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
     return gathered
 
 
+json_option = click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+
+
 def as_json_text(value: object) -> str:
     """JSON for programs; NaN and infinity are null, what no terminal prints is escaped."""
     import json
-    import re
 
     def plain(part: object) -> object:
         if isinstance(part, dict):
@@ -176,17 +178,9 @@ def as_json_text(value: object) -> str:
             return [plain(item) for item in part]
         return None if isinstance(part, float) and not math.isfinite(part) else part
 
-    def escaped(unprintable: re.Match[str]) -> str:
-        units = unprintable[0].encode("utf-16-be", "surrogatepass").hex()
-        return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4))
-
+    # Other encodings lack something.
+    encoding = str(getattr(sys.stdout, "encoding", "")).lower().replace("-", "")
+    text = json.dumps(plain(value), indent=2, ensure_ascii=encoding != "utf8")
     # Only strings have such characters: JSON's own line ends are line feeds.
-    text = json.dumps(plain(value), indent=2, ensure_ascii=not _has_all(sys.stdout))
-    unprintable = {c for c in text if visible_lines(c) != c}
-    return re.sub(f"[{re.escape(''.join(unprintable))}]", escaped, text) if unprintable else text
-
-
-def _has_all(stream: object) -> bool:
-    """Whether a stream can say everything."""
-    name = str(getattr(stream, "encoding", None) or "")
-    return name.lower().replace("-", "").replace("_", "") == "utf8"
+    hidden = {c for c in text if visible_lines(c) != c}
+    return text.translate({ord(c): json.dumps(c)[1:-1] for c in hidden})

@@ -39,8 +39,8 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
     verb = "would remove" if dry_run else "removed"
     for removed in pruned.removed:
         count = len(removed.files)
-        what = removed.one if count == 1 else removed.many
-        screen.line(f"{verb} {count} {what} ({decimal(removed.size)})")
+        kind = removed.kind.format(s="s" * (count != 1))
+        screen.line(f"{verb} {count} {kind} ({decimal(removed.size)})")
     if not pruned.removed:
         screen.line("nothing to remove")
     cells = "1 cell stays" if pruned.stay == 1 else f"{pruned.stay} cells stay"

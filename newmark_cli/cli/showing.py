@@ -5,14 +5,20 @@ from pathlib import Path
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.options import as_json_text, choosing_options, results_folder, studies_argument
+from newmark_cli.cli.options import (
+    as_json_text,
+    choosing_options,
+    json_option,
+    results_folder,
+    studies_argument,
+)
 
 
 @click.command()
 @studies_argument
 @choosing_options
 @results_folder
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@json_option
 def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[str, ...]) -> int:
     """Show the values of studies: step sizes down, series across.
 

@@ -24,7 +24,7 @@ from newmark_cli.running import store
 from newmark_cli.running.lock import locked
 from newmark_cli.study.provenance import merged
 from newmark_cli.study.reading import NOT_STUDIES
-from newmark_cli.study.results import RUNS, SERIES_FOLDERS, run_path
+from newmark_cli.study.results import run_path
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError
 
@@ -37,9 +37,7 @@ _CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
 _WRITTEN = re.compile(
     r"probe|\.(?:unfinished)-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
 )
-#: Folders whose files are written by whoever holds the lock, and by nobody else.
-_UNDER_LOCK = ("cells", "references", RUNS, *SERIES_FOLDERS)
-#: Seconds after which nobody writes a file any more that needs no lock.
+#: Seconds after which nobody writes a temporary file any more.
 _LONG_AGO = 3600.0
 
 
@@ -47,18 +45,16 @@ _LONG_AGO = 3600.0
 class Removed:
     """Files that are removed for one reason."""
 
-    #: What they are, such as "damaged cell" and "damaged cells".
-    one: str
-    many: str
-    files: tuple[Path, ...]  #: the files
-    size: int  #: their bytes
+    kind: str  #: what they are, with {s} for the s of several
+    files: tuple[Path, ...]
+    size: int  #: bytes
 
 
 @dataclass(frozen=True)
 class Pruned:
     """How a results folder was pruned."""
 
-    removed: tuple[Removed, ...]  #: what was removed, without reasons that hold for nothing
+    removed: tuple[Removed, ...]  #: without reasons that hold for nothing
     stay: int  #: cells that stay
     size: int  #: their bytes
     outdated: int  #: how many of them are of another numerical core
@@ -134,21 +130,14 @@ def _plan(folder: Path, studies: Sequence["Study"]) -> Pruned:
             foreign.append(file)
         else:
             needless.append(file)
-    reasons = (
-        ("cell that no study needs", "cells that no study needs", needless),
-        ("cell of another numerical core", "cells of another numerical core", foreign),
-        ("damaged cell", "damaged cells", damaged),
-        ("temporary file", "temporary files", list(_temporaries(folder))),
-    )
-    return Pruned(
-        tuple(
-            Removed(one, many, tuple(files), _size(files)) for one, many, files in reasons if files
-        ),
-        len(stay),
-        _size(stay),
-        outdated,
-        tuple(unfinished),
-    )
+    several = {
+        "cell{s} that no study needs": needless,
+        "cell{s} of another numerical core": foreign,
+        "damaged cell{s}": damaged,
+        "temporary file{s}": list(_temporaries(folder)),
+    }
+    removed = (Removed(kind, tuple(some), _size(some)) for kind, some in several.items() if some)
+    return Pruned(tuple(removed), len(stay), _size(stay), outdated, tuple(unfinished))
 
 
 def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
@@ -189,22 +178,11 @@ def _json(file: Path, what: str) -> dict[str, Any]:
 
 
 def _temporaries(folder: Path) -> Iterator[Path]:
-    """Files under temporary names that nobody writes, since the folder is held."""
+    """Files under temporary names that nobody writes any more."""
     for file, target in files.temporaries(folder):
-        if not _WRITTEN.fullmatch(target):
-            continue
-        place = file.relative_to(folder).parts[:-1]
-        of_run = target == "probe" or target.endswith((".csv", ".json")) or target[0] == "."
-        held = place[0] in _UNDER_LOCK if place else of_run and target not in NOT_STUDIES
-        if held or _is_old(file):
-            yield file
-
-
-def _is_old(file: Path) -> bool:
-    try:
-        return time.time() - file.stat().st_mtime > _LONG_AGO
-    except OSError:  # it has its name now
-        return False
+        with contextlib.suppress(OSError):  # it has its name now
+            if _WRITTEN.fullmatch(target) and time.time() - file.stat().st_mtime > _LONG_AGO:
+                yield file
 
 
 def _require_readable(file: Path) -> None:

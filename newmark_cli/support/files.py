@@ -88,15 +88,13 @@ def descriptor_of_own(path: Path) -> int:
     """Descriptor of a file that is read and written in place, made if it is not there.
 
     Raises:
-        OSError: It cannot be opened, is a link, is not a regular file, or has another name.
+        OSError: It cannot be opened, is a link, or is not a regular file.
     """
     descriptor = _open(path, os.O_RDWR | os.O_CREAT | _NO_WAIT)
-    status = os.fstat(descriptor)
-    if stat.S_ISREG(status.st_mode) and status.st_nlink < 2:
-        return descriptor
-    os.close(descriptor)
-    what = "it has another name too" if stat.S_ISREG(status.st_mode) else "it is not a regular file"
-    raise OSError(errno.EINVAL, what, str(path))
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    return descriptor
 
 
 def _open(path: Path, flags: int, links: bool = False) -> int:
@@ -253,53 +251,45 @@ def new_folder(
     place = Path(os.path.abspath(target))
     with _as_results_error(target, "cannot be written"):
         place.parent.mkdir(parents=True, exist_ok=True)
-        _require_ours(place, is_ours, force)
+        _others(place, is_ours, force)
         folder = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
     remove = partial(shutil.rmtree, folder, ignore_errors=True)
     try:
         with interrupts.before_end(remove):
             yield folder
         with interrupts.postponed(), _as_results_error(target, "cannot be replaced"):
-            _require_ours(place, is_ours, force)
-            _move_entries(folder, place, last, is_ours)
+            others = _others(place, is_ours, force)
+            new = sorted(folder.iterdir(), key=lambda entry: (entry.name == last, entry.name))
+            for entry in new:
+                if entry.name in others:
+                    raise OSError(errno.EEXIST, f"{entry.name!r} in it is not of an export")
+            place.mkdir(exist_ok=True)
+            old = filter(is_ours, place.iterdir())
+            for entry in sorted(old, key=lambda entry: (entry.name != last, entry.name)):
+                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+            for entry in new:
+                os.rename(entry, place / entry.name)
     finally:
         remove()
 
 
-def _require_ours(target: Path, is_ours: Callable[[Path], bool], force: bool) -> None:
-    """Refuse a folder with entries that may not be replaced, unless they are to stay."""
+def _others(target: Path, is_ours: Callable[[Path], bool], force: bool) -> list[str]:
+    """Names of the entries of a folder that may not be replaced, which it has only by force."""
     try:
         mode = target.lstat().st_mode
     except FileNotFoundError:
-        return
+        return []
     if not stat.S_ISDIR(mode):
         what = "it is a symbolic link" if stat.S_ISLNK(mode) else "it is not a folder"
         raise OSError(errno.ENOTDIR, what, str(target))
-    others = sorted(entry for entry in target.iterdir() if not is_ours(entry))
+    others = sorted(entry.name for entry in target.iterdir() if not is_ours(entry))
     if others and not force:
         raise OSError(
             errno.ENOTEMPTY,
-            f"{others[0].name!r} in it is not of an export; name another folder, or give "
+            f"{others[0]!r} in it is not of an export; name another folder, or give "
             "--force to leave what is there and add to it",
         )
-
-
-def _move_entries(folder: Path, target: Path, last: str, is_ours: Callable[[Path], bool]) -> None:
-    """Move the entries of a folder to another, in place of those that may be replaced."""
-    entries = sorted(folder.iterdir(), key=lambda entry: (entry.name == last, entry.name))
-    for entry in entries:
-        place = target / entry.name
-        if os.path.lexists(place) and not is_ours(place):
-            raise OSError(errno.EEXIST, f"{entry.name!r} in it is not of an export", str(place))
-    target.mkdir(exist_ok=True)
-    ours = [entry for entry in target.iterdir() if is_ours(entry)]
-    for entry in sorted(ours, key=lambda entry: (entry.name != last, entry.name)):
-        if entry.is_dir():
-            shutil.rmtree(entry)
-        else:
-            entry.unlink()
-    for entry in entries:
-        os.rename(entry, target / entry.name)
+    return others
 
 
 def require_replaceable(path: Path) -> None:
