@@ -69,11 +69,7 @@ class Store:
         self._results, self._folder = folder, folder / "cells"
 
     def prepare(self) -> None:
-        """Make the folder.
-
-        Raises:
-            ResultsError: When it cannot be made.
-        """
+        """Make the folder; raises `ResultsError` when it cannot be made."""
         files.make_folder(self._folder, self._results)
 
     def require_replaceable(self, cell: Cell) -> None:

@@ -381,11 +381,7 @@ class File:
 
 
 def fetch(path: Path, name: str | None = None) -> File:
-    """A file's content.
-
-    Raises:
-        DocumentError: If it is missing or cannot be read.
-    """
+    """A file's content; raises `DocumentError` if it is missing or cannot be read."""
     name = name or str(path)
     try:
         content = files.read_given(path, _MOST_BYTES)

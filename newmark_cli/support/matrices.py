@@ -178,11 +178,7 @@ def _by(shape: tuple[int, ...]) -> str:
 def require_shapes(
     found: Mapping[str, Array], wanted: Mapping[str, tuple[int, ...]], where: str
 ) -> None:
-    """Refuse arrays of other shapes.
-
-    Raises:
-        MatrixError: For the first that does not fit.
-    """
+    """Refuse arrays of other shapes; raises `MatrixError` for the first that does not fit."""
     for name, shape in wanted.items():
         if name in found and found[name].shape != shape:
             given = _by(found[name].shape)

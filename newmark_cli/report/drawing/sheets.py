@@ -95,11 +95,7 @@ def require(figure: Figure, results: Results) -> None:
 
 
 def sheet(figure: Figure, results: Results) -> Sheet:
-    """The panels of a figure.
-
-    Raises:
-        ResultsError: When the results lack what it draws.
-    """
+    """The panels of a figure; raises `ResultsError` when the results lack what it draws."""
     return _SHEETS[figure.kind](results.settled(figure), results)
 
 
@@ -242,11 +238,7 @@ _DRIFTS = {
 
 
 def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
-    """What a figure's cells record over time.
-
-    Raises:
-        ResultsError: When the results lack one.
-    """
+    """What a figure's cells record over time; raises `ResultsError` when the results lack one."""
     series, cells = results.by_key, []
     for curve in figure.curves:
         smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan

@@ -49,11 +49,7 @@ class Entry(NamedTuple):
 
 
 def build(slopes: Iterable[Slope]) -> list[Entry]:
-    """Entries of both tables.
-
-    Raises:
-        ResultsError: When there are no results of the study.
-    """
+    """Entries of both tables; raises `ResultsError` when there are no results of the study."""
     ours = [slope for slope in slopes if slope.study == STUDY and slope.measure]
     if not ours:
         raise ResultsError(f"no results of {STUDY}; run 'newmark-study run {STUDY}' first")
