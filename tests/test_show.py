@@ -143,7 +143,7 @@ def test_choosers(cli, options, names):
     write(cli, series(power(-2)) + series(power(-2), problem="swing.yaml", integrator=DAMPED))
     if not names:
         line = cli.refused("show", "own", *options)
-        assert line.endswith("own: no series matches --quantity 'u'; allowed: lambda")
+        assert line.endswith("--quantity: no series of 'u' in the results; allowed: lambda")
         return
     (study,) = json.loads(cli("show", "own", "--json", *options).stdout)
     assert {(s["integrator"], s["problem"]) for s in study["series"]} == names
@@ -156,7 +156,7 @@ def test_bad_names(cli):
         line = cli.refused(command, "swin")
         assert line.endswith("results: no results of 'swin'; did you mean 'swing'? allowed: swing")
     line = cli.refused("show", "swing", "--form", "u-lambd")
-    assert line.endswith("--form 'u-lambd'; did you mean 'u-lambda'? allowed: u-lambda")
+    assert line.endswith("'u-lambd' in the results; did you mean 'u-lambda'? allowed: u-lambda")
     assert "no results" in cli.refused("show", "--results", "nowhere")
 
 

@@ -15,6 +15,7 @@ from newmark_cli.report.drawing import automatic, draw, pgf, plot, sheets
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.judging.verdicts import MISS
+from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
 from newmark_cli.study import results
@@ -381,7 +382,7 @@ def test_work_precision_needs_a_record(tmp_path):
     bare = written(tmp_path / "bare", rows)
     assert list(drawn(bare)) == ["mine-hoist-u-lambda-error-u"]
     with pytest.raises(InputError, match="no operations were counted; run the study again"):
-        plot.chosen(["mine"], bare, plot.Choice(("work-precision",)))
+        plot.chosen(["mine"], bare, Choice(("work-precision",)))
     strange = cells([one | {"form": "v-lambda"} for one in rows], lambda one: 1.0)
     assert list(drawn(written(tmp_path / "strange", rows, strange))) == [
         "mine-hoist-u-lambda-error-u"
@@ -496,7 +497,7 @@ def test_choosers_restrict_series_and_figures(tmp_path):
         integrator=[TRAPEZOIDAL, DAMPED], form=["u-lambda", "v-lambda"],
     )  # fmt: skip
     given = written(tmp_path, rows)
-    choice = plot.Choice(
+    choice = Choice(
         ("error",),
         {"quantity": ("λ", "v"), "preconditioning": ("none", "optimal"),
          "integrator": ("generalized-alpha",), "form": ("v-lambda",), "problem": ("hoist",)},
@@ -524,7 +525,7 @@ def test_the_few_that_matter_and_the_names_of_the_rest(tmp_path):
                          "or draw all with --all")  # fmt: skip
     (named,) = plot.chosen(["mine-p5-u-lambda-error-v"], given).figures
     assert named.name == "mine-p5-u-lambda-error-v"
-    everything = plot.chosen(["mine"], given, plot.Choice(everything=True))
+    everything = plot.chosen(["mine"], given, Choice(everything=True))
     assert (len(everything.figures), everything.notes) == (13, [])
     assert plot.chosen((), given).notes == chosen.notes
 
@@ -556,9 +557,9 @@ def test_series_are_named_ordered_coloured_and_left_out(tmp_path):
 def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     """Figure 3 shows the condition only; nothing shows all of one scaling."""
     given = committed_results("pendulum-u")
-    choice = plot.Choice(("condition",))
+    choice = Choice(("condition",))
     assert plot.chosen(["pendulum-u"], given, choice).figures == [FIGURES["3"]]
-    choice = plot.Choice(("condition",), {"preconditioning": ("optimal",)})
+    choice = Choice(("condition",), {"preconditioning": ("optimal",)})
     (figure,) = plot.chosen(["pendulum-u"], given, choice).figures
     assert figure.name == "pendulum-u-pendulum-u-lambda-condition"
     assert [curve.preconditioning for curve in figure.curves] == ["optimal"]

@@ -115,8 +115,9 @@ def plot(
     from newmark_cli.report.drawing import plot as plotting
     from newmark_cli.report.drawing.sheets import Results
     from newmark_cli.report.judging import slopes
+    from newmark_cli.report.reading.choosing import Choice
 
-    choice = plotting.Choice(measure, values, everything)
+    choice = Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
     needed = bool(choice) or plotting.needs_results(names)
     results = Results(folder, slopes.collect(folder) if needed else [], cost)
@@ -288,17 +289,14 @@ def tables(
     """
     asked = bool(rows or columns or as_list or shown or measure or any(chosen.values()))
     if studies:
-        from newmark_cli.report.drawing.plot import Choice
         from newmark_cli.report.judging import slopes
+        from newmark_cli.report.reading.choosing import Choice
         from newmark_cli.report.tables import study_tables
 
-        found = slopes.collect(folder, studies)
-        choice = Choice(measure, chosen)
-        choice.require(found)
+        series = Choice(measure, chosen).series(slopes.collect(folder, studies))
         layout = study_tables.asked(rows, columns, as_list, shown) if asked else None
         for study in studies:
-            ours = [s for s in found if s.study == study and choice.keeps(s)]
-            ours = [s for s in ours if not measure or s.measure in choice.kinds]
+            ours = [slope for slope in series if slope.study == study]
             wanted = [layout] if layout else study_tables.defined(folder, study)
             for each in wanted or [study_tables.USUAL]:
                 made = study_tables.report(ours, each).written(written or "markdown")

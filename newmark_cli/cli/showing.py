@@ -19,7 +19,13 @@ from newmark_cli.cli.options import (
 @choosing_options
 @results_folder
 @json_option
-def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[str, ...]) -> int:
+def show(
+    studies: tuple[str, ...],
+    folder: Path,
+    as_json: bool,
+    measure: tuple[str, ...],
+    **values: tuple[str, ...],
+) -> int:
     """Show the values of studies: step sizes down, series across.
 
     Beside each value stands the local order, from the next larger step size to this
@@ -30,15 +36,16 @@ def show(studies: tuple[str, ...], folder: Path, as_json: bool, **wanted: tuple[
     Example:
       newmark-study show pendulum-u --quantity lambda --preconditioning none
     """
+    from newmark_cli.report.reading.choosing import Choice
     from newmark_cli.report.tables import showing
 
-    found = showing.read(folder, studies)
-    if not studies and not any(wanted.values()):
+    read, choice = showing.read(folder, studies), Choice(measure, values)
+    if not studies and not choice:
         screen.lines(
-            as_json_text([study.row() for study in found]) if as_json else showing.listed(found)
+            as_json_text([study.row() for study in read]) if as_json else showing.listed(read)
         )
         return 0
-    chosen = showing.choose(found, wanted)
+    chosen = showing.choose(read, choice)
     if as_json:
         screen.lines(as_json_text([study.data() for study in chosen]))
         return 0

@@ -223,6 +223,7 @@ def plot(
     from newmark_cli.report.drawing import plot as plotting
     from newmark_cli.report.drawing.sheets import Results, sheet
     from newmark_cli.report.judging.slopes import collect
+    from newmark_cli.report.reading.choosing import Choice
 
     choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
     choice = {axes.ALIASES.get(name, name): given for name, given in choice.items()}
@@ -232,7 +233,7 @@ def plot(
             raise ArgumentError(f"{name} must be text, given {arguments.shown(given)}")
     with _folder(frame) as folder:
         found = Results(folder, collect(folder))
-        chosen = plotting.Choice(
+        chosen = Choice(
             (choice["measure"],) if "measure" in choice else (),
             {name: (choice[name],) if name in choice else () for name in choosable},
             everything=True,

@@ -15,6 +15,7 @@ from newmark_cli.report.drawing.style import Drawing, rendered
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
+from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import Figure
 from newmark_cli.report.tables import check, cures, outcomes, paper_tables, study_tables
 from newmark_cli.report.tables.table import Report
@@ -114,7 +115,7 @@ def html(folder: Path) -> str:
 
 def pictures(results: Results) -> list[Picture]:
     """Figures that the results are enough for, and shipped mechanisms in space they are of."""
-    every = plot.chosen((), results, plot.Choice(everything=True)).figures
+    every = plot.chosen((), results, Choice(everything=True)).figures
     drawn = [_picture(figure, results) for figure in every]
     problems = dict.fromkeys(slope.problem for slope in results.slopes)
     return drawn + [_mechanism(name) for name in problems if registry.is_spatial(name)]

@@ -1,80 +1,26 @@
 """From the results folder to figures: which are meant, which can be drawn, and their files."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from newmark_cli.report.drawing import automatic, rendering
 from newmark_cli.report.drawing.panels import Sheet
 from newmark_cli.report.drawing.sheets import Results, require, sheet
 from newmark_cli.report.drawing.work import COSTS
 from newmark_cli.report.reading import records
+from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, explicit
-from newmark_cli.report.reading.words import means
-from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import (
-    SHOWABLE,
-    WORK_PRECISION,
-    Definition,
-    definitions,
-    kinds,
-)
+from newmark_cli.study.drawing import WORK_PRECISION, Definition, definitions
 from newmark_cli.support import files
 from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
-
-if TYPE_CHECKING:
-    from newmark_cli.report.judging.slopes import Slope
 
 #: Formats of the files unless others are asked for.
 USUAL_FORMATS = ("png", "svg")
 
 #: Most figures that are named where not all are drawn.
 NAMED = 8
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Which series and figures are drawn."""
-
-    measures: tuple[str, ...] = ()  #: names of `SHOWABLE`; all when empty
-    #: Axis → its values, as people or CSVs write them; all when it has none.
-    values: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    everything: bool = False  #: whether all figures of a study are drawn, however many
-
-    def __bool__(self) -> bool:
-        """Whether it leaves anything out."""
-        return bool(self.measures) or any(self.values.values())
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of rows, and the work–precision diagram."""
-        return tuple(dict.fromkeys(kind for name in self.measures for kind in kinds(name)))
-
-    def keeps(self, series: "Slope | SeriesKey") -> bool:
-        """Whether a series has one of the values of every axis."""
-        return all(
-            not given or any(means(axis, word, getattr(series, axis)) for word in given)
-            for axis, given in self.values.items()
-        )
-
-    def require(self, slopes: Sequence["Slope"]) -> None:
-        """Refuse a word that no series of the results is meant by.
-
-        Raises:
-            InputError: Names the option, and what it can be.
-        """
-        for name in self.measures:
-            if name not in SHOWABLE:
-                raise InputError(f"--measure: unknown measure {name!r}{nearest(name, SHOWABLE)}")
-        for axis, given in self.values.items():
-            known = list(dict.fromkeys(v for s in slopes if (v := getattr(s, axis))))
-            for word in given:
-                if not any(means(axis, word, value) for value in known):
-                    raise InputError(
-                        f"--{axis}: no series of {word!r} in the results{nearest(word, known)}"
-                    )
 
 
 @dataclass(frozen=True)
@@ -85,7 +31,11 @@ class Chosen:
     notes: list[str]  #: lines for the terminal
 
 
-def chosen(names: Sequence[str], results: Results, choice: Choice = Choice()) -> Chosen:
+#: Whatever there is.
+ANY = Choice()
+
+
+def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chosen:
     """Figures that are meant by names, or all that the results are enough for.
 
     Args:

@@ -14,12 +14,11 @@ from newmark_cli.report.judging.fits import format_fit
 from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.text import Entry, text_table, wrapped
 from newmark_cli.report.judging.verdicts import INCOMPLETE
-from newmark_cli.report.reading.words import means, quantity
+from newmark_cli.report.reading.choosing import Choice
+from newmark_cli.report.reading.words import quantity
 from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
 from newmark_cli.study import axes
 from newmark_cli.study.reading import named_studies, read_rows
-from newmark_cli.support.errors import ResultsError
-from newmark_cli.support.spelling import nearest
 
 #: What a value is shown as that is not there.
 MISSING = "–"
@@ -27,8 +26,6 @@ MISSING = "–"
 _CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]
 #: Axes in which the series of one table agree.
 _TABLE = ("study", "problem", "form", "measure", "quantity")
-#: Axes by which series are chosen.
-CHOOSERS = ("problem", "form", "integrator", "preconditioning", "measure", "quantity")
 
 
 @dataclass(frozen=True)
@@ -80,30 +77,10 @@ def read(folder: Path, names: Sequence[str]) -> list[Shown]:
     return studies
 
 
-def choose(studies: Sequence[Shown], wanted: Mapping[str, Sequence[str]]) -> list[Shown]:
-    """The studies with the series that are chosen; recovered fields only when asked for.
-
-    Args:
-        studies: As read.
-        wanted: Axis → values, of which a series must have one; any when empty.
-
-    Raises:
-        ResultsError: When no series has a value, next to those of the axes before it.
-    """
-    left = [slope for study in studies for slope in study.slopes]
-    for name in CHOOSERS:
-        values = wanted.get(name, ())
-        there = dict.fromkeys(getattr(slope, name) for slope in left)
-        for value in values:
-            if not any(means(name, value, given) for given in there):
-                raise ResultsError(
-                    f"{', '.join(study.name for study in studies)}: no series matches "
-                    f"--{name} {value!r}{nearest(value, filter(None, there))}"
-                )
-        if values:
-            left = [s for s in left if any(means(name, v, getattr(s, name)) for v in values)]
-    matching = {id(slope) for slope in left}
-    asked = bool(wanted.get("measure") or wanted.get("quantity"))
+def choose(studies: Sequence[Shown], choice: Choice) -> list[Shown]:
+    """The studies with the series that are chosen; recovered fields only when asked for."""
+    matching = {*map(id, choice.series([slope for study in studies for slope in study.slopes]))}
+    asked = bool(choice.measures or choice.values.get("quantity"))
     shown = []
     for study in studies:
         ours = [slope for slope in study.slopes if id(slope) in matching]
