@@ -34,7 +34,7 @@ def step_label(problem: str) -> str:
 
 def fit_text(slope: "Slope") -> str:
     """The fitted slope of a series that has one, and its verdict if it is not as predicted."""
-    told = "" if slope.verdict in (PASS, SHOWN) or slope.accepted else slope.verdict
+    told = slope.verdict if slope.missed else ""
     return ", ".join(filter(None, (format_fit(slope.fit) if _judged(slope) else "", told)))
 
 

@@ -9,6 +9,7 @@ is judged by the rule of `newmark_cli.report.judging.verdicts`, as a predicted o
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,23 +72,15 @@ class Expected:
 
     def row(self) -> dict[str, Any]:
         """As values for programs."""
+        measured = {"measured": self.measured, "value": self.value, "verdict": self.verdict}
         if self.figure:
-            return {
-                "figure": self.figure, "study": self.study, "claim": self.text,
-                "measured": self.measured, "value": self.value, "verdict": self.verdict,
-            }  # fmt: skip
+            of_figure = {"figure": self.figure, "study": self.study, "claim": self.text}
+            return of_figure | measured
         return {
-            "expect": self.number,
-            "study": self.study,
-            **(self.slope.key.named() if self.slope else {}),
-            "expected": self.said,
-            "measured": self.measured,
-            "value": self.value,
-            "verdict": self.verdict,
-            "reason": self.reason,
-            "file": self.file,
-            "line": self.line,
-        }
+            "expect": self.number, "study": self.study,
+            **(self.slope.key.named() if self.slope else {}), "expected": self.said,
+            **measured, "reason": self.reason, "file": self.file, "line": self.line,
+        }  # fmt: skip
 
 
 class _NoDataError(Exception):
@@ -149,28 +142,24 @@ def expected(
     matched = [slope for slope in ours.values() if wanted.matches(slope.key)]
     if wanted.h is not None and not wanted.figure:
         matched = [slope for slope in matched if _at(slope, wanted.h).any()]
+    made = partial(Expected, study, wanted.number, wanted.figure)
+    label = wanted.label
     if not matched:
-        label = wanted.label or "no such series"
         reason = f"{path} has no series with {wanted.described}"
-        measured = f"no {wanted.label}" if wanted.label else ""
-        yield Expected(study, wanted.number, wanted.figure, None, label, "", measured, math.nan,
-                       INCOMPLETE, reason, "", *place)  # fmt: skip
-        return
-    if wanted.over is not None:
+        measured = f"no {label}" if label else ""
+        yield made(None, label or "no such series", "", measured, math.nan, INCOMPLETE, reason, "",
+                   *place)  # fmt: skip
+    elif wanted.over is not None:
         of = ", ".join(dict.fromkeys(map(quantity, matched)))
-        label = wanted.label or f"quotients of {len(matched)} series"
         low, high = wanted.at_least, wanted.at_most
-        said = bounds(low, high)
         judged = _level(lambda: _quotients(wanted, matched, ours), low, high)
-        yield Expected(study, wanted.number, wanted.figure, None, label, said, *judged, of, *place)
-        return
-    for slope in matched:
-        label = wanted.label or series_name(slope)
-        of = quantity(slope)
-        for said, finding in _judged(wanted, slope):
-            yield Expected(
-                study, wanted.number, wanted.figure, slope, label, said, *finding, of, *place
-            )
+        label = label or f"quotients of {len(matched)} series"
+        yield made(None, label, bounds(low, high), *judged, of, *place)
+    else:
+        for slope in matched:
+            for said, finding in _judged(wanted, slope):
+                of = quantity(slope)
+                yield made(slope, label or series_name(slope), said, *finding, of, *place)
 
 
 def _place(record: Mapping[str, Any], number: int) -> tuple[str, int]:

@@ -114,6 +114,11 @@ class Slope:
     rejudged: "Callable[[float, float | None], Slope] | None" = field(default=None, repr=False)
 
     @property
+    def missed(self) -> bool:
+        """Whether it is not as predicted, and the study is not about that."""
+        return self.verdict not in (PASS, SHOWN) and not self.accepted
+
+    @property
     def fails(self) -> bool:
         """Whether a check fails with it."""
         return self.verdict in FAILING and not self.accepted

@@ -29,7 +29,7 @@ def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
 def chosen(slopes: Sequence[Slope], everything: bool) -> list[Slope]:
     """Slopes to print: those of the paper's figures, then what is not as predicted, or all."""
     first = in_paper(slopes)
-    rest = [s for s in slopes if everything or not (s.verdict in (PASS, SHOWN) or s.accepted)]
+    rest = [s for s in slopes if everything or s.missed]
     return first + [slope for slope in rest if slope not in first]
 
 
@@ -117,7 +117,7 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
     """A line for each series that is not as predicted: its local orders, and why."""
     alike: dict[tuple[str, str, str], list[Slope]] = {}
     for slope in slopes:
-        if not slope.accepted and (slope.verdict not in (PASS, SHOWN) or _loses_order(slope)):
+        if slope.missed or (not slope.accepted and _loses_order(slope)):
             orders = format_orders(slope)
             said = (f"local orders {orders}" if orders else "", slope.reason)
             key = slope.verdict, slope.study, "; ".join(filter(None, said))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.tables import predicted_tables
-from newmark_cli.report.tables.study_tables import groups, missed, report
+from newmark_cli.report.tables.study_tables import groups, report
 from newmark_cli.report.tables.table import Record, Report
 from newmark_cli.study import shipped
 from newmark_cli.study.tabulating import layouts
@@ -78,7 +78,7 @@ def reports(slopes: Sequence[Slope]) -> list[Report]:
 
 def not_as_predicted(entries: Iterable[Entry]) -> list[Entry]:
     """Entries that are not as predicted."""
-    return [entry for entry in entries if missed(entry.slope)]
+    return [entry for entry in entries if entry.slope.missed]
 
 
 def worst(entries: Iterable[Entry]) -> str:

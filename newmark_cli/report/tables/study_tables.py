@@ -43,16 +43,11 @@ _TEXTS: Mapping[str, Callable[[Slope], str]] = {
 
 
 def _marks(slope: Slope) -> str:
-    return ("*" if slope.role == "recovered" else "") + (MARK if missed(slope) else "")
+    return ("*" if slope.role == "recovered" else "") + (MARK if slope.missed else "")
 
 
 def _step(h: float) -> str:
     return f"{h:g}" if np.isfinite(h) else ""
-
-
-def missed(slope: Slope) -> bool:
-    """Whether a series is not as predicted, and the study is not about that."""
-    return slope.verdict not in (PASS, SHOWN) and not slope.accepted
 
 
 def asked(
