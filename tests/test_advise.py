@@ -624,7 +624,6 @@ def test_noise_adds_up_without_dissipation(integrator):
 @pytest.mark.usefixtures("few_draws")
 @each("mechanism, t_end, steps", [
     (own_mechanisms.slider_crank(), None, 50_000),
-    (own_mechanisms.bricard(), 0.1, 1000),
     (own_mechanisms.heavy_top(30, -1, 5), 0.1, 10_000),
     (own_mechanisms.shaken_pendulum(), 0.5, 50_000),
 ])  # fmt: skip

@@ -26,6 +26,7 @@ from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.problem import ProblemError
 
+pytestmark = pytest.mark.usefixtures("loops_only")
 ENGINES = (compiled_march, scipy_march)
 
 #: Shipped problems whose constraints are quadratic and do not depend on time.

@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pytest
 from covering import covering
 from damped import damped
 from each import each
@@ -18,6 +19,8 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
+
+pytestmark = pytest.mark.usefixtures("loops_only")
 
 
 def named(name):

@@ -1,6 +1,7 @@
 """The structure of the package: imports run downward only, those within functions too."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -36,6 +37,7 @@ def room(module):
     return "/".join(folder[: 1 + (folder[:1] == ("report",))])
 
 
+@cache
 def graph():
     """Module → the modules that it imports."""
     return {name: {*imported(path)} & MODULES.keys() for name, path in MODULES.items()}

@@ -81,9 +81,13 @@ def test_points_without_a_place_are_not_shown():
 
 
 def test_shipped_figures_are_drawn_as_they_say(committed_results):
-    """Every point of every trace, in its colour; every entry of the legend, none cut off."""
-    given = committed_results(*dict.fromkeys(f.study for f in FIGURES.values() if f.study))
-    for figure in FIGURES.values():
+    """Every point of every trace, in its colour; every entry of the legend, none cut off.
+
+    One of each kind; `test_layout` draws others.
+    """
+    chosen = [FIGURES[name] for name in ("2", "3", "12", "14", "16")]
+    given = committed_results(*dict.fromkeys(figure.study for figure in chosen))
+    for figure in chosen:
         sheet = sheets.sheet(figure, given)
         drawing = draw.drawn(sheet)
         for panel, axes in zip(sheet.panels, drawing.axes, strict=True):
