@@ -88,8 +88,8 @@ def interpreted_march(
     )  # fmt: skip
     kept = recording(state, np.empty(0)) if record is None else record
     given = engine.arguments(state, first, counts, kept)
-    functions, code, tables, (static, dense), extra, _, schedule, *_ = given
-    numbers = (*given[5:], kernel._allocate(*tables, dense, state, schedule))
+    functions, code, tables, (static, dense), extra, _, schedule, sizes, *_ = given
+    numbers = (*given[5:], kernel._allocate(*tables, dense, state, schedule, sizes))
     evaluate, derive, solve = (getattr(one, "py_func", one) for one in functions)
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):

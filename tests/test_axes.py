@@ -17,7 +17,7 @@ from newmark_cli.study import axes, config, reading, results
 STUDY_COLUMNS = (
     "study,problem,integrator,form,preconditioning,evaluation,precision,linear_solver,h,t_end,"
     "steps,quantity,measure,role,rms,max,median,last,zeros,not_converged,newton_iterations,status,"
-    "row_block,stop,met,formulation,projection,multipliers,start,rounding"
+    "row_block,stop,met,formulation,projection,multipliers,start,rounding,h_sequence,auxiliary"
 )
 SLOPE_COLUMNS = (
     "figure,study,form,preconditioning,quantity,measure,slope,stderr,points,expected,tolerance,"

@@ -402,7 +402,7 @@ def _cause(
     about: Subject, scheme: Scheme, optimal: float, with_fields: float, with_all: float
 ) -> str:
     mass, x, y, _ = about.terms
-    symbols = scheme.integrator.symbols(scheme.h)
+    symbols = scheme.symbols
     stiff = symbols["beta"] * scheme.h**2 * np.linalg.norm(x, 2) / np.linalg.norm(mass, 2)
     damped = symbols["gamma"] * scheme.h * np.linalg.norm(y, 2) / np.linalg.norm(mass, 2)
     if max(stiff, damped) > 1:

@@ -314,7 +314,7 @@ def _fitting(blocks: list[list[Array]], scheme: Scheme) -> dict[str, dict[str, f
     With the sizes of M and G that each of them implies.
     """
     form, elimination = scheme.form, scheme.elimination
-    symbols = scheme.integrator.symbols(scheme.h)
+    symbols = scheme.symbols
     found = {}
     for name in PAPER_VARIANTS:
         scaling = named_scaling(name, form)

@@ -71,6 +71,14 @@ def step_size(given: Any) -> float:
     return value
 
 
+def step_sizes(given: Any) -> Array:
+    """(steps,) positive step sizes (s)."""
+    sizes = vector("h", given)
+    if len(sizes) == 0 or not np.all(sizes > 0):
+        raise ArgumentError(f"h: every step size must be positive, given {shown(given)}")
+    return sizes
+
+
 def count(name: str, given: Any, least: int = 0) -> int:
     """A whole number."""
     if isinstance(given, bool | np.bool_) or not isinstance(given, Integral):

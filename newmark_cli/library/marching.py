@@ -18,6 +18,7 @@ from newmark_cli.library.scalings import (
     krylov_of,
     projection_of,
     scheme_of,
+    sequence_of,
     tolerance_of,
 )
 from newmark_cli.newmark.forms import INDEX_3
@@ -30,15 +31,16 @@ from newmark_cli.newmark.formulation import (
     Projection,
     reported,
 )
-from newmark_cli.newmark.kept import KEPT, first_outside, nearest_steps
+from newmark_cli.newmark.integrator import AUXILIARY, RESCALE_VELOCITY
+from newmark_cli.newmark.kept import KEPT, first_outside
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import (
     Scheme,
     Tolerance,
-    steps_until,
 )
+from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
 from newmark_cli.newmark.twins import twins as twins_of
 from newmark_cli.problems import starting
@@ -153,13 +155,12 @@ class _Begun:
 
     def until(self, t_end: float) -> int:
         """Step of the march at which it has come to a time since the origin."""
-        march = self.march
-        h = march.scheme.h
-        elapsed = march.problem.t0 - self.origin
-        last = steps_until(t_end - elapsed, h) if t_end > elapsed else 0
+        march, grid = self.march, self.march.grid
+        elapsed = grid.t0 - self.origin
+        last = grid.until(t_end - elapsed) if t_end > elapsed else 0
         if last <= march.done:
             why = (
-                f"shorter than the step h = {h:g}"
+                f"shorter than the step h = {grid.size(1):g}"
                 if march.t == self.origin
                 else (f"the march is already at t = {march.t:g}")
             )
@@ -179,6 +180,8 @@ class Options(TypedDict, total=False):
     projection: Any
     multipliers: str
     start: str
+    h_sequence: Any
+    auxiliary: str
     linear_solver: str
     krylov: Mapping[str, float] | Krylov | None
     stop: Mapping[str, float] | Tolerance | None
@@ -198,7 +201,7 @@ class Options(TypedDict, total=False):
 def march(
     problem: Any,
     *,
-    h: float,
+    h: ArrayLike,
     t_end: float | None = None,
     steps: Literal[True],
     **options: Unpack[Options],
@@ -209,7 +212,7 @@ def march(
 def march(
     problem: Any,
     *,
-    h: float,
+    h: ArrayLike,
     t_end: float | None = None,
     steps: int | None = None,
     **options: Unpack[Options],
@@ -220,7 +223,7 @@ def march(
 def march(
     problem: Any,
     *,
-    h: float,
+    h: ArrayLike,
     t_end: float | None = None,
     steps: int | None = None,
     form: str = "u-lambda",
@@ -232,6 +235,8 @@ def march(
     projection: Any = "none",
     multipliers: str = AUTO,
     start: str = CONSISTENT,
+    h_sequence: Any = CONSTANT.label,
+    auxiliary: str = RESCALE_VELOCITY,
     linear_solver: str = AUTO,
     krylov: Mapping[str, float] | Krylov | None = None,
     stop: Mapping[str, float] | Tolerance | None = None,
@@ -246,14 +251,15 @@ def march(
     callback: Callable[[Step], object] | None = None,
     twins: int = 0,
 ) -> Trajectory | Steps:
-    """March a problem, M v' = f + G λ, u' = v, 0 = Φ, with steps of constant size.
+    """March a problem, M v' = f + G λ, u' = v, 0 = Φ, with steps of prescribed size.
 
     It is the march of the command line, to the bit.  A march that fails does not raise:
     the trajectory ends with its last whole step, and its ``status`` says why.
 
     Args:
         problem: A `Problem`, or whatever `problem` takes.
-        h: Step size (s).
+        h: Step size (s), or the sizes of all steps, an array (steps,); ``t_end`` and ``steps``
+            may then be left out.
         t_end: End (s), counted from the problem's ``t0``, which is 0 for mechanisms: whole
             steps up to it are taken.
         steps: In place of ``t_end`` the number of steps; ``True``: return an iterator
@@ -282,6 +288,14 @@ def march(
             recovered after a projection, else newton.
         start: ``"consistent"``, or ``"corrected"``: velocities from which λ of the
             trapezoidal rule does not alternate.
+        h_sequence: How the step size varies, in multiples of ``h``: ``"constant"``, or a dict
+            as in a config, ``{"change": 0.5, "at": 0.5}`` once at a time (s),
+            ``{"alternate": [1, 0.5], "every": 5}`` in turn, ``{"random": [0.5, 2], "seed": 1}``.
+        auxiliary: What the integrator carries over where the step size changes, by q:
+            ``"rescale"`` scales what the auxiliary acceleration of generalized-α differs by from
+            v' with q, ``"keep"`` keeps it, ``"restart"`` starts anew from u, v, v'.
+            ``"rescale-velocity"`` also scales the velocity across the constraints, with q² in
+            most integrators: the only one with which λ of index 3 keeps its order.
         linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"static-lu"``,
             ``"gmres"``, ``"minres"``.
         krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES and MINRES.
@@ -304,11 +318,12 @@ def march(
         project: Replace a start that misses the constraints by the nearest that meets
             them: first the coordinates, then the velocities, in the norm of M.
         state: Go on from a `Step` in place of the start.  With the same integrator and
-            ``h`` the march goes on to the same bits.  At another ``h`` what the integrator
-            carries is scaled; another integrator starts anew from u, v, a, λ.  **λ loses its
-            order** behind another ``h`` or integrator, with a `NewmarkWarning`, unless
-            velocities are on the constraints: with ``projection="velocity"``, or with
-            ``formulation="index-2"`` or ``"ggl"`` in both marches.
+            ``h`` the march goes on to the same bits.  At another ``h`` it goes on as
+            ``auxiliary`` says; another integrator starts anew from u, v, a, λ.  **λ loses its
+            order** behind another integrator, and behind another ``h`` unless ``auxiliary`` is
+            ``"rescale-velocity"``, with a `NewmarkWarning`, unless velocities are on the
+            constraints: with ``projection="velocity"``, or with ``formulation="index-2"`` or
+            ``"ggl"`` in both marches.
         callback: Called with the `Step` after every step that is kept.  It stops the
             march by raising StopIteration; any other exception travels on, and has the
             `Trajectory` so far as its attribute ``trajectory``, as KeyboardInterrupt has.
@@ -343,13 +358,18 @@ def march(
         ([0.04], (1, 8))
     """
     projected = projection_of(projection)
+    sizes = None if np.ndim(h) == 0 else arguments.step_sizes(h)
+    sequence = sequence_of(h_sequence)
+    if sizes is not None and sequence != CONSTANT:
+        raise ArgumentError("h_sequence: not with an array h, which says all sizes")
+    h = arguments.positive("h", h if sizes is None else sizes[0], " of seconds")
     arguments.one_of("multipliers", multipliers, (AUTO, *REPORTED))
     scheme = scheme_of(
         form,
         integrator_of(integrator),
         formulation,
         scaling,
-        arguments.positive("h", h, " of seconds"),
+        h,
         evaluation=evaluation,
         precision=precision,
         iteration_cap=arguments.count("iteration_cap", iteration_cap, 1),
@@ -357,6 +377,7 @@ def march(
         projection=projected,
         reported=reported(multipliers, projected),
         start=arguments.one_of("start", start, STARTS),
+        auxiliary=arguments.one_of("auxiliary", auxiliary, AUXILIARY),
     )
     arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS)
     krylov = krylov_of(krylov)
@@ -364,7 +385,13 @@ def march(
     given = problem_of(problem)
     _require_fit(given, scheme, form, linear_solver, multipliers)
     subject = _started(given, u0, v0, project, state)
-    begun = _begin(subject, given.t0, scheme, linear_solver, krylov, state)
+    begins = subject.t0 if state is None else state.t
+    if sequence != CONSTANT:
+        sizes = h * sequence.factors(_count(h, sequence, t_end, steps, given.t0 - begins), h)
+    grid = None if sizes is None else TimeGrid(begins, h, sizes)
+    if sizes is not None and t_end is None and steps is None:
+        steps = len(sizes)
+    begun = _begin(subject, given.t0, scheme, linear_solver, krylov, state, grid)
     if not all(np.all(np.isfinite(array)) for array in begun.march.state):
         raise ProblemError(f"{subject.name}: the start leads to numbers that are not finite")
     stepped = steps is True
@@ -378,7 +405,9 @@ def march(
     last = _last(begun, t_end, None if stepped else steps, at, stepped)
     if last is not None and last > _MOST_STEPS:
         raise ArgumentError(f"{last:.3g} steps are more than there can be, at most {_MOST_STEPS:g}")
-    end = begun.march.problem.t0 + (last or 0) * h
+    if sizes is not None and last is not None and last > len(sizes):
+        raise ArgumentError(f"h has the sizes of {len(sizes)} steps, {last} are asked for")
+    end = begun.march.grid.t(last or 0)
     if is_beyond(given.until, end):
         raise ArgumentError(
             f"t_end: must be at most {given.until:g} s, where a table of {given.name} ends, given "
@@ -396,7 +425,7 @@ def march(
         return taken(begun)
     if stepped or callback is not None or state is not None:
         raise ArgumentError("twins: not with steps=True, callback or state")
-    others = twins_of(subject, scheme, twins, linear_solver, krylov)
+    others = twins_of(subject, scheme, twins, linear_solver, krylov, grid)
     each = [cast(Trajectory, taken(_Begun(other, given.t0))) for other in others]
     return replace(cast(Trajectory, taken(begun)), twins=each)
 
@@ -476,6 +505,16 @@ def _started(problem: Problem, u0: Any, v0: Any, project: bool, state: Step | No
     )
 
 
+def _count(h: float, sequence: StepSequence, t_end: Any, steps: Any, since: float) -> int:
+    """Steps of a sequence; ``since`` is the time of t_end = 0 from its beginning (s)."""
+    if t_end is not None:
+        end = arguments.positive("t_end", t_end, " of seconds") + since
+        return max(steps_until(end, h, sequence), 1) if end > 0 else 1
+    if steps is None or steps is True:
+        raise ArgumentError("h_sequence: give t_end or the number of steps")
+    return arguments.count("steps", steps)
+
+
 def _begin(
     problem: Problem,
     origin: float,
@@ -483,12 +522,13 @@ def _begin(
     linear_solver: str,
     krylov: Krylov | None,
     state: Step | None,
+    grid: TimeGrid | None,
 ) -> _Begun:
     """The march at its start, or at the step that it goes on from."""
     how = (scheme, linear_solver, krylov)
     try:
         if state is None:
-            return _Begun(March(problem, *how), origin)
+            return _Begun(March(problem, *how, grid=grid), origin)
         carried, kept = state.carried, state.carried.state
         _warn_of_loss(problem, scheme, state)
         if carried.enforced != enforced_by(scheme):
@@ -496,17 +536,17 @@ def _begin(
             system = Index1(problem)
             phi = problem.constraint_values(state.t, state.u)
             kept = kept._replace(phi=phi, psi=system.rate(state.t, state.u, state.v))
-        if _same_steps(state, scheme):
+        if grid is None and _same_steps(state, scheme):
             there = replace(problem, t0=carried.t0)
             return _Begun(March(there, *how, state=kept, done=carried.done), origin)
-        fields = kept.fields[[0, 1, 3, 3]].astype(float)
-        past = product(scheme.relations.start, fields[:3])
-        if carried.integrator == scheme.integrator.label:
-            past = scheme.relations.rescaled(
-                kept.past.astype(float), fields[3], carried.h, scheme.h
-            )
-        anew = kept._replace(fields=fields, past=past)
-        return _Begun(March(replace(problem, t0=state.t), *how, state=anew), origin)
+        sizes = None if grid is None else grid.sizes
+        before: tuple[float, float] | None = (carried.h, carried.before)
+        if carried.integrator != scheme.integrator.label:
+            fields = kept.fields[[0, 1, 3, 3]].astype(float)
+            kept = kept._replace(fields=fields, past=product(scheme.relations.start, fields[:3]))
+            before = None
+        grid = TimeGrid(state.t, scheme.h, sizes, before)
+        return _Begun(March(replace(problem, t0=state.t), *how, state=kept, grid=grid), origin)
     except np.linalg.LinAlgError as error:
         raise ProblemError(
             f"{problem.name}: accelerations at the start are not determined: {error}"
@@ -543,7 +583,8 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
     """Whether multipliers lose their order behind a state.
 
     Index 3 leaves Gᵀv + Φ_t = c h², c being the integrator's, and takes what it starts from
-    for the same: from another h, λ is off by O(h), and without damping by O(1) for good.
+    for the same: from another h, unless that is scaled, λ is off by O(h), and without damping
+    by O(1) for good.
     Likewise rows that ask for Φ, or for its rate, put right in one step what others have let
     drift.  Nothing is lost by rows that let them drift on, or where velocities are projected
     and λ is recovered from them.
@@ -556,7 +597,8 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
         {made.method, scheme.formulation.method} <= {INDEX_3, "augmented-lagrangian"}
         and not (projected or projects)
     )
-    if alike and _same_steps(state, scheme):
+    same = carried.integrator == scheme.integrator.label
+    if alike and same and (scheme.across or _same_steps(state, scheme)):
         return False
     rows, recovered = scheme.formulation.kind.rows, scheme.reported == RECOVERED
     drifts = rows in (("Ca",), ("B",)) and not scheme.formulation.scheduled
@@ -608,8 +650,7 @@ def _last(begun: _Begun, t_end: Any, steps: Any, at: Any, stepped: bool) -> int 
         times = arguments.vector("at", at)
         if len(times) == 0:
             raise ArgumentError("at must name a time, given none")
-        h, t0 = march.scheme.h, march.problem.t0
-        return max(march.done, math.ceil(round((float(times.max()) - t0) / h, 6)))
+        return max(march.done, march.grid.reaching(float(times.max())))
     if stepped:
         return None
     raise ArgumentError("t_end or steps: give one of them")
@@ -696,11 +737,10 @@ def _marched_at(
     if every is not None:
         raise ArgumentError("give either every or at, not both")
     march, times = begun.march, arguments.vector("at", at)
-    h, t0 = march.scheme.h, march.problem.t0
-    end = t0 + last * h
-    if (time := first_outside(times.tolist(), march.t, end, h)) is not None:
+    end = march.grid.t(last)
+    if (time := first_outside(times.tolist(), march.t, end, march.grid.h)) is not None:
         raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
-    nearest = nearest_steps(times, t0, h, march.done, last)
+    nearest = march.grid.nearest(times, march.done, last)
     _require_room(march, len(nearest), keep, "give fewer times")
     needed = Needed(march.problem, last, march.done)
     recorder = Recorder(march, keep, len(nearest), needed)

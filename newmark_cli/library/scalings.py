@@ -17,13 +17,17 @@ from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
+from newmark_cli.newmark.steps import CONSTANT, StepSequence
 from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import ArgumentError
 
 #: Largest β and γ, and the reciprocal of the smallest.
 _FARTHEST = 1e12
 #: Defaults of `march`, for which nothing needs to be imported.
-_USUAL = {"trapezoidal": Newmark(), INDEX_3: CONSTRAINTS, UNPROJECTED.label: UNPROJECTED}
+_USUAL = {
+    "trapezoidal": Newmark(), INDEX_3: CONSTRAINTS, UNPROJECTED.label: UNPROJECTED,
+    CONSTANT.label: CONSTANT,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -191,6 +195,13 @@ def tolerance_of(given: Any) -> Tolerance | None:
     """A tolerance on Newton's correction by its dict, or itself."""
     is_it = given is None or isinstance(given, Tolerance)
     found: Tolerance | None = given if is_it else _read("stop", given, "StopConfig")
+    return found
+
+
+def sequence_of(given: Any) -> StepSequence:
+    """A sequence of step sizes by its label, its dict, or itself."""
+    is_it = hasattr(given, "factors")
+    found: StepSequence = given if is_it else _read("h_sequence", given, "SequenceConfig")
     return found
 
 

@@ -270,7 +270,7 @@ def _folder(frame: Any) -> Iterator[Path]:
 
     if not isinstance(frame, pd.DataFrame):
         raise ArgumentError(f"frame must be a DataFrame, given {arguments.shown(frame)}")
-    lacking = [name for name in results.COLUMNS if name not in frame.columns]
+    lacking = [name for name in axes.present(results.COLUMNS, ()) if name not in frame.columns]
     if lacking or frame.empty:
         why = f"lacks {', '.join(lacking)}" if lacking else "is empty"
         raise ArgumentError(f"frame must be rows of a study, as run returns them, but {why}")
@@ -281,8 +281,8 @@ def _folder(frame: Any) -> Iterator[Path]:
             path = folder / f"{study}.csv"
             if path.parent != folder or path.name != f"{study}.csv":
                 raise ArgumentError(f"frame: {arguments.shown(study)} cannot be a study's name")
-            lines = ({str(k): v for k, v in row.items()} for row in rows.to_dict("records"))
-            files.write(path, results.csv_text(results.COLUMNS, lines))
+            lines = [{str(k): v for k, v in row.items()} for row in rows.to_dict("records")]
+            files.write(path, results.csv_text(axes.present(results.COLUMNS, lines), lines))
             if study in described:
                 files.write(path.with_suffix(".json"), described[study])
         try:

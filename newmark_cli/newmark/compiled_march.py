@@ -2,33 +2,84 @@
 
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from newmark_cli.newmark import kernel, scipy_march
-from newmark_cli.newmark.constraints import Constraining, constraining_of
+from newmark_cli.newmark.carrying import Carrying
+from newmark_cli.newmark.constraints import Constraining, FormulationTables, constraining_of
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
 from newmark_cli.newmark.linear.written.exchanges import Exchanges
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.specialised import specialised, unspecialised
-from newmark_cli.newmark.linear.written.static import StaticSystem
+from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_in_order
 from newmark_cli.newmark.march_data import (
     BY_ROUNDING,
     COMPLETED,
     PIVOTING,
+    SINGULAR,
     TESTS,
     Counts,
+    MatrixTables,
     ProblemTables,
     Record,
     Schedule,
+    Sizes,
     State,
+    StepTables,
     recording,
 )
-from newmark_cli.newmark.scheme import STOP, Scheme, Tolerance
+from newmark_cli.newmark.scheme import STOP, Scheme, Schemes, Tolerance
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
+
+
+class _Numbers(NamedTuple):
+    """What the kernel is handed, as far as it may change with the step size."""
+
+    tables: StepTables
+    static: MatrixTables
+    dense: MatrixTables
+    extra: FormulationTables | None
+    h: Array  #: (1,) step size (s)
+    carried: Array  #: (P, P + 1) see `Scheme.carried`
+
+    def arrays(self, units: int) -> dict[tuple[str, str], Array]:
+        """Those that do, by what they are a part of; ``units`` of the work space do."""
+        found = {("", "h"): self.h, ("", "carried"): self.carried}
+        for part, names in _CHANGING.items():
+            if (whole := getattr(self, part)) is not None:
+                found |= {(part, name): getattr(whole, name) for name in names}
+        return {**found, ("static", "work"): self.static.work[:units]}
+
+    def among(self, numbers: Array, units: int) -> "_Numbers":
+        """The same with these arrays as parts of one, which ends with the work space."""
+        found, begin, made = self.arrays(units), 0, dict[str, dict[str, Any]]()
+        for (part, name), array in found.items():
+            size = None if name == "work" else begin + array.size
+            shape = -1 if name == "work" else array.shape
+            made.setdefault(part, {})[name] = numbers[begin:size].reshape(shape)
+            begin += array.size
+        own = made.pop("")
+        parts: Any = {part: getattr(self, part)._replace(**arrays) for part, arrays in made.items()}
+        return self._replace(**own, **parts)
+
+
+#: What changes with the step size, besides the units of static elimination.
+_CHANGING = {
+    "tables": (
+        "weights", "past_weights", "dynamic_weights", "dynamic_past", "row_weights", "row_past",
+        "predictor", "acceleration", "left", "right",
+    ),
+    "static": ("constant", "coefficients"),
+    "dense": ("constant", "coefficients"),
+    "extra": ("rows", "eta", "rows_eta", "penalty", "acting"),
+}  # fmt: skip
+#: Most numbers of steps of other sizes that are kept.
+_MOST_NUMBERS = 2_000_000
 
 
 class Engine:
@@ -38,10 +89,11 @@ class Engine:
         problem, scheme: What marches, and how.
         static: Its static elimination; partial pivoting when omitted.
         constraining: The scheme's formulation, found anew when omitted.
+        schemes: The scheme of each step; all are of one size when omitted.
 
     Attributes:
         pivoted: Steps in which static elimination left a correction to partial pivoting.
-        exchanges: Those that partial pivoting needs, of index 3.
+        exchanges: Those that partial pivoting needs, of index 3 with steps of one size.
     """
 
     def __init__(
@@ -50,15 +102,17 @@ class Engine:
         scheme: Scheme,
         static: StaticSystem | None = None,
         constraining: Constraining | None = None,
+        schemes: Schemes | None = None,
     ) -> None:
         self.static, self.pivoted = static, 0
         self.problem, self.scheme = problem, scheme
-        constraining = constraining or constraining_of(problem, scheme)
-        self._extra = constraining.tables() if constraining else None
-        self._derive = problem.derivatives if constraining else None
-        small = static is None or static.dense
-        self._dense = dense_tables(problem, scheme) if small else no_tables(scheme)
-        self._static = static.elimination.tables if static else no_tables(scheme)
+        self.schemes = schemes = schemes or Schemes.of(problem, scheme)
+        self._constraining = constraining or constraining_of(problem, scheme)
+        self._derive = problem.derivatives if self._constraining else None
+        self._is_small = static is None or static.dense
+        self._numbers = self._numbers_of(scheme)
+        if static:
+            self._numbers = self._numbers._replace(static=static.elimination.tables)
         self._solve = static.elimination.solve if static else solve_in_order
         dtype, pattern = scheme.dtype, problem.pattern
         tables = ProblemTables(
@@ -71,16 +125,83 @@ class Engine:
             *pattern[2:],
         )
         by_residual = scheme.stop is not None and scheme.stop.on_residual
-        if self._extra is None and not by_residual:
+        if self._constraining is None and not by_residual:
             written = static is not None and static.elimination.written_out
-            elimination = Written(self._static) if written else None
+            elimination = Written(self._numbers.static) if written else None
             found = specialised(problem, scheme, tables, elimination)
         else:
             found = unspecialised(problem)
         self._function, self._code = found.function, found.code
         self._tables = tables._replace(ints=found.ints)
-        of_index_3 = static is None and self._extra is None
-        self.exchanges = Exchanges(problem, scheme, self._dense) if of_index_3 else None
+        self._row_of: dict[int, Array] = {}
+        self._memory = np.empty(0, dtype)
+        self._units = 2 * static.elimination.size if static else 0
+        if schemes.grid.varies:
+            arrays = self._numbers.arrays(self._units).values()
+            rest = self._numbers.static.work[self._units :]
+            self._width = sum(array.size for array in arrays)
+            self._memory = np.concatenate([*(array.ravel() for array in arrays), rest])
+            self._numbers = self._numbers.among(self._memory, self._units)
+        of_index_3 = static is None and self._constraining is None and not schemes.grid.varies
+        self.exchanges = Exchanges(problem, scheme, self._numbers.dense) if of_index_3 else None
+
+    def _numbers_of(self, scheme: Scheme) -> _Numbers:
+        """What a scheme tells the kernel; what does not depend on the step size is known."""
+        problem, static = self.problem, self.static
+        nothing = no_tables(scheme)
+        eliminated = nothing
+        if static:
+            lists = static.elimination.lists
+            eliminated = StaticElimination(problem, scheme, lists).entries
+        constraining = self._constraining.at(scheme) if self._constraining else None
+        return _Numbers(
+            tables=scheme.tables,
+            static=eliminated,
+            dense=dense_tables(problem, scheme) if self._is_small else nothing,
+            extra=constraining.tables() if constraining else None,
+            h=np.array([scheme.h], scheme.dtype),
+            carried=scheme.carried(scheme.h / scheme.ratio)[:, :-1].astype(scheme.dtype),
+        )
+
+    def _row(self, kind: int) -> Array:
+        """(W,) numbers of a kind of steps."""
+        if kind not in self._row_of:
+            if (len(self._row_of) + 1) * self._width > _MOST_NUMBERS:
+                self._row_of.clear()
+            arrays = self._numbers_of(self.schemes.of_kind(kind)).arrays(self._units).values()
+            self._row_of[kind] = np.concatenate([array.ravel() for array in arrays])
+        return self._row_of[kind]
+
+    def _at_once(self, first: int, count: int) -> int:
+        """How many of so many steps the kernel takes in one call."""
+        if self.schemes.grid.varies:
+            across = self.schemes.across
+            later = across[np.searchsorted(across, first + 1, side="right") :]
+            count = min(count, int(later[0]) - first - 1) if len(later) else count
+            room = max(1, _MOST_NUMBERS // self._width)
+            if len(np.unique(self.schemes.grid.kinds(range(first, first + count + 1)))) > room:
+                return room
+        return count
+
+    def _sizes(self, first: int, count: int) -> Sizes:
+        """What the kernel is told of so many steps after the first ones."""
+        grid, numbers = self.schemes.grid, self._numbers
+        which, rows = np.zeros(count + 1, np.int64), np.empty((0, 0), numbers.h.dtype)
+        if grid.varies:
+            which = grid.kinds(range(first, first + count + 1))
+            if self.schemes.is_across(first + 1):
+                which[0] = which[1]  # the past has been carried over
+            kinds, which = np.unique(which, return_inverse=True)
+            rows = np.array([self._row(max(kind, 0)) for kind in kinds.tolist()])
+            self._memory[: self._width] = rows[which[0]]
+        return Sizes(
+            times=grid.times(range(first, first + count + 1)),
+            which=which.ravel(),
+            rows=rows,
+            numbers=self._memory[: rows.shape[1]],
+            h=numbers.h,
+            carried=numbers.carried,
+        )
 
     def march(
         self,
@@ -103,15 +224,22 @@ class Engine:
         done = 0
         while True:
             if self.exchanges:
-                self._static, self._solve = self.exchanges.at(state, first + done)
-            counts = Counts(norms[done:], iterations[done:], positions[done:], pivoted[done:])
+                static, self._solve = self.exchanges.at(state, first + done)
+                self._numbers = self._numbers._replace(static=static)
+            if self.schemes.is_across(first + done + 1):
+                try:
+                    self._carrying.to(first + done + 1, state)
+                except np.linalg.LinAlgError:
+                    return SINGULAR, done
+            rest = slice(done, done + self._at_once(first + done, len(norms) - done))
+            counts = Counts(norms[rest], iterations[rest], positions[rest], pivoted[rest])
             given = self.arguments(state, first + done, counts, _after(record, done))
             ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
             done += taken
             if ending == PIVOTING:
-                # Too large for a dense matrix.
+                # Too large for a dense matrix; the past is that of the step already.
                 one, pivoted[done] = slice(done, done + 1), 1
                 ending, taken = self._by_scipy(
                     state, first + done, norms[one], iterations[one], record=_after(record, done)
@@ -123,20 +251,25 @@ class Engine:
                 return ending, done
 
     @cached_property
+    def _carrying(self) -> Carrying:
+        return Carrying(self.schemes, Index1(self.problem))
+
+    @cached_property
     def _by_scipy(self) -> Callable[..., tuple[int, int]]:
         assert self.static is not None
-        return partial(scipy_march.march, self.problem, self.scheme, system=self.static.pivoting)
+        return partial(
+            scipy_march.march, self.problem, self.scheme, system=self.static.pivoting,
+            schemes=self.schemes, begun=True,
+        )  # fmt: skip
 
     def arguments(
         self, state: State, first: int, counts: Counts, record: Record
     ) -> tuple[Any, ...]:
         """Arguments of `newmark_cli.newmark.kernel.march`."""
-        scheme, stop = self.scheme, self.scheme.stop or Tolerance()
+        scheme, numbers = self.scheme, self._numbers
+        stop, sizes = scheme.stop or Tolerance(), self._sizes(first, len(counts.norms))
         schedule = Schedule(
             compensated=scheme.compensated,
-            t_start=float(self.problem.t0),
-            h=float(scheme.h),
-            first=first,
             cap=scheme.iteration_cap,
             settled_below=scheme.settled_below,
             test=BY_ROUNDING if scheme.stop is None else TESTS[stop.test],
@@ -145,8 +278,12 @@ class Engine:
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
         functions = self._function, self._derive, self._solve
-        tables, matrices = (self._tables, scheme.tables), (self._static, self._dense)
-        return functions, self._code, tables, matrices, self._extra, state, schedule, counts, record
+        tables = self._tables, numbers.tables
+        matrices = numbers.static, numbers.dense
+        return (
+            functions, self._code, tables, matrices, numbers.extra, state, schedule, sizes, counts,
+            record,
+        )  # fmt: skip
 
 
 def _after(record: Record, done: int) -> Record:

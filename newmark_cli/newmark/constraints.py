@@ -9,6 +9,7 @@ c being ∂v'/∂a of the integrator.  η stands in row K as −Pη, P = M⁻¹G
 the step, so that Pη is the change of least size in the norm of M.
 """
 
+import copy
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -43,13 +44,13 @@ class FormulationTables(NamedTuple):
     eta: Array  #: (3,) coefficients of Pη in u, v, a
     rows_eta: Array  #: (r,) the same in the kept rows V, K
     inertia: np.floating[Any]  #: c = ∂v'/∂a
-    penalty: np.floating[Any]  #: p; 0 where λ is an unknown
+    penalty: Array  #: (1,) p; 0 where λ is an unknown
     stabilised: int  #: whether there are η
     differentiated: int  #: whether a row has more than Φ itself
     level: int  #: of the projection: 0 none, 1 velocities, 2 positions too
     accelerations: int  #: whether v' is projected too
     total: int  #: whether λ + μ/h is recorded
-    acting: np.floating[Any]  #: h in it; see `newmark_cli.newmark.scheme.Scheme.acting`
+    acting: Array  #: (1,) h in it; see `newmark_cli.newmark.scheme.Scheme.acting`
     unit: np.floating[Any]  #: of M in the projection's matrix
     projector_rows: IndexArray  #: coordinate of each term of P
     projector_columns: IndexArray  #: its constraint
@@ -146,7 +147,18 @@ class Constraining:
     """A formulation, and a projection, on a problem."""
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
-        self.problem, self.scheme = problem, scheme
+        self.problem = problem
+        self._take(scheme)
+
+    def at(self, scheme: Scheme) -> "Constraining":
+        """The same at another step size."""
+        other = copy.copy(self)
+        other.__dict__.pop("penalty", None)
+        other._take(scheme)
+        return other
+
+    def _take(self, scheme: Scheme) -> None:
+        self.scheme = scheme
         self.weights = scheme.formulation.weights(scheme.h)
         self.inertia = float(scheme.relations.acceleration[0])
         self.stabilised = scheme.stabilised
@@ -163,8 +175,12 @@ class Constraining:
         name, value = formulation.parameter
         if name == "penalty":
             return value
-        to_acceleration = DISPLACEMENT_TO_A(self.scheme.integrator.symbols(self.scheme.h))
-        return value * to_acceleration / least_inertia(self.problem)
+        to_acceleration = DISPLACEMENT_TO_A(self.scheme.symbols)
+        return value * to_acceleration / self._least_inertia
+
+    @cached_property
+    def _least_inertia(self) -> float:
+        return least_inertia(self.problem)
 
     @cached_property
     def projector(self) -> Projector:
@@ -264,13 +280,13 @@ class Constraining:
             eta=self.eta.astype(dtype),
             rows_eta=self.rows_eta.astype(dtype),
             inertia=dtype(self.inertia),
-            penalty=dtype(self.penalty),
+            penalty=np.array([self.penalty], dtype),
             stabilised=int(self.stabilised),
             differentiated=int(self.differentiated),
             level=scheme.projection.level,
             accelerations=int(scheme.projection.accelerations),
             total=int(scheme.total),
-            acting=dtype(scheme.acting),
+            acting=np.array([scheme.acting], dtype),
             unit=dtype(unit),
             projector_rows=terms.rows.astype(np.int64),
             projector_columns=terms.columns.astype(np.int64),

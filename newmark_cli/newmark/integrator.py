@@ -31,6 +31,12 @@ TRAPEZOIDAL_NAME = "trapezoidal"
 #: acceleration v', or an increment over the step, w = u − u_n − h v_n, ν = v − v_n.
 NEW_U, NEW_V, NEW_A, TRUE_ACCELERATION, NEW_W, NEW_NU = range(6)
 
+KEEP, RESCALE, RESTART, RESCALE_VELOCITY = "keep", "rescale", "restart", "rescale-velocity"
+#: What an integrator carries over where the step size changes: the past is kept; what an
+#: auxiliary acceleration differs by from v' is scaled with h; it starts anew from u, v, v'; or
+#: besides scaling a, the part of the velocity across the constraints is scaled alike.
+AUXILIARY = (RESCALE_VELOCITY, RESCALE, KEEP, RESTART)
+
 
 class IntegratorError(InputError):
     """The parameters do not give a usable integrator; says which and why.
@@ -69,28 +75,37 @@ class Relations:
     advance: IndexArray
     start: Array
 
-    def rescaled(self, past: Array, true: Array, h: float, new: float) -> Array:
-        """The past at another step size, as smooth motion would have left it there.
+    def carried(self, auxiliary: str, behind: float, ratio: float, moved: float = 0.0) -> Array:
+        """What becomes of the past where the step size changes.
+
+        Smooth motion leaves the auxiliary acceleration of generalized-α off v' by a
+        multiple of h; the increments of BDF2 are those of the last step, whatever its size,
+        as its coefficients know, but for what the velocity is moved by.
 
         Args:
-            past: (P, n) past vectors at a step size h (s).
-            true: (n,) true acceleration v' of the last step.
-            h, new: Both step sizes (s).
+            auxiliary: One of `AUXILIARY`.
+            behind: Size of the last step (s).
+            ratio: The new step size over that.
+            moved: Part of the velocity across the constraints that is added to it.
 
         Returns:
-            (P, n) with what the auxiliary acceleration differs by from v', which is O(h),
-            and the last term of the increments ν = h v' − h² v''/2 and
-            w = h² v'/2 − h³ v''/3 in proportion.
+            (P, P + 2) the new past vectors from the old ones, the last v', and the part of
+            the velocity across the constraints, M⁻¹G(GᵀM⁻¹G)⁻¹(Gᵀv + Φ_t).
         """
-        q, found = new / h, past.copy()
+        places = len(self.advance)
+        carried = np.eye(places, places + 2)
+        if auxiliary == RESTART:
+            of_start = np.zeros((3, places + 2))
+            of_start[0, 0] = of_start[1, 1] = of_start[2, places] = 1
+            return np.asarray(self.start @ of_start)
         for place, what in enumerate(self.advance):
-            if what == NEW_A:
-                found[place] = true + q * (past[place] - true)
+            if what == NEW_V:
+                carried[place, -1] = moved
             elif what == NEW_W:
-                found[place] = new**2 / 2 * true + q**3 * (past[place] - h**2 / 2 * true)
-            elif what == NEW_NU:
-                found[place] = new * true + q**2 * (past[place] - h * true)
-        return found
+                carried[place, -1] = -behind * moved
+            elif what == NEW_A and auxiliary != KEEP:
+                carried[place, place], carried[place, places] = ratio, 1 - ratio
+        return carried
 
 
 class Integrator(Protocol):
@@ -108,19 +123,31 @@ class Integrator(Protocol):
     def damped(self) -> bool:
         """Whether errors of a and λ that alternate from step to step die out."""
 
-    def symbols(self, h: float) -> dict[str, float]:
+    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """Numbers of the symbols that a scaling may use.
 
         β and γ are ∂u/∂v' h⁻² and ∂v/∂v' h⁻¹ of the scheme: γ/(βh) = ∂v/∂u and
         1/(βh²) = ∂v'/∂u, the sensitivities to displacement.
         """
 
-    def relations(self, h: float) -> Relations:
-        """Coefficients at step size h (s)."""
+    def across(self, h: float, before: float) -> float:
+        """What Gᵀv + Φ_t is in proportion to, where index 3 holds the constraints alone.
+
+        At constant h it is −h²/12 Gᵀu‴ in the trapezoidal rule, and likewise a constant times
+        h² in generalized-α; −h (h + before)/6 Gᵀu‴ in BDF2, ``before`` being the size of the
+        step before that of size h (s); −h/2 Gᵀu″ in BDF1.
+        """
+
+    def relations(self, h: float, ratio: float = 1.0) -> Relations:
+        """Coefficients at step size h (s), which is ``ratio`` times that of the step before."""
 
 
 class _Labelled:
     """What the CSV calls an integrator: its method, and its parameters to the last bit."""
+
+    def across(self, h: float, before: float) -> float:
+        """What index 3 leaves of Gᵀv + Φ_t is in proportion to h²."""
+        return h * h
 
     @property
     def label(self) -> str:
@@ -147,13 +174,13 @@ class _Alpha(_Labelled):
         """Two."""
         return 2
 
-    def symbols(self, h: float) -> dict[str, float]:
+    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β and γ per unit of v': Newmark's times (1 − α_f)/(1 − α_m)."""
         beta, gamma, alpha_m, alpha_f = self.parameters
         share = (1 - alpha_f) / (1 - alpha_m)
         return {"beta": beta * share, "gamma": gamma * share, "h": h}
 
-    def relations(self, h: float) -> Relations:
+    def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients over the past (u_n, v_n, a_n, v'_n) at step size h (s)."""
         beta, gamma, alpha_m, alpha_f = self.parameters
         return Relations(
@@ -217,11 +244,11 @@ class Newmark(_Labelled):
         """Whether γ > 1/2 and β > γ/2."""
         return self.gamma > 0.5 and 2 * self.beta > self.gamma
 
-    def symbols(self, h: float) -> dict[str, float]:
+    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β, γ and h."""
         return {"beta": self.beta, "gamma": self.gamma, "h": h}
 
-    def relations(self, h: float) -> Relations:
+    def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients over the past (u_n, v_n, a_n) at step size h (s)."""
         beta, gamma = self.beta, self.gamma
         return Relations(
@@ -310,6 +337,10 @@ class BDF1(_Labelled):
 
     description: ClassVar[str] = "implicit Euler method, order 1; no parameters"
 
+    def across(self, h: float, before: float) -> float:
+        """What index 3 leaves of Gᵀv + Φ_t is in proportion to h."""
+        return h
+
     @property
     def order(self) -> int:
         """One."""
@@ -320,11 +351,11 @@ class BDF1(_Labelled):
         """Yes."""
         return True
 
-    def symbols(self, h: float) -> dict[str, float]:
+    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β = γ = 1."""
         return {"beta": 1.0, "gamma": 1.0, "h": h}
 
-    def relations(self, h: float) -> Relations:
+    def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients over the past (u_n, v_n) at step size h (s)."""
         return Relations(
             v_from_a=h,
@@ -341,15 +372,20 @@ class BDF1(_Labelled):
 class BDF2(_Labelled):
     """Two-step backward differences (Brenan, Campbell & Petzold 1996, Chapter 3).
 
-    With the increments of the last step, w_n and ν_n, in place of u and v of the
-    step before, u = 4/3 u_n − 1/3 u_n−1 + 2/3 h v and likewise v become
+    With h = ω h_n, b = (1 + ω)/(1 + 2ω) and c = ω²/(1 + 2ω), which are 2/3 and 1/3 where the
+    step size is constant, u = u_n + c (u_n − u_n−1) + b h v.  With the increments of the last
+    step, w_n and ν_n, in place of u and v of the step before, it and likewise v become
 
-        V:  ν = 2/3 h v' + ν_n/3,        K:  w = (2/3 h)² v' + w_n/3 − h ν_n/9.
+        V:  ν = b h v' + c ν_n,        K:  w = (b h)² v' + c w_n + c (b − 1/ω) h ν_n.
 
     The step before the first is a Taylor expansion backwards from the start.
     """
 
     description: ClassVar[str] = "two-step backward differences, order 2; no parameters"
+
+    def across(self, h: float, before: float) -> float:
+        """What index 3 leaves of Gᵀv + Φ_t is in proportion to h times both sizes together."""
+        return h * (h + before)
 
     @property
     def order(self) -> int:
@@ -361,17 +397,22 @@ class BDF2(_Labelled):
         """Yes."""
         return True
 
-    def symbols(self, h: float) -> dict[str, float]:
-        """β = (2/3)², γ = 2/3."""
-        return {"beta": 4 / 9, "gamma": 2 / 3, "h": h}
+    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
+        """β = b², γ = b; (2/3)² and 2/3 where the step size is constant."""
+        own = 1 + 2 * ratio
+        of_new = (1 + ratio) * (1 + ratio) / (own * own)
+        return {"beta": of_new, "gamma": (1 + ratio) / own, "h": h}
 
-    def relations(self, h: float) -> Relations:
+    def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients over the past (u_n, v_n, w_n, ν_n) at step size h (s)."""
+        symbols, own = self.symbols(h, ratio), 1 + 2 * ratio
+        of_last = ratio * ratio / own
+        of_nu = h * (ratio * (ratio * ratio - ratio - 1)) / (own * own)
         return Relations(
-            v_from_a=2 / 3 * h,
-            u_from_a=4 / 9 * h**2,
-            v_past=np.array([0.0, 1.0, 0.0, 1 / 3]),
-            u_past=np.array([1.0, h, 1 / 3, -h / 9]),
+            v_from_a=symbols["gamma"] * h,
+            u_from_a=symbols["beta"] * h**2,
+            v_past=np.array([0.0, 1.0, 0.0, of_last]),
+            u_past=np.array([1.0, h, of_last, of_nu]),
             acceleration=np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
             advance=np.array([NEW_U, NEW_V, NEW_W, NEW_NU]),
             start=np.array([[1, 0, 0], [0, 1, 0], [0, 0, h**2 / 2], [0, 0, h]]),

@@ -114,7 +114,7 @@ def scaling_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
 def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """Factors that balance the blocks: by the sensitivities to displacement."""
     balanced = sensitivity(scheme.form)
-    values = scheme.integrator.symbols(scheme.h)
+    values = scheme.symbols
     sizes = scheme.form.sizes(n, m)
     return (
         np.repeat([balanced.left[row](values) for row in scheme.form.rows], sizes),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.support.arrays import Array
+from newmark_cli.newmark.steps import TimeGrid
 
 #: What a trajectory may keep, as `keep` names it.
 KEPT = (*FIELDS, "lambda")
@@ -24,26 +24,20 @@ class Kept:
     at: tuple[float, ...] = ()  #: the steps nearest to these times (s) instead, if there are any
     keep: tuple[str, ...] = (*KEPT, ENERGY, OUTPUT)  #: some of `KEPT`, `ENERGY` and `OUTPUT`
 
-    def looks(self, t0: float, h: float, last: int) -> Sequence[int]:
+    def looks(self, grid: TimeGrid, last: int) -> Sequence[int]:
         """Steps that are kept of a march, ascending; as a range where they may be many.
 
         The last of ``every`` is left out unless it is one of them, since nobody knows
         whether the march will come so far.
         """
         if self.at:
-            steps: list[int] = nearest_steps(np.array(self.at), t0, h, 0, last).tolist()
+            steps: list[int] = grid.nearest(np.array(self.at), 0, last).tolist()
             return steps
         return range(0, last + 1, self.every)
 
-    def outside(self, t0: float, h: float, last: int) -> float | None:
+    def outside(self, grid: TimeGrid, last: int) -> float | None:
         """The first of the times that the march does not come to; None if it does to all."""
-        return first_outside(self.at, t0, t0 + last * h, h)
-
-
-def nearest_steps(times: Array, t0: float, h: float, first: int, last: int) -> Array:
-    """(k,) distinct steps nearest to times (s), ascending."""
-    steps = np.rint((times - t0) / h).astype(np.int64)
-    return np.asarray(np.unique(np.clip(steps, first, last)))
+        return first_outside(self.at, grid.t0, grid.t(last), grid.h)
 
 
 def first_outside(times: Sequence[float], begin: float, end: float, h: float) -> float | None:

@@ -100,7 +100,7 @@ class _Iterate(NamedTuple):
 
     compensated: bool  #: whether it is the increments; only they need shift and g_old
     moving: np.ndarray  #: (3, n) u, v, a, the memory of the state; compensated: w, ν, a
-    h: float  #: step size (s), in the march's precision
+    h: np.ndarray  #: (1,) step size (s)
     shift: np.ndarray  #: (n,) Δ = h v_n + w
     g_old: np.ndarray  #: entries of G at the beginning of the step
 
@@ -174,7 +174,7 @@ class _Room(NamedTuple):
     last_multipliers: np.ndarray  #: (m,) λ likewise
 
 
-def _allocate(problem, tables, dense, state, schedule):
+def _allocate(problem, tables, dense, state, schedule, sizes):
     """Return room for a march."""
     n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
     of_x, of_g = len(problem.x_rows), len(problem.g_rows)
@@ -190,7 +190,7 @@ def _allocate(problem, tables, dense, state, schedule):
     iterate = _Iterate(
         compensated=schedule.compensated,
         moving=np.empty((3, n), dtype) if schedule.compensated else state.fields[:3],
-        h=dtype.type(schedule.h),
+        h=sizes.h,
         shift=np.empty(n, dtype),
         g_old=np.empty(of_g, dtype),
     )
@@ -240,6 +240,21 @@ def _allocate_constraining(problem, extra, state, recorded):
 # -- at the beginning of a step -------------------------------------------------------------
 
 
+@_part
+def _change_size(sizes, s, state, new_past):
+    """Take the numbers of the size of a step, and carry the past over to it."""
+    for k in range(sizes.numbers.shape[0]):
+        sizes.numbers[k] = sizes.rows[sizes.which[s + 1], k]
+    places = state.past.shape[0]
+    for q in range(places):
+        for i in range(state.past.shape[1]):
+            value = sizes.carried[q, places] * state.fields[3, i]
+            for k in range(places):
+                value += sizes.carried[q, k] * state.past[k, i]
+            new_past[q, i] = value
+    _copy_all(new_past, state.past)
+
+
 @_inline
 def _collect_history(problem, tables, past, history):
     """Set what the past (P, n) adds to the fields and to rows D, V and K."""
@@ -284,8 +299,8 @@ def _take_increments(iterate, state):
     """Compensated: set Δ = h v_n + w, and u, v and a to where the increments lead."""
     if iterate.compensated:
         for i in range(state.fields.shape[1]):
-            iterate.shift[i] = iterate.h * state.past[1, i] + (
-                iterate.h * state.lows[1, i] + iterate.moving[0, i]
+            iterate.shift[i] = iterate.h[0] * state.past[1, i] + (
+                iterate.h[0] * state.lows[1, i] + iterate.moving[0, i]
             )
             state.fields[0, i] = state.past[0, i] + (state.lows[0, i] + iterate.shift[i])
             state.fields[1, i] = state.past[1, i] + (state.lows[1, i] + iterate.moving[1, i])
@@ -772,10 +787,10 @@ def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system
         factor = tables.left[0] * tables.right[p]
         for e in range(values.g.shape[0]):
             entries[extra.g_places[e]] -= factor * values.g[e]
-    if extra.penalty > 0:
+    if extra.penalty[0] > 0:
         for e in range(extra.first.shape[0]):
             first, second = extra.first[e], extra.second[e]
-            product = extra.penalty * (values.g[first] * values.g[second])
+            product = extra.penalty[0] * (values.g[first] * values.g[second])
             i, j = problem.g_rows[first], problem.g_rows[second]
             for k in range(p):
                 factor = tables.left[0] * weights[0, k] * tables.right[k]
@@ -873,7 +888,7 @@ def _update_by_penalty(tables, extra, multipliers, phi, work):
     """Update λ by −pΦ; returns the square of that, in scaled unknowns."""
     p, square = tables.kept.shape[0], 0.0
     for k in range(phi.shape[0]):
-        update = -extra.penalty * phi[k]
+        update = -extra.penalty[0] * phi[k]
         multipliers[k] += update
         square += (np.float64(update) / tables.right[p]) ** 2
     work.now[p] = np.sqrt(square)
@@ -1024,7 +1039,7 @@ def _advance(tables, state, iterate, new_past):
                 new_past[q, i] = iterate.moving[source - 4, i]
             elif source == 4:
                 increment = state.fields[0, i] - state.past[0, i]
-                new_past[q, i] = increment - iterate.h * state.past[1, i]
+                new_past[q, i] = increment - iterate.h[0] * state.past[1, i]
             else:
                 new_past[q, i] = state.fields[1, i] - state.past[1, i]
 
@@ -1067,11 +1082,12 @@ def _keep(state, record, place, s):
 
 
 def _march_index_3(
-    evaluate, solve, code, problem, tables, static, dense, state, schedule, counts, record, room
-):
+    evaluate, solve, code, problem, tables, static, dense, state, schedule, sizes, counts, record,
+    room,
+):  # fmt: skip
     """The march of index 3 as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
-    number, compensated, h = fields.dtype.type, schedule.compensated, schedule.h
+    number, compensated = fields.dtype.type, schedule.compensated
     to_tolerance = schedule.test != BY_ROUNDING
     sources, values, iterate, history, rhs, system, new_past, before_step, _, _ = room
     u, v, reals, force, phi = fields[0], fields[1], problem.reals, values.force, values.phi
@@ -1080,11 +1096,13 @@ def _march_index_3(
     norms, iterations, _, pivoted = counts
     kept = given_up = 0
     if compensated:
-        t = number(schedule.t_start + schedule.first * h)
+        t = number(sizes.times[0])
         _evaluate_past(evaluate, t, problem, state, values, g_old)
 
     for s in range(norms.shape[0]):
-        t = number(schedule.t_start + (schedule.first + s + 1) * h)
+        t = number(sizes.times[s + 1])
+        if sizes.which[s + 1] != sizes.which[s]:
+            _change_size(sizes, s, state, new_past)
         _collect_history(problem, tables, past, history)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
@@ -1161,18 +1179,19 @@ def _march_index_3(
 
 
 def _march_formulated(
-    evaluate, derive, problem, tables, dense, extra, state, schedule, counts, record, room, work
-):
+    evaluate, derive, problem, tables, dense, extra, state, schedule, sizes, counts, record, room,
+    work,
+):  # fmt: skip
     """The march of a formulation beside index 3, or of a projection; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
-    number, compensated, h = fields.dtype.type, schedule.compensated, schedule.h
+    number, compensated = fields.dtype.type, schedule.compensated
     to_tolerance = schedule.test != BY_ROUNDING
     sources, values, iterate, history, rhs, system, new_past, _, _, _ = room
     norms, iterations, positions, _ = counts
     rated = extra.differentiated != 0 or extra.level > 0
     moving, kept = iterate.moving, 0
     if compensated:
-        t = number(schedule.t_start + schedule.first * h)
+        t = number(sizes.times[0])
         _evaluate_past(evaluate, t, problem, state, values, iterate.g_old)
         if rated:
             derive(
@@ -1181,23 +1200,26 @@ def _march_formulated(
             )  # fmt: skip
 
     for s in range(norms.shape[0]):
-        t = number(schedule.t_start + (schedule.first + s + 1) * h)
+        t = number(sizes.times[s + 1])
+        if sizes.which[s + 1] != sizes.which[s]:
+            _change_size(sizes, s, state, new_past)
         _collect_history(problem, tables, past, history)
         if extra.stabilised != 0:
             if not compensated:
-                before = number(schedule.t_start + (schedule.first + s) * h)
-                _evaluate_past(evaluate, before, problem, state, values, iterate.g_old)
+                _evaluate_past(
+                    evaluate, number(sizes.times[s]), problem, state, values, iterate.g_old
+                )
             _set_directions(extra, iterate.g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
         solves, settled, first = 0, 0, 0.0
         while solves < schedule.cap:
-            if extra.penalty == 0 or solves == 0:
+            if extra.penalty[0] == 0 or solves == 0:
                 _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            if extra.penalty > 0:
+            if extra.penalty[0] > 0:
                 # Φ is that at the iterate, from here or from the last update of λ.
                 for k in range(multipliers.shape[0]):
-                    work.shifted[k] = multipliers[k] - extra.penalty * values.phi[k]
+                    work.shifted[k] = multipliers[k] - extra.penalty[0] * values.phi[k]
                 _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
             if extra.differentiated != 0:
                 _form_acceleration(tables, state)
@@ -1215,7 +1237,7 @@ def _march_formulated(
             solves += 1
             norm_square = _square(rhs)
             displacement_square = _norms_of_blocks(tables, extra, rhs, fields.shape[1], work)
-            if extra.penalty > 0:
+            if extra.penalty[0] > 0:
                 # λ follows from Φ after the correction.
                 _apply(tables, extra, history, rhs, iterate, state, work)
                 _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
@@ -1225,7 +1247,7 @@ def _march_formulated(
                 return DIVERGED, s
             if _take_norms(work, norms, s, 0 if to_tolerance else settled):
                 break
-            if extra.penalty == 0:
+            if extra.penalty[0] == 0:
                 _apply(tables, extra, history, rhs, iterate, state, work)
             small = _is_small(tables, schedule, state, room, norm, displacement_square)
             settled = settled + 1 if small else 0
@@ -1252,7 +1274,7 @@ def _march_formulated(
         taken = _keep(state, record, kept, s)
         if taken != 0 and extra.total != 0:
             for k in range(multipliers.shape[0]):
-                record.multipliers[kept, k] += state.impulse[k] / extra.acting
+                record.multipliers[kept, k] += state.impulse[k] / extra.acting[0]
         kept += taken
     return COMPLETED, norms.shape[0]
 
@@ -1298,7 +1320,7 @@ def is_compiled(dtype, formulated):
     return (np.dtype(dtype), formulated) in _compiled
 
 
-def march(functions, code, problem, matrices, extra, state, schedule, counts, record):
+def march(functions, code, problem, matrices, extra, state, schedule, sizes, counts, record):
     """Advance ``state`` by as many steps as ``counts`` has room for.
 
     The function is compiled for problems' functions as such, not for particular ones, so that
@@ -1316,7 +1338,8 @@ def march(functions, code, problem, matrices, extra, state, schedule, counts, re
             the march ends where it would be needed.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
         state, counts, record: Overwritten; see the classes.
-        schedule: When the steps are, and when Newton's iteration ends.
+        schedule: When Newton's iteration ends.
+        sizes: When the steps are, and what depends on their sizes.
 
     Returns:
         How the march ended (COMPLETED, SINGULAR, DIVERGED, PIVOTING) and the steps done;
@@ -1326,7 +1349,7 @@ def march(functions, code, problem, matrices, extra, state, schedule, counts, re
     of_problem, of_step = problem
     made: Any
     dtype, formulated = state.fields.dtype, extra is not None
-    room = _allocate(of_problem, of_step, dense, state, schedule)
+    room = _allocate(of_problem, of_step, dense, state, schedule, sizes)
     with _compiling:
         if code[0] != 0:  # else it may be the user's own
             evaluate = _as_given(evaluate, evaluate_type(dtype))
@@ -1335,11 +1358,15 @@ def march(functions, code, problem, matrices, extra, state, schedule, counts, re
             made, given = _march_formulated, [evaluate, derive]
             kinds.append(derivatives_type(dtype))
             work = _allocate_constraining(of_problem, extra, state, counts.norms.shape[1])
-            numbers = (*problem, dense, extra, state, schedule, counts, record, room, work)
+            numbers = (
+                *problem, dense, extra, state, schedule, sizes, counts, record, room, work,
+            )  # fmt: skip
         else:
             made, given = _march_index_3, [evaluate, _as_given(solve, solve_type(dtype))]
             kinds.append(solve_type(dtype))
-            numbers = (code, *problem, static, dense, state, schedule, counts, record, room)
+            numbers = (
+                code, *problem, static, dense, state, schedule, sizes, counts, record, room,
+            )  # fmt: skip
         if (dtype, formulated) not in _compiled:
             compiled = _compile(made)
             compiled.compile((*kinds, *(typeof(number) for number in numbers)))

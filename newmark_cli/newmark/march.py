@@ -12,9 +12,11 @@ from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
+from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scheme import Scheme, Schemes
+from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -105,9 +107,9 @@ class March:
     The kernel marches compiled problems with dense matrices, SciPy all others.
 
     Attributes:
-        problem, scheme: What marches, and how.
+        problem: What marches.
+        grid: When its steps are.
         solver: Linear solver in use.
-        system: The linear system that it solves.
         state: Where the march is; overwritten as it goes on.
         done: Steps taken.
         corrections: Newton corrections that this object has computed in them.
@@ -127,6 +129,7 @@ class March:
         krylov: Krylov | None = None,
         state: State | None = None,
         done: int = 0,
+        grid: TimeGrid | None = None,
     ) -> None:
         """Start from the problem's consistent initial state, or go on from another.
 
@@ -134,20 +137,28 @@ class March:
             problem, scheme, linear_solver, krylov: What marches, and how.
             state: Where a march of this scheme on this problem stood; copied.
             done: Steps that it had taken.
+            grid: When the steps are; all are of the scheme's size when omitted.
         """
-        self.problem, self.scheme = problem, scheme
+        self.problem, self._base = problem, scheme
+        self.grid = grid or TimeGrid(problem.t0, scheme.h)
+        self._schemes = Schemes(scheme, self.grid)
         self.solver = choice.choose(
             linear_solver, problem, scheme.form, scheme.formulated, scheme.precision
         )
-        self.system = systems.system(self.solver, problem, scheme, krylov)
-        static = self.system if isinstance(self.system, StaticSystem) else None
+        self._systems = systems.Systems(self.solver, problem, self._schemes, krylov)
+        system = self._systems.base
+        static = system if isinstance(system, StaticSystem) else None
         self._compiled: compiled_march.Engine | None = None
         if _by_kernel(problem, self.solver):
-            formulation = self.system.constraining
-            self._compiled = compiled_march.Engine(problem, scheme, static, formulation)
+            self._compiled = compiled_march.Engine(
+                problem, scheme, static, system.constraining, self._schemes
+            )
             self._engine: _Engine = self._compiled.march
         else:
-            self._engine = partial(scipy_march.march, problem, scheme, system=self.system)
+            self._engine = partial(
+                scipy_march.march, problem, scheme, schemes=self._schemes,
+                system_at=self._systems.at,
+            )  # fmt: skip
         if state is None:
             self.state = initial_state(problem, scheme)
         else:
@@ -157,9 +168,19 @@ class March:
         self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
 
     @property
+    def scheme(self) -> Scheme:
+        """How it marches: the scheme of the last step, of the first one at the start."""
+        return self._schemes.at(self.done)
+
+    @property
+    def system(self) -> LinearSystem:
+        """The linear system that the last step solved, likewise."""
+        return self._systems.at(self.done)
+
+    @property
     def t(self) -> float:
         """Time (s)."""
-        return self.problem.t0 + self.done * self.scheme.h
+        return self.grid.t(self.done)
 
     @property
     def here(self) -> State:
@@ -214,7 +235,7 @@ class March:
             reached = bisect_right(looks, begin + taken)
             if self._index_1:
                 for k in range(reached):
-                    t = self.problem.t0 + looks[k] * self.scheme.h
+                    t = self.grid.t(looks[k])
                     record.multipliers[k] = self._recovered(self._index_1, t, record.fields[k])
             stretch = Stretch(
                 norms[:taken],
@@ -238,8 +259,9 @@ class March:
         """Most steps between two signs of life."""
         if self.solver != choice.STATIC:
             return _STRETCH[self.solver]
-        assert isinstance(self.system, StaticSystem)
-        elimination = self.system.elimination
+        system = self._systems.base
+        assert isinstance(system, StaticSystem)
+        elimination = system.elimination
         in_step = elimination.lists.operations + 20 * elimination.size
         return max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
 

@@ -96,13 +96,25 @@ class State(NamedTuple):
     impulse: np.ndarray  #: (m,) μ of the last projection of velocities
 
 
+class Sizes(NamedTuple):
+    """When the steps of a call of the kernel are, and what depends on their sizes.
+
+    All numbers that change with the step size stand in one array, of which the tables are
+    parts; where the step size changes, another row of numbers is copied there.
+    """
+
+    times: np.ndarray  #: (steps + 1,) of the state and after each step (s)
+    which: np.ndarray  #: (steps + 1,) row of the step before, and of each step
+    rows: np.ndarray  #: (k, W) numbers
+    numbers: np.ndarray  #: (W,) those of the step under way
+    h: np.ndarray  #: (1,) step size (s), a part of them
+    carried: np.ndarray  #: (P, P + 1) new past from the old one and v', likewise
+
+
 class Schedule(NamedTuple):
-    """When the steps of a march are, and when Newton's iteration ends."""
+    """When Newton's iteration ends."""
 
     compensated: bool  #: whether the tables relate increments; Φ is then quadratic in u
-    t_start: float  #: time of step 0 (s)
-    h: float  #: step size (s)
-    first: int  #: steps taken since then
     cap: int  #: most corrections computed in a step
     settled_below: float  #: see `newmark_cli.newmark.scheme.Scheme.settled_below`
     test: int  #: what ends Newton's iteration, ``BY_…``

@@ -91,12 +91,12 @@ class NewtonSystem:
     @property
     def beta(self) -> float:
         """β in the factors: ∂u/∂v' = β h²."""
-        return self.scheme.integrator.symbols(self.h)["beta"]
+        return self.scheme.symbols["beta"]
 
     @property
     def gamma(self) -> float:
         """γ in the factors: ∂v/∂v' = γ h."""
-        return self.scheme.integrator.symbols(self.h)["gamma"]
+        return self.scheme.symbols["gamma"]
 
     @cached_property
     def _solution(self) -> tuple[Decimal, ...]:

@@ -1,6 +1,5 @@
 """One integrator, form and scaling at one step size: everything but the problem."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
@@ -20,11 +19,15 @@ from newmark_cli.newmark.formulation import (
     Projection,
     is_formulated,
 )
-from newmark_cli.newmark.integrator import FIELDS, Integrator, Relations
+from newmark_cli.newmark.integrator import FIELDS, RESCALE_VELOCITY, RESTART, Integrator, Relations
 from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
-from newmark_cli.support.arrays import Array
+from newmark_cli.newmark.steps import TimeGrid
+from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array, IndexArray
 
+#: Most schemes of steps that are kept.
+_MOST_KNOWN = 1_000
 DIRECT, COMPENSATED = "direct", "compensated"
 #: How residuals are evaluated.  Direct: in the unknowns themselves, as the paper
 #: writes them.  Compensated: in the increments w = u − u_n − h v_n and
@@ -36,12 +39,6 @@ EVALUATIONS = (DIRECT, COMPENSATED)
 PRECISIONS: Mapping[str, type[np.floating[Any]]] = MappingProxyType(
     {"float64": np.float64, "float32": np.float32}
 )
-
-
-def steps_until(t_end: float, h: float) -> int:
-    """Whole steps of a size h (s) up to a time (s) that counts from the start."""
-    # h = 1e-7 is no binary fraction.
-    return math.floor(t_end / h * (1 + 1e-9))
 
 
 #: What a test of Newton's iteration looks at: the scaled correction, the residual before or
@@ -119,6 +116,8 @@ class Scheme:
         projection: What is projected after a step.
         reported: Which multipliers are reported, one of `formulation.REPORTED`.
         start: From which velocities, one of `formulation.STARTS`.
+        ratio: h over the size of the step before.
+        auxiliary: What becomes of the past where h changes, one of `integrator.AUXILIARY`.
     """
 
     integrator: Integrator
@@ -134,6 +133,12 @@ class Scheme:
     projection: Projection = UNPROJECTED
     reported: str = NEWTON
     start: str = CONSISTENT
+    ratio: float = 1.0
+    auxiliary: str = RESCALE_VELOCITY
+
+    def at(self, h: float, ratio: float) -> "Scheme":
+        """The scheme of a step of another size (s), ``ratio`` times that of the one before."""
+        return replace(self, h=h, ratio=ratio)
 
     @property
     def compensated(self) -> bool:
@@ -198,7 +203,35 @@ class Scheme:
     @cached_property
     def relations(self) -> Relations:
         """Update relations at this step size."""
-        return self.integrator.relations(self.h)
+        return self.integrator.relations(self.h, self._to_past)
+
+    @property
+    def _to_past(self) -> float:
+        """H over the size of the step that the past is of; none is, where it starts anew."""
+        return 1.0 if self.auxiliary == RESTART else self.ratio
+
+    def carried(self, behind: float, moved: float = 0.0) -> Array:
+        """(P, P + 2) the past that the step begins with; see `Relations.carried`."""
+        if self.ratio == 1 and moved == 0:
+            places = len(self.relations.advance)
+            return np.eye(places, places + 2)
+        return self.relations.carried(self.auxiliary, behind, self.ratio, moved)
+
+    @property
+    def across(self) -> bool:
+        """Whether velocities across the constraints are scaled where h changes.
+
+        Rows of velocities and projections leave nothing to scale; what rows of accelerations
+        let drift is not of this step size.
+        """
+        kind = self.formulation.kind
+        holds = kind.rows == ("C",) or kind.penalised
+        return self.auxiliary == RESCALE_VELOCITY and holds and not self.projection.level
+
+    @property
+    def symbols(self) -> dict[str, float]:
+        """Numbers of the symbols that a scaling may use."""
+        return self.integrator.symbols(self.h, self._to_past)
 
     @cached_property
     def marched(self) -> Relations:
@@ -221,13 +254,13 @@ class Scheme:
     @cached_property
     def left(self) -> Array:
         """(rows,) numbers of D_L, a row block each."""
-        values = self.integrator.symbols(self.h)
+        values = self.symbols
         return np.array([self.scaling.left[row](values) for row in self.form.rows])
 
     @cached_property
     def right(self) -> Array:
         """(unknowns,) numbers of D_R, an unknown each."""
-        values = self.integrator.symbols(self.h)
+        values = self.symbols
         return np.array([self.scaling.right[unknown](values) for unknown in self.form.unknowns])
 
     @cached_property
@@ -277,3 +310,59 @@ class Scheme:
             if values.dtype == np.float64
         }
         return tables._replace(**reals)
+
+
+class Schemes:
+    """The scheme of each step of a march.
+
+    Attributes:
+        base: That of the march, at h.
+        grid: Sizes of the steps.
+    """
+
+    def __init__(self, base: Scheme, grid: TimeGrid) -> None:
+        self.base, self.grid = base, grid
+        self._known: dict[int, Scheme] = {}
+
+    @classmethod
+    def of(cls, problem: Problem, scheme: Scheme) -> "Schemes":
+        """Steps of one size, from the problem's initial time."""
+        return cls(scheme, TimeGrid(problem.t0, scheme.h))
+
+    def at(self, step: int) -> Scheme:
+        """The scheme of a step, counted from 1; step 0 has that of the first."""
+        if not self.grid.varies:
+            return self.base
+        return self.of_kind(int(self.grid.kinds(range(max(step, 1), max(step, 1) + 1))[0]))
+
+    def of_kind(self, number: int) -> Scheme:
+        """The scheme of a kind of steps; see `TimeGrid.kinds`."""
+        if number not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            self._known[number] = self.base.at(*self.grid.kind(number))
+        return self._known[number]
+
+    def carried(self, step: int) -> Array:
+        """(P, P + 2) the past that a step begins with; see `Relations.carried`."""
+        size, behind, before = (self.grid.size(step - k) for k in range(3))
+        integrator = self.base.integrator
+        across = integrator.across(size, behind) / integrator.across(behind, before)
+        return self.at(step).carried(behind, across - 1 if self.base.across else 0.0)
+
+    @cached_property
+    def across(self) -> IndexArray:
+        """Steps that begin with other velocities across the constraints, ascending."""
+        if not (self.grid.varies and self.base.across):
+            return np.empty(0, np.int64)
+        integrator = self.base.integrator
+        changed = [
+            integrator.across(size, behind) != integrator.across(behind, before)
+            for size, behind, before in self.grid.successive.T.tolist()
+        ]
+        return 1 + np.flatnonzero(changed)
+
+    def is_across(self, step: int) -> bool:
+        """Whether a step is one of `across`."""
+        place = int(np.searchsorted(self.across, step))
+        return place < len(self.across) and int(self.across[place]) == step

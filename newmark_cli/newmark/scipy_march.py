@@ -4,9 +4,12 @@ It is the reference that the kernel is tested against, and the march of problems
 whose linear systems are not solved by the kernel.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
-from newmark_cli.newmark.constraints import Tangents
+from newmark_cli.newmark.carrying import Carrying
+from newmark_cli.newmark.constraints import Constraining, Tangents
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.linear.choice import Stagnation
 from newmark_cli.newmark.linear.dense import DenseSystem
@@ -21,7 +24,7 @@ from newmark_cli.newmark.march_data import (
     Record,
     State,
 )
-from newmark_cli.newmark.scheme import CORRECTION, INCREMENTS, RESIDUAL, STOP, Scheme
+from newmark_cli.newmark.scheme import CORRECTION, INCREMENTS, RESIDUAL, STOP, Scheme, Schemes
 from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
@@ -84,6 +87,21 @@ class _Index3:
         self.problem, self.scheme, self.state, self.system = problem, scheme, state, system
         self.carried = _Compensated(problem, state, t, scheme.h) if scheme.compensated else None
         self.moving = np.empty((3, problem.n)) if self.carried else state.fields[:3]
+
+    def change_size(self, scheme: Scheme, system: LinearSystem, carrying: bool) -> None:
+        """Go on with steps of another size.
+
+        Args:
+            scheme, system: Those of the next step.
+            carrying: Whether the past is still to be carried over to it.
+        """
+        if carrying:
+            old = np.concatenate([self.state.past, self.state.fields[3:]])
+            carried = scheme.carried(scheme.h / scheme.ratio)[:, :-1]
+            self.state.past[:] = algebra.product(carried, old)
+        self.scheme, self.system = scheme, system
+        if self.carried:
+            self.carried.h = scheme.h
 
     def begin_step(self, t: float) -> None:
         """Collect what the past adds; set u = u_n + h v_n, and v and a to what follows from it."""
@@ -254,10 +272,15 @@ class _Formulated(_Index3):
         self, problem: Problem, scheme: Scheme, state: State, system: LinearSystem, t: float
     ) -> None:
         super().__init__(problem, scheme, state, system, t)
-        assert system.constraining is not None
-        self.constraining, self._index_1 = system.constraining, Index1(problem)
+        self._index_1 = Index1(problem)
         self._done = np.zeros(len(scheme.recorded), bool)
         self._last = np.zeros(len(scheme.recorded))
+
+    @property
+    def constraining(self) -> Constraining:
+        """The formulation at the size of the step."""
+        assert self.system.constraining is not None
+        return self.system.constraining
 
     def begin_step(self, t: float) -> None:
         """Besides: set η = 0, and P and R to those at the beginning of the step."""
@@ -418,6 +441,9 @@ def march(
     system: LinearSystem | None = None,
     record: Record | None = None,
     positions: IndexArray | None = None,
+    schemes: Schemes | None = None,
+    system_at: Callable[[int], LinearSystem] | None = None,
+    begun: bool = False,
 ) -> tuple[int, int]:
     """Advance ``state`` by ``len(norms)`` steps.
 
@@ -428,17 +454,36 @@ def march(
         norms, iterations, positions: Overwritten; see `march_data.Counts`.
         system: Linear system of the scheme on the problem; dense when omitted.
         record: Overwritten with the states after the steps that it names.
+        schemes: The scheme of each step; all are of one size when omitted.
+        system_at: The linear system of a step; ``system`` of them all when omitted.
+        begun: Whether the past has been carried over to the size of the first step.
 
     Returns:
         How the march ended and the steps done.
     """
-    system = system or DenseSystem(problem, scheme)
+    schemes = schemes or Schemes.of(problem, scheme)
+    grid, scheme = schemes.grid, schemes.at(first)
+    system = system_at(first) if system_at else system or DenseSystem(problem, scheme)
     kind = _Formulated if system.constraining else _Index3
-    own = kind(problem, scheme, state, system, problem.t0 + first * scheme.h)
+    own = kind(problem, scheme, state, system, grid.t(first))
+    which = grid.kinds(range(first, first + len(norms) + 1)) if grid.varies else None
+    carrying = Carrying(schemes, Index1(problem))
     places = {} if record is None else {int(s): k for k, s in enumerate(record.steps)}
     for s in range(len(norms)):
-        t = problem.t0 + (first + s + 1) * scheme.h
-        own.begin_step(problem.t0 + (first + s) * scheme.h)
+        t = grid.t(first + s + 1)
+        if which is not None:
+            begun, step = (begun and s == 0), first + s + 1
+            if schemes.is_across(step) and not begun:
+                try:
+                    carrying.to(step, state)
+                except np.linalg.LinAlgError:
+                    return SINGULAR, s
+                begun = True
+            if which[s + 1] != which[s] or begun:
+                scheme = schemes.at(step)
+                system = system_at(step) if system_at else system
+                own.change_size(scheme, system, not begun)
+        own.begin_step(grid.t(first + s))
         settled = solves = 0
         while solves < scheme.iteration_cap:
             # Outside of `try`: errors of the problem's own functions are not the solver's.

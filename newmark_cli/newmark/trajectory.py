@@ -48,9 +48,11 @@ class _Carried:
     """All that a march needs to continue from a step to the same bits."""
 
     state: State  #: a copy of the march's state
-    t0: float  #: time of the start from which steps count (s)
+    t0: float  #: time of the start from which steps count (s); where their sizes vary, now
     done: int  #: steps since then
-    h: float  #: step size (s)
+    steps: int  #: steps of the march
+    h: float  #: size of the last step (s)
+    before: float  #: of the one before it (s)
     integrator: str  #: label of the integrator, whose past vectors the state has
     enforced: str  #: formulation and projection, which decide what of Φ and Φ' is left
 
@@ -116,8 +118,16 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
     norms = stretch.norms[-1].tolist() if stretch and took else [0.0] * len(unknowns)
     state = State(*(array.copy() for array in march.state))
     scheme = march.scheme
+    varies = march.grid.varies
     carried = _Carried(
-        state, march.problem.t0, march.done, scheme.h, scheme.integrator.label, enforced_by(scheme)
+        state,
+        march.t if varies else march.problem.t0,
+        0 if varies else march.done,
+        march.done,
+        scheme.h,
+        march.grid.size(march.done - 1),
+        scheme.integrator.label,
+        enforced_by(scheme),
     )
     return Step(
         t=march.t,
@@ -152,7 +162,7 @@ class Trajectory:
         steps: Steps taken by this march.
         not_converged: How many of them ended before Newton's iteration converged.
         newton_iterations: Corrections computed by all of them.
-        h: Step size (s).
+        h: Step size (s); where it varies that of which the sizes are multiples.
         state: The last step, to look at and to go on from: ``march(..., state=…)``.
         problem: What was marched, with the start that it was marched from.
         arrays: ``"u"``, ``"v"``, ``"a"``, ``"lambda"`` → array, of those that were kept.
@@ -481,11 +491,11 @@ class Recorder:
     def keep_here(self) -> None:
         """Keep that step, unless it was kept already."""
         step = self._good
-        if self._last < step.carried.done:
+        if self._last < step.carried.steps:
             count = step.iterations if step.converged else -step.iterations
             fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
             rows = {name: fields[name][None] for name in self._arrays}
-            steps = np.array([step.carried.done])
+            steps = np.array([step.carried.steps])
             self._kept, self._last = self._written(steps, np.array([count]), rows)
 
     def took(self, stretch: Stretch) -> None:
@@ -537,15 +547,15 @@ class Recorder:
             status = REDUNDANT
         numbers, counts = (rows.first(self._kept) for rows in (self._numbers, self._counts))
         return Trajectory(
-            t=self.march.problem.t0 + numbers * self.march.scheme.h,
+            t=self.march.grid.times(numbers),
             numbers=numbers,
             iterations=np.abs(counts),
             converged=counts >= 0,
             status=status or ("not_converged" if self._not_converged else "ok"),
-            steps=self._good.carried.done - self._begin,
+            steps=self._good.carried.steps - self._begin,
             not_converged=self._not_converged,
             newton_iterations=self._corrections,
-            h=self.march.scheme.h,
+            h=self.march.grid.h,
             state=self._good,
             problem=self.march.problem,
             arrays={name: rows.first(self._kept) for name, rows in self._arrays.items()},

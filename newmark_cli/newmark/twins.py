@@ -15,6 +15,7 @@ from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
@@ -23,7 +24,12 @@ _SEED = 20061012
 
 
 def twins(
-    problem: Problem, scheme: Scheme, count: int, linear_solver: str, krylov: Krylov | None = None
+    problem: Problem,
+    scheme: Scheme,
+    count: int,
+    linear_solver: str,
+    krylov: Krylov | None = None,
+    grid: TimeGrid | None = None,
 ) -> Iterator[March]:
     """Marches at their start, each with other signs of what it is perturbed by.
 
@@ -33,13 +39,16 @@ def twins(
     """
     for number in range(count):
         units = _units((problem.n + 1, 2), number)
-        h = scheme.h * float(1 + np.finfo(scheme.dtype).eps * units[-1, 0])
-        own = scheme if problem.potential is not None else replace(scheme, h=h)
+        factor = float(1 + np.finfo(scheme.dtype).eps * units[-1, 0])
+        own, own_grid = scheme, grid
+        if problem.potential is None:
+            own, own_grid = replace(scheme, h=scheme.h * factor), grid and grid.scaled(factor)
         begin = initial_state(problem, own)
         state = beside(begin, number)
         change = (state.fields - begin.fields)[:3].astype(float)
         carried = product(own.relations.start, change).astype(scheme.dtype)
-        yield March(problem, own, linear_solver, krylov, state._replace(past=begin.past + carried))
+        state = state._replace(past=begin.past + carried)
+        yield March(problem, own, linear_solver, krylov, state, grid=own_grid)
 
 
 def beside(state: State, number: int = 0) -> State:

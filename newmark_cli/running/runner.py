@@ -23,7 +23,7 @@ from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References, solved
 from newmark_cli.running.store import NOT_RUN, Store, file_name
 from newmark_cli.study import motion, provenance, results, trajectories
-from newmark_cli.study.axes import Cell
+from newmark_cli.study.axes import Cell, present
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
 from newmark_cli.support import apart, interrupts
@@ -175,7 +175,7 @@ def run_studies(
             cell, solution = planned[i].cell, None
             if "error" in cell.measure:
                 try:
-                    solution = references.of(cell.problem, cell.t_end)
+                    solution = references.of(cell.problem, cell.reached)
                 except NoReference as error:
                     missing[i] = str(error)
             tasks[i] = Task(cell, solution, timed=options.timed)
@@ -278,7 +278,7 @@ def _looked_after(one: Planned, references: References, store: Store) -> Planned
     if one.done is None or not one.done.outcome.lacks:
         return one
     try:
-        references.of(one.cell.problem, one.cell.t_end)
+        references.of(one.cell.problem, one.cell.reached)
     except NoReference as error:
         done = _without_reference(one.done, str(error))
         if done.outcome.lacks != one.done.outcome.lacks:
@@ -387,7 +387,8 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
     outcomes = [done.outcome for done in found]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
-    texts: dict[Path, str | bytes] = {path: results.csv_text(results.COLUMNS, table)}
+    columns = present(results.COLUMNS, table)
+    texts: dict[Path, str | bytes] = {path: results.csv_text(columns, table)}
     if kept := trajectories.table(study.study, cells, outcomes):
         file = results.trajectory_path(folder, study.study, parquet=options.parquet)
         texts[file] = kept.parquet() if options.parquet else kept.csv()
@@ -416,7 +417,7 @@ def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
     for cell in cells:
         if cell.steps > 0:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
-            longest[cell.problem] = max(t_end, cell.t_end), min(h, cell.h)
+            longest[cell.problem] = max(t_end, cell.reached), min(h, cell.h)
     facts = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
     found: dict[str, dict[str, Any]] = {
         "motions": {

@@ -9,7 +9,7 @@ cell apart), besides the code that gives it a meaning.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from functools import cache
 from itertools import product
@@ -26,11 +26,12 @@ from newmark_cli.newmark.formulation import (
     is_formulated,
     reported,
 )
-from newmark_cli.newmark.integrator import Integrator, Newmark
+from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, Krylov, choose
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.newmark.scheme import DIRECT, Tolerance
+from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
 
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.spec import ProblemSpec
@@ -70,6 +71,7 @@ class Axis:
         default: What a config that lacks the key means, or a function of the same module.
         about: What the key means, for JSON Schema and the docs.
         shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
+        rare: Whether CSVs have the column only where a value does not go without saying.
         many: Whether a config may give several values, which then span a grid.
         value: Value of a cell from one of the config's.
     """
@@ -89,6 +91,7 @@ class Axis:
     default: Any = ...
     about: str = ""
     shows: str = ""
+    rare: bool = False
     many: bool = True
     value: Callable[[Any], Any] = _core_value
 
@@ -243,6 +246,28 @@ class Cell:
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "
         "as `absolute 1e-08`, `residual relative 1e-08`, `lambda relative 0.0001`",
     )
+    h_sequence: StepSequence = axis(
+        "step sizes",
+        write=lambda cell: cell.h_sequence.label,
+        usual=CONSTANT.label,
+        initial=CONSTANT,
+        since=(6, 4),
+        rare=True,
+        config=lambda keys: keys.Sequences,
+        default=lambda keys: (keys.SequenceConfig(),),
+        about="how the step size varies along the march, in multiples of h; default: constant",
+        shows="how the step size varies: `constant`, `change 0.5 at 0.5` (once, at a time in s), "
+        "`alternate 1.0 0.5 every 5`, `random 0.5 2.0 seed 1`, all in multiples of `h`",
+    )
+    auxiliary: str = axis(
+        usual=RESCALE_VELOCITY,
+        initial=RESCALE_VELOCITY,
+        since=(6, 4),
+        rare=True,
+        config=lambda keys: keys.Auxiliary,
+        default=(RESCALE_VELOCITY,),
+        about="what becomes of the integrator's past where the step size changes",
+    )
     h: float = axis(
         series=False,
         since=(0, 0),
@@ -334,6 +359,15 @@ class Cell:
         return choose(
             self.linear_solver, self.problem.load(), self.formulated, formulated, self.precision
         )
+
+    @property
+    def reached(self) -> float:
+        """Time that the march comes to, from its start (s)."""
+        return self.t_end if self.h_sequence == CONSTANT else self.grid(0.0).t(self.steps)
+
+    def grid(self, t0: float) -> TimeGrid:
+        """When the steps are, from a time (s)."""
+        return TimeGrid.of(self.h_sequence, t0, self.h, self.steps)
 
     @property
     def weight(self) -> int:
@@ -550,3 +584,13 @@ def in_words(axis: str, value: str) -> str:
 def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:
     """Columns in the order in which files have them: later ones behind."""
     return tuple(name for _, name in sorted(columns, key=lambda column: column[0]))
+
+
+def present(columns: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Columns of a CSV but those of rare axes in which every row has the usual value."""
+    usual = {each.name: each.usual for each in cell_axes() if each.rare}
+    return [
+        name
+        for name in columns
+        if name not in usual or any(row.get(name, usual[name]) != usual[name] for row in rows)
+    ]

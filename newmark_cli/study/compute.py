@@ -40,6 +40,7 @@ def scheme_of(cell: Cell) -> Scheme:
         projection=cell.projection,
         reported=cell.reported,
         start=cell.start,
+        auxiliary=cell.auxiliary,
     )
 
 
@@ -60,7 +61,9 @@ def compute(
     Without the reference, the solution at the end, errors are empty.  ``on_steps`` is told how many
     steps were done, now and then; an exception that it raises ends the march.
     """
-    march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
+    problem = cell.problem.load()
+    grid = cell.grid(problem.t0)
+    march = March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
     observers = {each.name: each.observe(cell, march, reference) for each in measures}
     every = [*observers.values(), Watch(march.problem, cell.steps)]
@@ -100,7 +103,9 @@ def _by_twins(
     """Measure with twins → what its rows are about, of the march and then of each twin."""
     twinned = {name: MEASURES[name] for name in observers if MEASURES[name].twins}
     found = {name: [observers[name].deviations] for name in twinned}
-    for twin in twins(cell.problem.load(), scheme_of(cell), cell.twins, cell.solver, cell.krylov):
+    problem, scheme = cell.problem.load(), scheme_of(cell)
+    grid = cell.grid(problem.t0)
+    for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov, grid):
         of_twin = {name: each.observe(cell, twin, reference) for name, each in twinned.items()}
         _marched(twin, cell.steps, [*of_twin.values()], on_steps)
         for name, each in of_twin.items():
@@ -153,7 +158,10 @@ def march_seconds(cell: Cell, on_steps: Callable[[int], None]) -> float | None:
     """
     found: list[float] = []
     while cell.steps and sum(found) < _MEASURED and len(found) < _MOST_MARCHES:
-        march = March(cell.problem.load(), scheme_of(cell), cell.solver, cell.krylov)
+        problem = cell.problem.load()
+        march = March(
+            problem, scheme_of(cell), cell.solver, cell.krylov, grid=cell.grid(problem.t0)
+        )
         start = time.perf_counter()
         for _ in march.stretches(cell.steps):
             on_steps(0)

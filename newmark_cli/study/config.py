@@ -28,7 +28,8 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, SPARSE, STATIC
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
-from newmark_cli.newmark.scheme import COMPENSATED, Scheme, steps_until
+from newmark_cli.newmark.scheme import COMPENSATED, Scheme
+from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import axes, drawing, expecting, fitting, keys
 from newmark_cli.study import shipped as _shipped
@@ -108,6 +109,7 @@ class _Rules(RuledModel):
         """Step sizes that do not fit t_end; errors are measured there."""
         if self.t_end is None:
             return
+        errors = errors and CONSTANT in axes.values(self)["h_sequence"]
         for h in self.h:
             steps = self.t_end / h
             if h > self.t_end * (1 + 1e-9):
@@ -175,36 +177,38 @@ class _Rules(RuledModel):
         kept = axes.kept_of(self)
         if kept is None or not kept.at:
             return
-        for spec, (h, steps) in product(self.problem, self._lengths()):
-            t0 = spec.traits().sample.t0
-            if (time := kept.outside(t0, h, steps)) is not None:
+        for spec, (sequence, h, steps) in product(self.problem, self._lengths()):
+            grid = TimeGrid.of(sequence, spec.traits().sample.t0, h, steps)
+            if (time := kept.outside(grid, steps)) is not None:
                 yield misfit(
                     "trajectory",
-                    f"{time:g} s is outside the march with h = {h:g}, {t0:g} to "
-                    f"{t0 + steps * h:g} s",
+                    f"{time:g} s is outside the march with h = {h:g}, {grid.t0:g} to "
+                    f"{grid.t(steps):g} s",
                 )
                 return
 
     def _beyond(self) -> Iterator[PydanticCustomError]:
         """Marches that go on after the last time of a table in a mechanism file."""
         files = (s for s in self.problem if isinstance(s, MechanismFile))
-        for spec, (h, steps) in product(files, self._lengths()):
-            until = spec.traits().sample.until
-            if is_beyond(until, steps * h):
+        for spec, (sequence, h, steps) in product(files, self._lengths()):
+            until, end = spec.traits().sample.until, TimeGrid.of(sequence, 0.0, h, steps).t(steps)
+            if is_beyond(until, end):
                 yield misfit(
                     "steps" if self.steps is not None else "t_end",
                     f"must be at most {until:g} s, where a table of {spec.label} ends, given "
-                    f"{steps * h:g} s",
+                    f"{end:g} s",
                 )
                 return
 
-    def _lengths(self) -> list[tuple[float, int]]:
-        """Step sizes and steps; none where the march has no length, which is told elsewhere."""
+    def _lengths(self) -> list[tuple[StepSequence, float, int]]:
+        """Sequences, step sizes and steps; none where the march has no length."""
+        every = [(each.value(), h) for each in self.h_sequence for h in self.h]
         if self.steps is not None:
-            return [(h, self.steps) for h in self.h]
-        if self.t_end is None:
+            return [(*each, self.steps) for each in every]
+        end = self.t_end
+        if end is None:
             return []
-        return [(h, steps_until(self.t_end, h)) for h in self.h if self.t_end / h <= MOST_STEPS]
+        return [(how, h, steps_until(end, h, how)) for how, h in every if end / h <= MOST_STEPS]
 
     def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
         from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
@@ -261,8 +265,8 @@ class _Rules(RuledModel):
 
     def recorded(self) -> dict[str, int]:
         """Measure that records over time → most numbers in its file."""
-        found, steps = {}, [last for _, last in self._lengths()]
-        others = self.count // (len(self.h) * len(self.problem))
+        found, steps = {}, [last for *_, last in self._lengths()]
+        others = self.count // (len(self.h) * len(self.h_sequence) * len(self.problem))
         needed = not set(_RECORDED).isdisjoint(self.measure)
         traits = [spec.traits() for spec in self.problem] if needed else []
         if HISTORY.name in self.measure:
@@ -286,7 +290,7 @@ class _Rules(RuledModel):
         for at in axes.grid(axes.values(self)):
             h, steps = at["h"], self.steps
             if steps is None:
-                steps = steps_until(self.t_end, h)
+                steps = steps_until(self.t_end, h, at["h_sequence"])
             yield Cell(
                 **at,
                 t_end=self.t_end if self.t_end is not None else steps * h,

@@ -37,6 +37,7 @@ from newmark_cli.mechanisms.spec import (
     name_and_arguments,
     with_ending,
 )
+from newmark_cli.newmark import steps
 from newmark_cli.newmark.forms import FORMS, INDEX_3, MULTIPLIERS, ROWS
 from newmark_cli.newmark.formulation import (
     METHODS,
@@ -48,6 +49,7 @@ from newmark_cli.newmark.formulation import (
     Projection,
 )
 from newmark_cli.newmark.integrator import (
+    AUXILIARY,
     FIELDS,
     INTEGRATORS,
     TRAPEZOIDAL_NAME,
@@ -77,6 +79,7 @@ from newmark_cli.newmark.scheme import (
     STOP,
     Tolerance,
 )
+from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
 from newmark_cli.study import drawing, tabulating
 from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, in_words
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
@@ -179,6 +182,7 @@ _NAMES: Mapping[str, Collection[str]] = {
     "projection": PROJECTIONS,
     "multipliers": REPORTED,
     "start": STARTS,
+    "auxiliary": AUXILIARY,
     "measure": MEASURES,
 }
 
@@ -199,6 +203,9 @@ def _name(text: str) -> str:
 
 
 Positive = Annotated[Number, Field(gt=0)]
+Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
+TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
+StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
 Name = Annotated[
     str,
     AfterValidator(_name),
@@ -473,6 +480,73 @@ class ProjectionConfig(MethodConfig):
     def value(self) -> Projection:
         """The core's value."""
         return Projection(self.method, self.accelerations)
+
+
+class SequenceConfig(Valued):
+    """How the step size varies: ``constant``, or a mapping with one of its keys.
+
+    The keys are those of the sequences of `newmark_cli.newmark.steps`.
+    """
+
+    change: Positive | None = Field(None, description="multiple of h from the time `at` on")
+    at: Positive | None = Field(None, description="time of the change, from the start (s)")
+    alternate: Annotated[tuple[Positive, ...], Field(min_length=2)] | None = Field(
+        None, description="multiples of h that take turns"
+    )
+    every: Count | None = Field(None, description="steps before the next takes its turn, 1")
+    random: tuple[Positive, Positive] | None = Field(
+        None, description=f"multiples of h between which {LEVELS} are drawn from"
+    )
+    seed: StepCount | None = Field(None, description="of the generator, 1 when omitted")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_text(cls, data: Any) -> Any:
+        """A label, as CSVs have it."""
+        if not isinstance(data, str):
+            return data
+        try:
+            return vars(steps.parse(data))
+        except SequenceError as error:
+            raise PydanticCustomError("sequence", "{message}", {"message": str(error)}) from None
+
+    @model_validator(mode="after")
+    def _usable(self) -> "SequenceConfig":
+        given = {name for name in type(self).model_fields if getattr(self, name) is not None}
+        kinds = [kind for kind in (*_OF_SEQUENCE,) if kind in given]
+        if given and len(kinds) != 1:
+            kinds = kinds or list(_OF_SEQUENCE)
+            raise ValueError(f"needs one of {', '.join(kinds)}, given {', '.join(sorted(given))}")
+        for kind in kinds:
+            other, needed = _OF_SEQUENCE[kind]
+            if others := sorted(given - {kind, other}):
+                raise misfit(others[0], f"does not belong to {kind}")
+            if needed and other not in given:
+                raise misfit(kind, f"needs {other}")
+        try:
+            self.value()
+        except SequenceError as error:
+            name, _, why = str(error).partition(": ")
+            raise misfit(name, why) from None
+        return self
+
+    def value(self) -> StepSequence:
+        """The core's value."""
+        kind = next((kind for kind in _OF_SEQUENCE if getattr(self, kind) is not None), None)
+        if kind is None:
+            return CONSTANT
+        given = self.model_dump(exclude_none=True)
+        made: StepSequence = SEQUENCES[kind](**given)
+        return made
+
+    @property
+    def label(self) -> str:
+        """As CSVs have it."""
+        return self.value().label
+
+
+#: Kind of sequence → its other key, and whether it needs it.
+_OF_SEQUENCE = {"change": ("at", True), "alternate": ("every", False), "random": ("seed", False)}
 
 
 class LimitsConfig(StrictModel):
@@ -825,6 +899,8 @@ Integrators = OneOrMore[IntegratorConfig]
 Formulations = OneOrMore[FormulationConfig]
 Projections = OneOrMore[ProjectionConfig]
 Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED), "multipliers")]]
+Sequences = OneOrMore[SequenceConfig]
+Auxiliary = OneOrMore[Annotated[str, _Known("auxiliary", AUXILIARY, "auxiliary")]]
 Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS), "start")]]
 
 
@@ -858,8 +934,3 @@ Word = Annotated[
     Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"),
     also(type=["string", "integer"]),
 ]
-
-
-Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
-TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
-StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]

@@ -896,7 +896,7 @@ class _Trajectories(Observer):
 
         self._problem = march.problem
         kept = self._kept = cell.trajectory or Kept()
-        steps = kept.looks(march.problem.t0, cell.h, cell.steps)
+        steps = kept.looks(march.grid, cell.steps)
         wanted = {*kept.keep, *(("u", "v") if ENERGY in kept.keep else ())}
         if OUTPUT in kept.keep and march.problem.outputs is not None:
             wanted |= {"u", "v", "lambda"}

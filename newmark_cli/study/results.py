@@ -203,9 +203,10 @@ def _over_time(
     table = (
         {"study": study}
         | label
-        | {"step": step, "t": cell.problem.load().t0 + step * cell.h}
+        | {"step": step, "t": grid.t(step)}
         | dict(zip(own, values.tolist(), strict=False))
         for label, (cell, own, steps) in zip(labels, parts, strict=True)
+        for grid in (cell.grid(cell.problem.load().t0),)
         for step, values in steps
     )
     return csv_text((*HISTORY_COLUMNS, *told_apart(labels), *ordered), table)

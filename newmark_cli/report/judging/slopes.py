@@ -213,7 +213,8 @@ def write(folder: Path, slopes: Sequence[Slope]) -> None:
     """Write ``slopes.csv``: series of the figures first."""
     rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
     ordered = in_figure_order(slopes) + rest
-    text = results.csv_text(COLUMNS, (slope.row() for slope in ordered))
+    rows = [slope.row() for slope in ordered]
+    text = results.csv_text(axes.present(COLUMNS, rows), rows)
     files.write(folder / "slopes.csv", text)
 
 

@@ -36,11 +36,17 @@ _CHEAPER = 4
 class StaticElimination:
     """D_L J D_R of index 3, N by N, as static elimination takes it."""
 
-    def __init__(self, problem: Problem, scheme: Scheme) -> None:
+    def __init__(
+        self, problem: Problem, scheme: Scheme, lists: EliminationLists | None = None
+    ) -> None:
+        """Analyse the order, unless the lists are known from another step size."""
         self.problem, self.scheme = problem, scheme
         self.size = assembly.unknowns(problem, scheme)
         self._constants = assembly.constants(problem, scheme)
         self._sums = assembly.of_index_3(problem, scheme)
+        if lists:
+            self.lists = lists
+            return
         every = [self._constants, self._sums]
         rows, columns = (
             np.concatenate([getattr(part, side) for part in every]) for side in ("rows", "columns")
@@ -121,19 +127,24 @@ class StaticElimination:
             return static_elimination.solve_generated
         return static_elimination.solve_in_order
 
-    @cached_property
+    @property
     def tables(self) -> MatrixTables:
         """All of it as `solve` reads it."""
+        tables = self.entries
+        if self.written_out and not tables.room[static_elimination.ADDRESS]:
+            tables.room[static_elimination.ADDRESS] = Written(tables).address()
+        return tables
+
+    @cached_property
+    def entries(self) -> MatrixTables:
+        """The same without the address of code for it."""
         lists, dtype = self.lists, self.scheme.dtype
         constants, sums = self._in_units(*self._constants), self._sums
         coefficients = self._in_units(sums.rows, sums.columns, sums.coefficients).values
         found = lists.tables(constants, sums._replace(coefficients=coefficients), dtype)
         work = np.zeros(5 * self.size + len(lists.lower_rows) + len(lists.upper_rows), dtype)
         work[: 2 * self.size] = np.concatenate(self.units)
-        tables = found._replace(work=work)
-        if self.written_out:
-            tables.room[static_elimination.ADDRESS] = Written(tables).address()
-        return tables
+        return found._replace(work=work)
 
     def _in_units(self, rows: IndexArray, columns: IndexArray, values: Array) -> Constants:
         """Entries in the units of the elimination."""

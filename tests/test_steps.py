@@ -1,0 +1,237 @@
+"""Steps of other sizes: sequences, grids, both engines, and studies of them."""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import pytest
+from each import each
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+import newmark_cli as newmark
+from newmark_cli.library.scalings import integrator_of, scheme_of
+from newmark_cli.newmark import scipy_march, steps
+from newmark_cli.newmark.integrator import INTEGRATORS
+from newmark_cli.newmark.march import March
+from newmark_cli.newmark.steps import Alternate, Change, Random, TimeGrid
+
+SIZES = st.floats(1e-9, 10)
+FACTORS = st.floats(0.01, 100)
+SEQUENCES = st.one_of(
+    st.builds(Change, FACTORS, SIZES),
+    st.builds(Alternate, st.lists(FACTORS, min_size=2, max_size=4).map(tuple), st.integers(1, 9)),
+    st.builds(Random, st.tuples(st.floats(0.1, 1), st.floats(1.5, 9)), st.integers(0, 99)),
+)
+
+
+@given(SEQUENCES, st.integers(1, 200), st.floats(1e-3, 1))
+def test_sequences(sequence, count, h):
+    """Labels are read back; the first steps are those of a longer march; the end is reached."""
+    assert steps.parse(sequence.label) == sequence
+    factors = sequence.factors(count, h)
+    assert np.array_equal(factors, sequence.factors(2 * count, h)[:count])
+    total = float(h * factors.sum())
+    assert steps.steps_until(total * (1 + 1e-12), h, sequence) == count
+
+
+@given(st.lists(SIZES, min_size=1, max_size=50), st.floats(-5, 5))
+def test_times_are_sums_rounded_once(sizes, t0):
+    """Exact rational sums."""
+    from fractions import Fraction
+
+    grid = TimeGrid(t0, sizes[0], np.array(sizes))
+    for k in range(len(sizes) + 1):
+        assert grid.t(k) == t0 + float(sum(map(Fraction, sizes[:k]), Fraction(0)))
+    assert grid.times(range(len(sizes) + 1)).tolist() == [grid.t(k) for k in range(len(sizes) + 1)]
+
+
+@each("integrator", ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2"))
+def test_ratio_1_has_the_bits_of_one_size(integrator):
+    """An array of equal sizes, and its halts, on the pendulum; numbers of BDF2 as fractions."""
+    one = newmark.march("pendulum", h=0.0078125, steps=100, integrator=integrator)
+    other = newmark.march("pendulum", h=np.full(100, 0.0078125), integrator=integrator)
+    for name in ("t", "u", "v", "a", "multipliers"):
+        assert np.array_equal(getattr(one, name), getattr(other, name))
+    label = {"bdf2": "bdf2"}.get(integrator)
+    if label:
+        relations = INTEGRATORS[label]().relations(0.3)
+        assert relations.v_past.tolist() == [0, 1, 0, 1 / 3]
+        assert relations.u_past.tolist() == [1, 0.3, 1 / 3, -0.3 / 9]
+        assert (relations.v_from_a, relations.u_from_a) == (2 / 3 * 0.3, 4 / 9 * 0.3**2)
+
+
+CASES = [
+    ("andrews", "bdf2", "u-lambda", "index-3", "none", "random 0.5 2.0 seed 1", "static-lu"),
+    ("andrews", "generalized-alpha rho=0.9", "v-lambda", "index-3", "none",
+     "alternate 1.0 0.5 every 5", "auto"),
+    ("andrews", "trapezoidal", "a-lambda", "index-3", "none", "change 0.5 at 0.001", "sparse-lu"),
+    ("pendulum", "bdf2", "a-lambda", "ggl", "none", "random 0.5 2.0 seed 2", "auto"),
+    ("four-bar", "generalized-alpha rho=0.5", "u-lambda", "augmented-lagrangian", "none",
+     "alternate 1.0 0.5 every 1", "auto"),
+    ("four-bar", "hht alpha=0.1", "u-v-lambda", "index-3", "velocity", "random 0.5 2.0 seed 3",
+     "auto"),
+    ("shaken-pendulum", "bdf1", "u-v-a-lambda", "baumgarte rate_h=1", "none",
+     "alternate 1.0 2.0 0.5 every 2", "auto"),
+]  # fmt: skip
+
+
+@each("evaluation", ("direct", "compensated"))
+@each("problem, integrator, form, formulation, projection, sequence, solver", CASES)
+def test_engines_agree(
+    problem, integrator, form, formulation, projection, sequence, solver, evaluation
+):
+    """The kernel, with halts and without, and SciPy's march, under all that is carried over."""
+    if evaluation == "compensated" and problem == "shaken-pendulum":
+        return
+    subject = newmark.problem(problem)
+    for k, auxiliary in enumerate(("rescale-velocity", "keep", "rescale", "restart")):
+        if k and evaluation == "compensated":
+            break
+        h = 1e-2 if "pendulum" in problem else 1e-4
+        scheme = scheme_of(
+            form, integrator_of(integrator), formulation, "optimal", h, evaluation=evaluation,
+            precision="float64", projection=newmark_projection(projection), auxiliary=auxiliary,
+        )  # fmt: skip
+        grid, found = TimeGrid.of(steps.parse(sequence), subject.t0, h, 60), []
+        for way in ("kernel", "halts", "scipy"):
+            march = March(subject, scheme, solver, grid=grid)
+            if way == "scipy":
+                march._engine = partial(
+                    scipy_march.march, subject, scheme, schemes=march._schemes,
+                    system_at=march._systems.at,
+                )  # fmt: skip
+            for _ in march.stretches(60, range(1, 60, 7) if way == "halts" else ()):
+                pass
+            assert (march.ending, march.done, march.t) == (0, 60, grid.t(60))
+            found.append([*march.state.fields[:2], march.state.multipliers])
+        kernel, halting, by_scipy = found
+        for one, other, third in zip(kernel, halting, by_scipy, strict=True):
+            assert np.array_equal(one, other)
+            assert third == pytest.approx(one, rel=0, abs=1e-5 * max(np.abs(one).max(), 1e-3))
+
+
+def newmark_projection(name):
+    from newmark_cli.newmark.formulation import Projection
+
+    return Projection(name)
+
+
+THROWN = {
+    "points": {"O": {"fixed": (0, 0)}, "P": {"at": (1, 0), "velocity": (0, -1), "mass": 1}},
+    "bars": {"rod": {"from": "O", "to": "P", "length": 1}},
+    "gravity": (0, -9.81),
+}
+
+
+def multiplier_after_a_change(h, **options):
+    """Largest error of λ in the 20 steps of h/2 that follow on t = 1, of a pendulum."""
+    found = newmark.march(
+        THROWN, h=h, t_end=1 + 10 * h, h_sequence={"change": 0.5, "at": 1}, **options
+    )
+    swing = solve_ivp(
+        lambda t, y: [y[1], -9.81 * np.cos(y[0])], (0, found.t[-1]), [0, -1], method="DOP853",
+        rtol=1e-12, atol=1e-13, t_eval=found.t,
+    )  # fmt: skip
+    exact = 9.81 * np.sin(swing.y[0]) - swing.y[1] ** 2
+    after = found.t > 1 + h / 4
+    assert np.diff(found.t[after]) == pytest.approx(h / 2)
+    return np.abs(found.multipliers[:, 0] - exact)[after].max()
+
+
+@each(
+    "integrator, start, carried",
+    [
+        ("trapezoidal", "corrected", 0.9),
+        ("generalized-alpha rho=0.9", "consistent", 0.9),
+        ("hht alpha=0.1", "consistent", 0.9),
+        ("bdf2", "consistent", 0.9),
+    ],
+)
+def test_orders_after_a_change(integrator, start, carried):
+    """λ of index 3 has order 1, whatever becomes of a, and 2 where velocities are scaled."""
+    for auxiliary, order in (("keep", 1), ("rescale", 1), ("restart", 1), ("rescale-velocity", 2)):
+        one, other = (
+            multiplier_after_a_change(h, integrator=integrator, start=start, auxiliary=auxiliary)
+            for h in (2e-3, 1e-3)
+        )
+        assert np.log2(one / other) == pytest.approx(order, abs=0.25), auxiliary
+    for formulation in ("index-2", "ggl"):
+        one, other = (
+            multiplier_after_a_change(h, integrator=integrator, formulation=formulation)
+            for h in (2e-3, 1e-3)
+        )
+        assert np.log2(one / other) == pytest.approx(2, abs=0.35), formulation
+
+
+STUDY = """study: changing
+problem: pendulum
+form: [u-lambda, a-lambda]
+preconditioning: optimal
+integrator: generalized-alpha rho=0.9
+h_sequence: [constant, {change: 0.5, at: 0.5}, {alternate: [1, 0.5], every: 5}, {random: [0.5, 2]}]
+auxiliary: [rescale-velocity, keep]
+measure: [error, correction, trajectory]
+trajectory: {at: [0.25, 0.75], keep: [u, lambda]}
+h: [0.02, 0.01, 0.005]
+t_end: 1.0
+twins: 1
+"""
+
+
+def test_a_study_of_sequences(cli):
+    """Run, resumed from kept cells, checked: columns, labels, orders, times of what is kept."""
+    cli.write("changing.yaml", STUDY)
+    cli("run", "changing.yaml")
+    rows = pd.read_csv(cli.folder / "results" / "changing.csv")
+    assert set(rows.h_sequence) == {
+        "constant", "change 0.5 at 0.5", "alternate 1.0 0.5 every 5", "random 0.5 2.0 seed 1",
+    }  # fmt: skip
+    assert set(rows.auxiliary) == {"rescale-velocity", "keep"}
+    of_lambda = rows[(rows.measure == "error") & (rows.quantity == "lambda")]
+    worst = of_lambda[of_lambda.h == 0.005].groupby(["h_sequence", "auxiliary"])["last"].max()
+    assert worst["constant", "rescale-velocity"] == worst["constant", "keep"]
+    for changing in ("alternate 1.0 0.5 every 5", "random 0.5 2.0 seed 1"):
+        assert worst[changing, "keep"] > 5 * worst[changing, "rescale-velocity"]
+    kept = pd.read_csv(cli.folder / "results" / "trajectory" / "changing.csv")
+    assert np.abs(kept.t - kept.t.round(2)).max() <= 0.02
+    again = cli("run", "changing.yaml")
+    assert pd.read_csv(cli.folder / "results" / "changing.csv").equals(rows), again
+    found = cli("check", "changing")
+    assert "0 miss" in found.stdout or "miss" not in found.stdout
+
+
+@each(
+    "text, told",
+    [
+        ("{change: 0.5}", "h_sequence.change: needs at"),
+        ("{change: 0.5, every: 3}", "every: does not belong to change"),
+        ("{alternate: [1], every: 5}", "at least 2"),
+        ("{random: [2, 0.5]}", "random: must ascend"),
+        ("{change: 0.5, random: [1, 2]}", "needs one of change, random"),
+        ("sometimes", "unknown sequence of step sizes 'sometimes'"),
+    ],
+)
+def test_sequences_that_are_none(cli, text, told):
+    """One line, with the key and what is allowed."""
+    lines = STUDY.splitlines()
+    lines[5] = f"h_sequence: {text}"
+    cli.write("changing.yaml", "\n".join(lines) + "\n")
+    (line,) = cli("validate", "changing.yaml", code=2).stderr.splitlines()[:1]
+    assert told in line
+    assert "line 6" in line
+
+
+def test_arrays_of_sizes_that_cannot_be_used():
+    """Said of the argument."""
+    for h, more, told in (
+        ([0.1, 0.0], {}, "every step size must be positive"),
+        ([0.1, 0.2], {"steps": 3}, "has the sizes of 2 steps, 3 are asked for"),
+        ([], {}, "every step size"),
+        ([0.1, 0.2], {"h_sequence": "random 0.5 2.0 seed 1"}, "not with an array h"),
+        (0.1, {"h_sequence": {"change": 2}}, "needs at"),
+        (0.1, {"h_sequence": "random 0.5 2.0 seed 1"}, "give t_end or the number of steps"),
+    ):
+        with pytest.raises(newmark.NewmarkError, match=told):
+            newmark.march("pendulum", h=h, **more)
