@@ -95,6 +95,13 @@ class Axis:
     many: bool = True
     value: Callable[[Any], Any] = _core_value
 
+    def labels(self, case: Any) -> Iterator[str]:
+        """How CSVs spell the values that a case has along the axis."""
+        given = getattr(case, self.name)
+        for one in given if self.many else (given,):
+            value = self.value(one)
+            yield getattr(value, "label", value)
+
 
 def axis(
     title: str = "", *, write: Callable[[Any], Any] | None = None, compare: bool = True, **rest: Any

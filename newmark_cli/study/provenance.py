@@ -17,7 +17,7 @@ import numpy as np
 
 import newmark_cli
 from newmark_cli.study import axes, checkout
-from newmark_cli.study.axes import Cell
+from newmark_cli.study.axes import Cell, cell_axes
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.checkout import Source
 from newmark_cli.support.processors import usable
@@ -45,6 +45,11 @@ def record(
 ) -> dict[str, Any]:
     """Provenance of results as far as it is the same wherever and whenever they are computed."""
     config = study.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for case, recorded in zip(study.cases, config["cases"], strict=True):
+        # As in CSVs, so that a new axis changes no record that has nothing of it.
+        for axis in cell_axes():
+            if axis.rare and [*axis.labels(case)] == [axis.usual]:
+                del recorded[axis.name]
     return {
         "study": study.study,
         "config": config,
@@ -53,7 +58,7 @@ def record(
         "sha256": dict(checksums),
         "cells": [
             {
-                **axes.labels(cell),
+                **{name: labels[name] for name in axes.present(labels, [labels])},
                 "steps": cell.steps,
                 "status": outcome.status,
                 **({"reason": outcome.reason} if outcome.reason else {}),
@@ -62,6 +67,7 @@ def record(
                 **({} if outcome.operations is None else {"operations": outcome.operations}),
             }
             for cell, outcome in zip(cells, outcomes, strict=True)
+            for labels in (axes.labels(cell),)
         ],
     }
 
