@@ -160,7 +160,7 @@ class March:
                 system_at=self._systems.at,
             )  # fmt: skip
         if state is None:
-            self.state = initial_state(problem, scheme)
+            self.state = initial_state(problem, self._schemes.at(1))
         else:
             self.state = State(*(np.array(array, scheme.dtype, order="C") for array in state))
         self.done, self.corrections, self.positions = done, 0, 0

@@ -43,10 +43,11 @@ def twins(
         own, own_grid = scheme, grid
         if problem.potential is None:
             own, own_grid = replace(scheme, h=scheme.h * factor), grid and grid.scaled(factor)
-        begin = initial_state(problem, own)
+        first = own if own_grid is None else own.at(own_grid.size(1), 1.0)
+        begin = initial_state(problem, first)
         state = beside(begin, number)
         change = (state.fields - begin.fields)[:3].astype(float)
-        carried = product(own.relations.start, change).astype(scheme.dtype)
+        carried = product(first.relations.start, change).astype(scheme.dtype)
         state = state._replace(past=begin.past + carried)
         yield March(problem, own, linear_solver, krylov, state, grid=own_grid)
 
