@@ -5,8 +5,10 @@ NaN for what theory says nothing of.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+from newmark_cli.newmark import changes
 from newmark_cli.newmark.formulation import (
     CONSTRAINTS,
     CORRECTED,
@@ -15,7 +17,8 @@ from newmark_cli.newmark.formulation import (
     Formulation,
     Projection,
 )
-from newmark_cli.newmark.integrator import Integrator, Newmark
+from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
+from newmark_cli.newmark.steps import CONSTANT, Change, StepSequence
 
 ROUNDING = math.inf
 UNKNOWN = math.nan
@@ -31,6 +34,8 @@ class March:
     reported: str  #: which multipliers are reported
     start: str  #: from which velocities it starts
     compensated: bool  #: whether the evaluation is compensated
+    sequence: StepSequence = CONSTANT  #: how the step size varies
+    auxiliary: str = RESCALE_VELOCITY  #: what becomes of the past where it changes
 
     @property
     def order(self) -> int:
@@ -76,12 +81,41 @@ class March:
         return self.start == CORRECTED and self.integrator == Newmark()
 
     def error(self, quantity: str) -> float:
-        """Order of the error of u, v or λ."""
+        """Order of the error of u, v or λ at the end."""
         if not self.settles:
             return UNKNOWN
-        if quantity != "lambda":
-            return float(self.order)
-        return self._multipliers()
+        found = self._multipliers() if quantity == "lambda" else float(self.order)
+        if self.sequence == CONSTANT or math.isnan(found):
+            return found
+        if isinstance(self.sequence, Change):
+            # What one change leaves behind has died out, or alternates.
+            return UNKNOWN if self._alternation_fed and quantity == "lambda" else found
+        return min(found, self._behind(quantity))
+
+    def transient(self, quantity: str) -> float:
+        """Order of the largest error of u, v or λ in the first steps behind a change."""
+        if not self.settles or (self.formulation.scheduled and quantity == "lambda"):
+            return UNKNOWN
+        if quantity == "lambda" and self.alternates and not self.corrected:
+            return UNKNOWN
+        return min(float(self.order), self._behind(quantity))
+
+    @cached_property
+    def _behind_changes(self) -> tuple[float, float]:
+        """Orders of u and v, and of λ; see `newmark_cli.newmark.changes.orders`."""
+        return changes.orders(
+            self.integrator, self.formulation, self.projection, self.reported, self.auxiliary,
+            self.sequence,
+        )  # fmt: skip
+
+    def _behind(self, quantity: str) -> float:
+        found = self._behind_changes[quantity == "lambda"]
+        return found if math.isfinite(found) else UNKNOWN
+
+    @property
+    def _alternation_fed(self) -> bool:
+        """Whether a change of h makes λ alternate for good."""
+        return self.alternates and self.auxiliary != RESCALE_VELOCITY
 
     def _multipliers(self) -> float:
         projected = self.projection.level > 0
@@ -105,6 +139,9 @@ class March:
         """Order of what Φ, Gᵀv + Φ_t and λ miss of what an exact motion keeps."""
         if not self.settles:
             return UNKNOWN
+        if self.sequence != CONSTANT:
+            found = replace(self, sequence=CONSTANT).drift(invariant)
+            return found if found == ROUNDING else UNKNOWN
         rows = self.formulation.kind.rows
         if invariant == "position":
             if self.by_position or "C" in rows or self.projection.level == 2:

@@ -10,6 +10,7 @@ instead.  Neither shares code with the integrators that are measured.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,7 @@ _CHANCE = 3.0
 #: them at the end.
 _SHARES = (0.93, 0.86, 0.79, 0.72, 0.65)
 _SHARED = 2
+_MOST_KEPT = 16
 
 
 class NoReference(InputError):
@@ -208,6 +210,53 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
         + _CHANCE * multipliers_error
         + multipliers.relative_error(of_state[0] + moved[2], of_state[0], scales),
     )
+
+
+class Motion(NamedTuple):
+    """A solution at some times.
+
+    Attributes:
+        start: The first of it, with estimated errors.
+        states: u, v and λ at each time.
+    """
+
+    start: Reference
+    states: list[tuple[Array, Array, Array]]
+
+
+def along(problem: Problem, since: float, times: Sequence[float]) -> Motion:
+    """The solution at several times, close to one another.
+
+    Args:
+        problem: The problem.
+        since: Time since its start (s) to which `solution` goes.
+        times: Ascending times (s), later than that.
+
+    Raises:
+        NoReference: As `solution`.
+    """
+    start = _known(problem, since)
+    t, u, v = problem.t0 + since, start.u, start.v
+    states = []
+    for time in times:
+        system = Index1(replace(problem, t0=t, u0=u, v0=v))
+        u, v = _integrated(system, time, _TOLERANCE, lambda: None, None)
+        t = time
+        states.append((u, v, system.accelerations(t, u, v)[1]))
+    return Motion(start, states)
+
+
+#: The solutions of the last problems and times: cells of one problem ask for the same.
+_KEPT: dict[tuple[str, float], Reference] = {}
+
+
+def _known(problem: Problem, t: float) -> Reference:
+    key = problem.content, t
+    if key not in _KEPT:
+        if len(_KEPT) >= _MOST_KEPT:
+            _KEPT.clear()
+        _KEPT[key] = solution(problem, t)
+    return _KEPT[key]
 
 
 def _variants(problem: Problem) -> list[Problem]:

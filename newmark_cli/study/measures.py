@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.newmark import integrator
+from newmark_cli.newmark import integrator, steps
 from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS
@@ -27,6 +27,7 @@ from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, Scaling
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
+from newmark_cli.newmark.steps import Change
 from newmark_cli.newmark.truncation import March as Marched
 from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS
@@ -291,15 +292,27 @@ def _scaling_of(key: SeriesKey) -> Scaling:
     return Preconditioning.parse(key.preconditioning).scaling(_form_of(key))
 
 
-@cache
 def _march_of(key: SeriesKey) -> Marched:
+    return _marched(
+        key.integrator, key.formulation, key.projection, key.multipliers, key.start,
+        key.evaluation, key.h_sequence, key.auxiliary,
+    )  # fmt: skip
+
+
+@cache
+def _marched(
+    integrators: str, formulation: str, projection: str, reported: str, start: str,
+    evaluation: str, sequence: str, auxiliary: str,
+) -> Marched:  # fmt: skip
     return Marched(
-        integrator.parse(key.integrator),
-        Formulation.parse(key.formulation),
-        Projection.parse(key.projection),
-        key.multipliers,
-        key.start,
-        key.evaluation == COMPENSATED,
+        integrator.parse(integrators),
+        Formulation.parse(formulation),
+        Projection.parse(projection),
+        reported,
+        start,
+        evaluation == COMPENSATED,
+        steps.parse(sequence),
+        auxiliary,
     )
 
 
@@ -602,6 +615,92 @@ ERROR = Measure(
     reference=True,
     twins=True,
     may_lack=tuple(OF_OUTPUTS),
+)
+
+
+# -- transient --------------------------------------------------------------------------------
+
+#: Steps behind a change of h in which the largest error is looked for.
+WINDOW = 40
+
+
+class _Transients(Observer):
+    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
+        self._problem = cell.problem.load()
+        # Of changes that recur, those in the middle of the march.
+        of_all = cell.h_sequence.at if isinstance(cell.h_sequence, Change) else cell.t_end / 2
+        self._since = float(of_all)
+        first = march.grid.reaching(self._problem.t0 + self._since)
+        self.stops = frozenset(range(first + 1, min(first + WINDOW, cell.steps) + 1))
+        self._seen: list[tuple[float, Array, Array, Array]] = []
+
+    def sees(self, march: "March") -> None:
+        u, v = np.asarray(march.here.fields[:2], float)
+        self._seen.append((march.t, u, v, march.multipliers))
+
+    @cached_property
+    def _exact(self) -> Any:
+        """The motion at those times; None where there is none to be had."""
+        from newmark_cli.problems import reference
+
+        try:
+            return reference.along(self._problem, self._since, [t for t, *_ in self._seen])
+        except reference.NoReference:
+            return None
+
+    @cached_property
+    def deviations(self) -> Deviations:
+        from newmark_cli.problems.index_1 import Index1
+        from newmark_cli.problems.multipliers import relative, weights
+
+        names, problem = ("u", "v", "lambda"), self._problem
+        if self._exact is None or not self._seen:
+            return _at_samples({name: [] for name in names})
+        # Sizes where the window begins, which are those of any h, and at the start.
+        begin = self._exact.start
+        _, first = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
+        sizes = (
+            max(np.abs(begin.u).max(), np.abs(problem.u0).max()),
+            max(np.abs(begin.v).max(), np.abs(problem.v0).max()),
+            weights(problem, problem.t0 + self._since, begin.u).scales(
+                np.maximum(np.abs(begin.multipliers), np.abs(first))
+            ),
+        )
+        there = zip(*(state for _, *state in self._seen), strict=True)
+        exact = zip(*self._exact.states, strict=True)
+        return {
+            name: np.array(
+                [relative(one - other, size) for one, other in zip(here, true, strict=True)]
+            )
+            for name, here, true, size in zip(names, there, exact, sizes, strict=True)
+        }
+
+    def unresolved(self, quantity: str) -> float:
+        name = {"lambda": "multipliers"}.get(quantity, quantity)
+        return float(getattr(self._exact and self._exact.start, f"{name}_error", 0.0))
+
+    def measured(self) -> list[Measurement]:
+        return _of_largest("transient", self.deviations)
+
+
+TRANSIENT = Measure(
+    "transient",
+    f"largest relative errors of u, v, λ in the {WINDOW} steps behind a change of the step size; "
+    "without one, and where changes recur, behind the middle of the march",
+    (
+        Record(
+            "transient",
+            lambda key: f"largest error of {symbol(key.quantity)} behind a change of h",
+            lambda key: f"largest error behind a change of $h$, ${_ratio(key.quantity)}$",
+            "max",
+            lambda key: _march_of(key).transient(key.quantity),
+            0.2,
+            kind="truncation",
+            quantities=("u", "v", "lambda"),
+        ),
+    ),
+    _Transients,
+    twins=True,
 )
 
 
@@ -1040,7 +1139,7 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 #: Measures by name, in the order of a cell's rows.
 MEASURES = _by_name(
     CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY, TRAJECTORY,
-    DRIFT, FLOOR,
+    DRIFT, FLOOR, TRANSIENT,
 )  # fmt: skip
 
 #: Records by name, as the CSV's column ``measure`` has them.
