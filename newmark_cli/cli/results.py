@@ -189,14 +189,9 @@ def check(
     changed = records.changed(folder, wanted)
     if as_json:
         rows = [slope.row() for slope in found]
-        rows += [
-            each.row() for each in (*expectations.claims(expected), *expectations.own(expected))
-        ]
-        screen.lines(
-            as_json_text(
-                rows + [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
-            )
-        )
+        rows += [e.row() for e in (*expectations.claims(expected), *expectations.own(expected))]
+        rows += [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
+        screen.lines(as_json_text(rows))
     else:
         told = [f"{one.path}: {one.finding}" for one in changed]
         summary = show_claims(found, expected, show_all, markdown, told)
@@ -452,20 +447,13 @@ def show_claims(
     if markdown:
         # A table to publish: what nothing can be said of is for those who run the check.
         chosen = [s for s in chosen if show_all or s.figures or s.fails] or list(slopes)
-        tables = (
-            checking.slope_rows(chosen),
-            expectations.claim_rows(expected),
-            expectations.table(expected),
-        )
-        for table in tables:
+        slope_rows, claims = checking.slope_rows(chosen), expectations.claim_rows(expected)
+        for table in (slope_rows, claims, expectations.table(expected)):
             if len(table) > 1:
                 screen.lines(markdown_table(table) + "\n")
         return ""
-    for table in (
-        checking.slope_lines(chosen),
-        expectations.claim_lines(expected),
-        expectations.lines(expected),
-    ):
+    slope_rows, claims = checking.slope_lines(chosen), expectations.claim_lines(expected)
+    for table in (slope_rows, claims, expectations.lines(expected)):
         if len(table) > 1:
             screen.lines(text_table(table) + "\n")
     for remarks in (checking.remarks(slopes), expectations.remarks(expected), changed):

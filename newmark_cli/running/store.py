@@ -112,7 +112,7 @@ class Store:
             return "cached result is damaged"
         others = [
             other
-            for file in self._of_cell(key)
+            for file in sorted(self._folder.glob(f"{key.cell[:_DIGITS]}-*.json"))
             if isinstance((other := files.read_mapping(file)).get("key"), dict)
         ]
         same_problem = [other for other in others if other["key"].get("problem") == key.problem]
@@ -146,9 +146,6 @@ class Store:
                 files.write_json(self._folder / file.name, theirs, self._results)
                 new += 1
         return new
-
-    def _of_cell(self, key: _Key) -> list[Path]:
-        return sorted(self._folder.glob(f"{key.cell[:_DIGITS]}-*.json"))
 
     def _read(self, key: _Key) -> dict[str, Any]:
         record = files.read_mapping(self._folder / key.file)

@@ -73,8 +73,9 @@ def figures(
     else:
         # Predicted floors stand in the figures of what they predict.
         beside = {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
-        ranked = sorted(({*every, WORK_PRECISION} - beside), key=_rank)
-        given = [Definition((kind,)) for kind in ranked]
+        rest = (name for name in RECORDS if name not in (*_FIRST, *LAST))
+        arranged = {*every, WORK_PRECISION} - beside
+        given = [Definition((kind,)) for kind in (*_FIRST, *rest, *LAST) if kind in arranged]
     recorded = records.known(results.folder / f"{study}.csv").get("titles")
     titles = recorded if isinstance(recorded, dict) else {}
     found: list[Figure] = []
@@ -85,11 +86,6 @@ def figures(
                 slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
                 found += _defined(study, definition, kind, slopes, slugs, names, titles)
     return found
-
-
-def _rank(kind: str) -> int:
-    order = (*_FIRST, *(name for name in RECORDS if name not in (*_FIRST, *LAST)), *LAST)
-    return order.index(kind)
 
 
 def _shows(definition: Definition, kind: str, slope: "Slope", spent: Costs) -> bool:

@@ -59,10 +59,15 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chos
                     notes.append(f"{name!r} is a figure and a study: the figure is drawn")
             elif name in studies:
                 found += _of_study(name, results, choice, notes)
-            elif one := _by_stem(name, studies, results):
-                found += one
             else:
-                raise _unknown(name, studies, results)
+                # The figure whose files have the name, of those that results arrange themselves.
+                ours = (study for study in studies if name.startswith(f"{study}-"))
+                every = Choice(everything=True)
+                several = (f for study in ours for f in _of_study(study, results, every, []))
+                named = [figure for figure in several if stem(figure) == name]
+                if not named:
+                    raise _unknown(name, studies, results)
+                found += named
     else:
         given, lacking = enough(results)
         found = [figure for figure in given if _whole(figure, choice)]
@@ -79,18 +84,6 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chos
     if names and not found:
         raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")
     return Chosen(list({id(figure): figure for figure in found}.values()), notes)
-
-
-def _by_stem(name: str, studies: Sequence[str], results: Results) -> list[Figure]:
-    """The figure whose files have a name, of those that results arrange by themselves."""
-    every = Choice(everything=True)
-    return [
-        figure
-        for study in studies
-        if name.startswith(f"{study}-")
-        for figure in _of_study(study, results, every, [])
-        if stem(figure) == name
-    ]
 
 
 def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:

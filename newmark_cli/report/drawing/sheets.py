@@ -85,7 +85,12 @@ def require(figure: Figure, results: Results) -> None:
     """
     figure = results.settled(figure)
     if figure.kind == "mechanism":
-        _require_mechanism(figure, results)
+        # A series of any study of this mechanism: no stranger's results are about it.
+        if all(slope.problem != figure.problem for slope in results.slopes):
+            raise ResultsError(
+                f"{results.folder}: figure {figure.name}: no results of {figure.problem}; "
+                f"run 'newmark-study run {figure.study}' first"
+            )
     elif figure.kind in ("history", "drift"):
         _over_time(figure, results)
     elif figure.kind == "work":
@@ -346,15 +351,6 @@ def _drift(figure: Figure, results: Results) -> Sheet:
 
 
 # -- mechanisms -----------------------------------------------------------------------------------
-
-
-def _require_mechanism(figure: Figure, results: Results) -> None:
-    """A series of any study of this mechanism: no stranger's results are about it."""
-    if all(slope.problem != figure.problem for slope in results.slopes):
-        raise ResultsError(
-            f"{results.folder}: figure {figure.name}: no results of {figure.problem}; "
-            f"run 'newmark-study run {figure.study}' first"
-        )
 
 
 def _mechanism(figure: Figure, results: Results) -> Sheet:

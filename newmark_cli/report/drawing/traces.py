@@ -18,7 +18,7 @@ from newmark_cli.report.drawing.panels import (
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.verdicts import MISS, PASS, RULED, SHOWN
 from newmark_cli.report.reading.words import measure_text, quantity
-from newmark_cli.support.arrays import Array, Mask
+from newmark_cli.support.arrays import Mask
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
@@ -116,7 +116,8 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
     shift = 0.045 * (high - low)
     for slope in sorted(slopes, key=lambda slope: not _judged(slope)):
         usable = slope.fitted if _judged(slope) else ~ruled(slope)
-        shown = np.logical_and(usable, _positive(slope.values))
+        with np.errstate(invalid="ignore"):
+            shown = np.logical_and(usable, np.isfinite(slope.values) & (slope.values > 0))
         shown &= np.isin(np.array(slope.statuses, str), slope.record.ok)
         if math.isnan(slope.expected) or slope.expected in drawn:
             continue
@@ -140,10 +141,6 @@ def in_words(name: str, slope: "Slope") -> str:
         ends = [int(np.argmax(slope.h)), int(np.argmin(slope.h))]
         text += ", ".join(f"{slope.values[i]:.3g} at h = {slope.h[i]:g}" for i in ends)
     return text + (f", {slope.verdict}" if slope.verdict != SHOWN else "")
-
-
-def _positive(values: Array) -> Mask:
-    return np.asarray(np.isfinite(values) & (values > 0))
 
 
 def _solver_limits(slopes: Sequence["Slope"]) -> dict[float, str]:

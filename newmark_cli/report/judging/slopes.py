@@ -264,7 +264,8 @@ def _slope(
     tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
     if own is not None:
         expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
-        exact, record = False, _held_to(record)
+        # The order of a user is neither a bound nor met by zeros.
+        exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
     found = _judged(key, record, rows, values, expected, tolerance, points, exact)
     steps, rounding = (np.array(rows[name], float) for name in ("steps", ROUNDING))
     # Where theory predicts an order, nobody can accept another.
@@ -387,11 +388,6 @@ def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Arra
     if record.kind == "determined":
         return np.nan_to_num(relative, nan=0.0)
     return np.asarray(relative)
-
-
-def _held_to(record: Record) -> Record:
-    """A record for an order that the user has given, which is neither a bound nor met by zeros."""
-    return replace(record, may_vanish=False, bounded=lambda key: "")
 
 
 def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:

@@ -117,7 +117,10 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
     """A line for each series that is not as predicted: its local orders, and why."""
     alike: dict[tuple[str, str, str], list[Slope]] = {}
     for slope in slopes:
-        if slope.missed or (not slope.accepted and _loses_order(slope)):
+        # Or it is shown and has an order, but not down to the smallest step size.
+        shown = slope.verdict == SHOWN and slope.reason and slope.fitted.any()
+        loses = shown and slope.h[slope.fitted].min() > slope.h.min()
+        if slope.missed or (loses and not slope.accepted):
             orders = format_orders(slope)
             said = (f"local orders {orders}" if orders else "", slope.reason)
             key = slope.verdict, slope.study, "; ".join(filter(None, said))
@@ -129,12 +132,6 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
             named = [f"{study}, {len(named)} series alike"]
         lines += [": ".join(filter(None, (verdict, where, why))) for where in named]
     return lines
-
-
-def _loses_order(slope: Slope) -> bool:
-    """Whether a series that is shown has an order, but not down to the smallest step size."""
-    ends = slope.verdict == SHOWN and slope.reason and slope.fitted.any()
-    return bool(ends and slope.h[slope.fitted].min() > slope.h.min())
 
 
 def format_integrator(label: str) -> str:

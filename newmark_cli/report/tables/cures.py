@@ -287,10 +287,6 @@ def _per_step(results: Results, cure: Cure) -> "np.ndarray[tuple[int], np.dtype[
     return np.asarray((operations / slope.steps)[np.argsort(slope.h)[:3]])
 
 
-def _needs(results: Results, cure: Cure) -> Cell:
-    return Cell(NONE, cure.needs)
-
-
 class Symptom(NamedTuple):
     """A column: its name, what it says in a sentence, and its entry for a cure."""
 
@@ -332,7 +328,7 @@ TABLES: Mapping[str, Iterable[Symptom]] = {
             "the rate tangent is how the rate Gᵀv of the constraints changes with the positions "
             "u; the curvature κ is what Φ'' has besides accelerations; the decay rate α and the "
             "penalty factor are numbers to choose",
-            _needs,
+            lambda results, cure: Cell(NONE, cure.needs),
         ),
     ),
     "Which cure helps the multipliers": (

@@ -1,7 +1,7 @@
 """All that `check` asserts, one by one: for its exit code, and for continuous integration."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,13 +60,18 @@ def of(
     Raises:
         ResultsError: When the study of the tables lacks what they need.
     """
-    found = [
-        *map(_of_expected, expected),
-        *_of_slopes(slopes),
-        *(Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed),
-    ]
+    found = list(map(_of_expected, expected))
+    for slope in counting(slopes):
+        if slope.verdict != SHOWN:
+            predicted = format_prediction(slope)
+            fitted = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
+            text = joined(fitted, f"predicted {predicted}" if predicted else "", slope.reason)
+            found.append(Outcome(slope.study, series_name(slope), slope.verdict, text))
+    found += (Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed)
     if tables and hold(found) and any(slope.study == paper_tables.STUDY for slope in slopes):
-        found += map(_of_entry, paper_tables.not_as_predicted(paper_tables.build(slopes)))
+        for entry in paper_tables.not_as_predicted(paper_tables.build(slopes)):
+            verdict, text = entry.slope.verdict, "not as predicted"
+            found.append(Outcome(paper_tables.STUDY, entry.name, verdict, text, shown=False))
     return found
 
 
@@ -80,20 +85,6 @@ def _of_expected(each: Expected) -> Outcome:
         each.study, name, each.verdict, joined(found, each.reason), each.file, each.line,
         erroneous=each.missing, shown=not each.missing,
     )  # fmt: skip
-
-
-def _of_slopes(slopes: Sequence[Slope]) -> Iterator[Outcome]:
-    for slope in counting(slopes):
-        if slope.verdict != SHOWN:
-            predicted = format_prediction(slope)
-            found = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
-            text = joined(found, f"predicted {predicted}" if predicted else "", slope.reason)
-            yield Outcome(slope.study, series_name(slope), slope.verdict, text)
-
-
-def _of_entry(entry: paper_tables.Entry) -> Outcome:
-    verdict, told = entry.slope.verdict, "not as predicted"
-    return Outcome(paper_tables.STUDY, entry.name, verdict, told, shown=False)
 
 
 def hold(found: Sequence[Outcome], strict: bool = False) -> bool:

@@ -191,15 +191,10 @@ def _row_name(axis: str, value: str) -> str:
     return spelled(axis, value).removesuffix(" form") if value else MISSING
 
 
-def _list_axes(slopes: Sequence[Slope], layout: Layout) -> tuple[str, ...]:
-    """Axes of a list: those that are asked for, or those that vary, in any case the quantity."""
-    varying = [a for a in AXES if len({getattr(slope, a) for slope in slopes}) > 1]
-    return layout.rows or tuple(varying) or ("quantity",)
-
-
 def _list(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
     slopes = [slope for _, slope in placed]
-    names = _list_axes(slopes, layout)
+    varying = tuple(a for a in AXES if len({getattr(slope, a) for slope in slopes}) > 1)
+    names = layout.rows or varying or ("quantity",)
     body = (
         (
             *(_row_name(axis, getattr(slope, axis)) for axis in names),
