@@ -50,10 +50,7 @@ class Run:
 
 
 def write(folder: Path, output: Path | None = None) -> Path:
-    """Write the page; returns the file.
-
-    Args:
-        output: The file; ``report.html`` of the results folder if omitted.
+    """Write the page, by default to ``report.html`` of the results folder; returns the file.
 
     Raises:
         InputError: When jinja2 is not installed.

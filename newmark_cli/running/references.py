@@ -40,11 +40,7 @@ class References:
     """
 
     def __init__(self, folder: Path, solve: Solve | None = None) -> None:
-        """Take a results folder; nothing is read or written yet.
-
-        Args:
-            solve: Computes one; `newmark_cli.problems.reference.solution` if omitted.
-        """
+        """Take a results folder; nothing is read or written yet."""
         self._results, self._folder = folder, folder / "references"
         self._solve = solve or solved
         self._guard = threading.Lock()

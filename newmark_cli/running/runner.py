@@ -96,10 +96,7 @@ def plan(
     shard: tuple[int, int] | None = None,
     failed: bool = False,
 ) -> list[Planned]:
-    """Every cell of the studies, with what is kept of it or why it is to run.
-
-    Args:
-        failed: Whether cells that have failed are as good as others.
+    """Every cell of the studies, with what is kept of it, failed ones if so, or why it is to run.
 
     Raises:
         InputError: Two studies have one name.

@@ -178,9 +178,6 @@ class Document:
     def of(cls, name: str, data: Any) -> "Document":
         """A document of data that Python gives: errors name keys, and no lines.
 
-        Args:
-            data: Mappings, sequences and scalars, those of NumPy too.
-
         Raises:
             DocumentError: When they are nested too deeply.
         """

@@ -341,10 +341,7 @@ def require_within(folder: Path, within: Path) -> None:
 
 
 def replace_together(contents: Mapping[Path, str | bytes | None], within: Path) -> None:
-    """Replace files that belong together; see the module.
-
-    Args:
-        contents: File → what it is to hold; None for one that is to be removed.
+    """Replace files that belong together, or remove those of None; see the module.
 
     Raises:
         ResultsError: They cannot be written.

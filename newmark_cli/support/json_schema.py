@@ -70,12 +70,7 @@ class Generator(GenerateJsonSchema):
 
 
 def with_definitions(written: JsonSchema, title: str) -> JsonSchema:
-    """A document with its dialect and title; models in it become definitions.
-
-    Args:
-        written: What pydantic wrote, with ``$defs``.
-        title: How editors name it.
-    """
+    """What pydantic wrote with its dialect and a title; models in it become definitions."""
     definitions: JsonSchema = {}
 
     def moved(part: Any) -> Any:

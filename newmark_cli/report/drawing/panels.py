@@ -223,15 +223,9 @@ class Sheet:
 
 
 def spread(values: Iterable[Array]) -> tuple[float, float] | None:
-    """Ends of a logarithmic ordinate that shows at least four decades.
+    """Ends of a logarithmic ordinate of four decades or more; None without a positive value.
 
     Scatter by a few per cent must not look like a trend.
-
-    Args:
-        values: What is drawn, an array for each trace.
-
-    Returns:
-        The ends; None without a positive value.
     """
     every = np.concatenate([*values, np.array([])])
     logs = np.log10(every[np.isfinite(every) & (every > 0)])

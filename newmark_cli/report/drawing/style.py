@@ -53,11 +53,7 @@ _NOT_STYLE = (
 
 @contextmanager
 def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
-    """Draw in this context: with matplotlib's defaults, the project's style, and no others.
-
-    Args:
-        settings: Settings over those, the last first.
-    """
+    """Draw in this context: with matplotlib's defaults, the project's style, and these settings."""
     merged: Any = {
         key: value for key, value in mpl.rcParamsDefault.items() if key not in _NOT_STYLE
     }
@@ -68,10 +64,7 @@ def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Settings of a style file of matplotlib.
-
-    Args:
-        path: The file; of what it sets, what is not a matter of style is left out.
+    """Settings of a style file of matplotlib, without those that are not a matter of style.
 
     Raises:
         InputError: When it is missing, or has a line that matplotlib does not understand.

@@ -107,9 +107,6 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
 
     It stands at the points that were fitted, or of a series that was not judged at those that
     rounding does not rule.
-
-    Args:
-        limits: Ends of the logarithmic ordinate.
     """
     drawn: dict[float, Reference] = {}
     low, high = np.log10(limits)

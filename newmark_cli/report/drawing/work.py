@@ -52,11 +52,7 @@ COSTS: Mapping[str, Cost] = MappingProxyType(
 
 
 def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
-    """Costs of the cells behind the points of series, from the records of their studies.
-
-    Args:
-        results: What the series come from, and which cost is meant.
-    """
+    """Costs of the cells behind the points of series, from the records of their studies."""
     key = COSTS[results.cost].key
     studies = dict.fromkeys(slope.study for slope in slopes)
     found = {

@@ -173,11 +173,7 @@ def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
 
 
 def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
-    """Slopes of one study's rows, in their order.
-
-    Args:
-        table: Rows as `read_rows` or `read_study` gives them.
-    """
+    """Slopes of one study's rows, in their order."""
     # A form, a variant or a quantity that lacks step sizes which others of the same
     # problem have was cut off; cases may differ in the rest on purpose.
     alike = [axis.name for axis in axes.cell_axes() if axis.series and not axis.inner]

@@ -22,9 +22,6 @@ _AS_RECORDED = "ok"
 def read(path: Path) -> dict[str, Any]:
     """Provenance of one CSV, and of the run that wrote it where that is known.
 
-    Args:
-        path: The CSV; the record has its name with .json.
-
     Raises:
         ResultsError: When there is no record, or it cannot be read.
     """
@@ -127,11 +124,7 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Rows of the table of studies, headings first.
-
-    Args:
-        found: Study → its record; empty where it has none.
-    """
+    """Rows of the table of studies, headings first, from their records, empty ones among them."""
     rows: list[tuple[str, ...]] = [
         ("study", "cells", "wall time of all (s)", "slowest cell (s)", "side by side")
     ]
@@ -196,12 +189,7 @@ def as_text(record: Mapping[str, Any]) -> str:
 
 
 def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
-    """How many studies have the numbers that were shipped, in words.
-
-    Args:
-        studies: Names of shipped studies.
-        shipped: JSON file: study → its CSVs → SHA-256.
-    """
+    """How many studies have the numbers that were shipped, in words; their checksums are JSON."""
     expected = files.read_json(shipped)
     unlike = [
         name for name in studies if checksums(known(folder / f"{name}.csv")) != expected.get(name)
@@ -263,11 +251,7 @@ def changed(folder: Path, names: Iterable[str]) -> list[Verified]:
 
 
 def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
-    """Findings on the files of one study.
-
-    Args:
-        written: Whether there is a CSV.
-    """
+    """Findings on the files of one study, of which there may be no CSV."""
     path = folder / f"{study}.csv"
     contents = results.read(path, series=True)
     file, series = path.with_suffix(".json"), results.series_paths(path)

@@ -98,11 +98,7 @@ def counting(slopes: Sequence[Slope]) -> list[Slope]:
 
 
 def summary(slopes: Sequence[Slope], expected: str = "") -> str:
-    """How many slopes are as predicted, and what became of the others.
-
-    Args:
-        expected: How many claims and expectations hold; empty without any.
-    """
+    """How many slopes are as predicted, what became of the others, and what claims come to."""
     counted = Counter(slope.verdict for slope in counting(slopes))
     decided = sum(counted[word] for word in (PASS, *FAILING))
     parts = [f"{counted[PASS]} of {decided} slopes as predicted"]

@@ -208,11 +208,7 @@ def agree(measure: str, a: float, b: float, rtol: float) -> bool:
 
 
 def as_text(comparison: Comparison, most: int | None) -> str:
-    """For a terminal.
-
-    Args:
-        most: How many lines a list may have; any number when None.
-    """
+    """For a terminal, with lists of at most so many lines; of any number when that is None."""
     names = [str(folder) for folder in comparison.folders]
     lines = [f"cells in both: {comparison.cells}"]
     for parts in (comparison.lacking, comparison.only):

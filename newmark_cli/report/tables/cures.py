@@ -162,11 +162,7 @@ def _listed(*parts: str) -> str:
 
 
 def _of_order(slope: Slope, good: float, half: float) -> Cell:
-    """An order that should not be far below 0.
-
-    Args:
-        good, half: Least slopes for yes and for partly.
-    """
+    """An order that should not be far below 0: least slopes for yes and for partly."""
     fitted = slope.fit.slope
     # However few its points are, a fit must be near its order.
     agrees = slope.verdict != MISS and not abs(fitted - slope.expected) > _FAR

@@ -88,11 +88,7 @@ def _of_expected(each: Expected) -> Outcome:
 
 
 def hold(found: Sequence[Outcome], strict: bool = False) -> bool:
-    """Whether something was judged, and nothing fails.
-
-    Args:
-        strict: Whether what is undecided fails.
-    """
+    """Whether something was judged, and nothing fails; if strict, what is undecided does."""
     return any(each.verdict == PASS for each in found) and not any(
         each.fails(strict) for each in found
     )
