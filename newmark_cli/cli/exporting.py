@@ -1,8 +1,10 @@
 """The command that writes linear systems for other people's solvers."""
 
+import contextlib
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -118,14 +120,9 @@ def export(
     every: int | None,
     t_end: float | None,
     all_iterations: bool,
-    h: tuple[float, ...],
-    form: tuple[str, ...],
-    preconditioning: tuple[str, ...],
-    integrator: tuple[str, ...],
-    formulation: tuple[str, ...],
-    evaluation: tuple[str, ...],
     force: bool,
     allow_code: bool,
+    **wanted: Any,
 ) -> int:
     """Export the linear systems of marches as Matrix Market files.
 
@@ -145,28 +142,17 @@ def export(
     from newmark_cli.study import collection, keys
 
     choice = collection.Choice(steps, every, all_iterations)
-    wanted = {
-        "form": form,
-        "preconditioning": preconditioning,
-        "integrator": [
-            keys.read("--integrator", text, keys.IntegratorConfig).label for text in integrator
-        ],
-        "formulation": [
-            keys.read("--formulation", text, keys.FormulationConfig).label for text in formulation
-        ],
-        "evaluation": evaluation,
-        "h": h,
-    }
+    for name, model in (
+        ("integrator", keys.IntegratorConfig), ("formulation", keys.FormulationConfig),
+    ):  # fmt: skip
+        wanted[name] = [keys.read(f"--{name}", text, model).label for text in wanted[name]]
     cells = [
         cell
         for subject in subjects
         for cell in collection.cells_of(subject, wanted, choice, t_end, allow_code)
     ]
-    watcher = Exporting()
-    try:
+    with contextlib.closing(Exporting()) as watcher:
         done = collection.write(cells, out, choice, force, watcher=watcher)
-    finally:
-        watcher.close()
     marches = "1 march" if done.marches == 1 else f"{done.marches} marches"
     screen.line(f"{done.systems} systems of {marches} -> {out / collection.INDEX}")
     for reason in done.left_out:

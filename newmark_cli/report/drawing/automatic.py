@@ -42,6 +42,8 @@ _FIRST = ("correction", "condition", "error", WORK_PRECISION)
 LAST = ("physical_correction", "floor", "physical_floor")
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
+#: (axis, value) → part of a file name.
+Slugs = Mapping[tuple[str, str], str]
 #: Axis → its value that goes without saying.
 _USUAL = {axis.name: axis.usual for axis in axes.series_axes()}
 
@@ -63,7 +65,7 @@ def figures(
         kinds: Kinds of rows to draw, or `WORK_PRECISION`; all when empty.
     """
     ours = [slope for slope in results.slopes if slope.study == study and slope.measure]
-    slugs = _Slugs(ours)
+    slugs = _slugs(ours)
     ours = [slope for slope in ours if keep(slope)]
     every = tuple(dict.fromkeys(slope.measure for slope in ours))
     spent = costs(results, [s for s in ours if s.measure == "error"])
@@ -79,7 +81,7 @@ def figures(
     recorded = records.known(results.folder / f"{study}.csv").get("titles")
     titles = recorded if isinstance(recorded, dict) else {}
     found: list[Figure] = []
-    names = _Names()
+    names: list[str] = []  # that are taken
     for definition in given:
         for kind in definition.kinds:
             if not kinds or kind in kinds:
@@ -110,8 +112,8 @@ def _defined(
     definition: Definition,
     kind: str,
     slopes: Sequence["Slope"],
-    slugs: "_Slugs",
-    names: "_Names",
+    slugs: Slugs,
+    names: list[str],
     titles: Mapping[str, str],
 ) -> list[Figure]:
     """Figures of one kind of rows."""
@@ -130,10 +132,12 @@ def _defined(
     found: list[Figure] = []
     for where, grid in groups:
         if definition.name:
-            told = [slugs(axis, value) for axis, value in where.items() if axis in different]
+            told = [slugs[axis, value] for axis, value in where.items() if axis in different]
         else:
             told = _told(where, kind, slugs)
-        name = names(study, definition.name, *told)
+        parts_of_name = filter(None, (study, definition.name, *told))
+        name = free("-".join(parts_of_name)[:180], names)
+        names.append(name)
         title = _title(where, grid, kind, titles)
         if definition.title is not None:
             rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
@@ -311,7 +315,7 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
 # -- names of files -----------------------------------------------------------------------------
 
 
-def _told(where: Mapping[str, str], kind: str, slugs: "_Slugs") -> list[str]:
+def _told(where: Mapping[str, str], kind: str, slugs: Slugs) -> list[str]:
     """Parts of a figure's file name, in the order in which people look for them."""
     order = ("problem", "form", "measure", "quantity", "initial")
     told = []
@@ -319,43 +323,27 @@ def _told(where: Mapping[str, str], kind: str, slugs: "_Slugs") -> list[str]:
         if axis == "measure":
             told.append(kind.replace("_", "-"))
         elif where.get(axis) and where[axis] not in _ONLY:
-            told.append(slugs(axis, where[axis]))
+            told.append(slugs[axis, where[axis]])
     return told
 
 
-class _Slugs:
+def _slugs(slopes: Iterable["Slope"]) -> Slugs:
     """Values of axes as parts of file names: safe, and different where the values are."""
-
-    def __init__(self, slopes: Iterable["Slope"]) -> None:
-        self._known: dict[tuple[str, str], str] = {}
-        taken: set[tuple[str, str]] = set()
-        for slope in slopes:
-            for axis, value in slope.key.named().items():
-                if (axis, value) not in self._known:
-                    slug = _slug(re.sub(r"\.ya?ml$", "", value.partition("[")[0]))
-                    numbered = (slug, *(f"{slug}-{i}" for i in range(2, 2 + len(taken))))
-                    slug = next(one for one in numbered if (axis, one) not in taken)
-                    taken.add((axis, slug))
-                    self._known[axis, value] = slug
-
-    def __call__(self, axis: str, value: str) -> str:
-        return self._known[axis, value]
+    known: dict[tuple[str, str], str] = {}
+    taken: set[tuple[str, str]] = set()
+    for slope in slopes:
+        for axis, value in slope.key.named().items():
+            if (axis, value) not in known:
+                slug = _slug(re.sub(r"\.ya?ml$", "", value.partition("[")[0]))
+                numbered = (slug, *(f"{slug}-{i}" for i in range(2, 2 + len(taken))))
+                slug = next(one for one in numbered if (axis, one) not in taken)
+                taken.add((axis, slug))
+                known[axis, value] = slug
+    return known
 
 
 def _slug(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-.")[:60] or "x"
-
-
-class _Names:
-    """Names of the figures of a study; one that is taken gets a number."""
-
-    def __init__(self) -> None:
-        self._taken: list[str] = []
-
-    def __call__(self, *parts: str) -> str:
-        name = free("-".join(filter(None, parts))[:180], self._taken)
-        self._taken.append(name)
-        return name
 
 
 def free(name: str, taken: Iterable[str]) -> str:
