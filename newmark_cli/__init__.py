@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from typing import Any
 
     from newmark_cli.advice.advising import Advice, advise
+    from newmark_cli.advice.dae import DaeAdvice, advise_dae
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.external.judging import Judged, judge
     from newmark_cli.library.marching import Steps, march, steps
-    from newmark_cli.library.problems import problem
+    from newmark_cli.library.problems import dae, problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.studies import plot, run, slopes, trajectories
     from newmark_cli.library.systems import linear_systems
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from newmark_cli.newmark.newton_systems import NewtonSystem
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
+    from newmark_cli.problems.dae import Dae
     from newmark_cli.problems.problem import Problem, ProblemError
     from newmark_cli.problems.python_problem import Definition
     from newmark_cli.support.documents import DocumentError
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "Advice": "advice.advising",
     "ArgumentError": "support.errors",
+    "Dae": "problems.dae",
+    "DaeAdvice": "advice.dae",
     "Definition": "problems.python_problem",
     "DocumentError": "support.documents",
     "Factors": "library.scalings",
@@ -57,7 +61,9 @@ _HOMES = {
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
     "advise": "advice.advising",
+    "advise_dae": "advice.dae",
     "advise_jacobian": "advice.jacobians",
+    "dae": "library.problems",
     "floor": "advice.floors",
     "judge": "external.judging",
     "linear_systems": "library.systems",
@@ -74,6 +80,8 @@ _HOMES = {
 __all__ = [
     "Advice",
     "ArgumentError",
+    "Dae",
+    "DaeAdvice",
     "Definition",
     "DocumentError",
     "Factors",
@@ -94,7 +102,9 @@ __all__ = [
     "Trajectory",
     "__version__",
     "advise",
+    "advise_dae",
     "advise_jacobian",
+    "dae",
     "floor",
     "judge",
     "linear_systems",

@@ -226,13 +226,14 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
         )
 
 
-def subject_of(given: Any, t_end: float | None = None) -> Subject:
+def subject_of(given: Any, t_end: float | None = None, motions: int = _MOTIONS) -> Subject:
     """Find the subject of advice, from whatever describes it.
 
     Args:
         given: What `problem` takes; a path of matrices; a mapping with M and G.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
+        motions: Times that time that are looked at then.
 
     Raises:
         ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
@@ -241,7 +242,7 @@ def subject_of(given: Any, t_end: float | None = None) -> Subject:
         return of_matrices(given, "matrices")
     if isinstance(given, str | Path) and is_path_of_matrices(Path(given)):
         return of_matrices(matrices.read(Path(given), NAMES), str(given))
-    return _of_problem(problem_of(given), t_end)
+    return _of_problem(problem_of(given), t_end, motions)
 
 
 def is_path_of_matrices(path: Path) -> bool:
@@ -360,7 +361,7 @@ def _require_usable(mass: Array, gradient: Array, where: str) -> None:
         )
 
 
-def _of_problem(problem: Problem, t_end: float | None) -> Subject:
+def _of_problem(problem: Problem, t_end: float | None, motions: int) -> Subject:
     if problem.n + problem.m > MOST_UNKNOWNS:
         raise ArgumentError(
             f"{problem.name}: n + m = {problem.n + problem.m}; advice is for at most "
@@ -373,7 +374,7 @@ def _of_problem(problem: Problem, t_end: float | None) -> Subject:
             f"{problem.name}: [M −G; Gᵀ 0] is singular at the start: constraints are redundant, or "
             "M leaves a motion without inertia"
         ) from None
-    length = _MOTIONS * _time_of_a_motion(problem) if t_end is None else t_end
+    length = motions * _time_of_a_motion(problem) if t_end is None else t_end
     if problem.n + problem.m > _MOST_MARCHED:
         return Subject(problem, [problem], "at the start", [])
     if not math.isfinite(length):

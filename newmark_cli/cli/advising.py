@@ -20,6 +20,7 @@ from newmark_cli.support.errors import ArgumentError, InputError
 
 if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice
+    from newmark_cli.advice.dae import DaeAdvice
     from newmark_cli.advice.jacobians import JacobianAdvice
     from newmark_cli.study.axes import Cell
 
@@ -131,6 +132,17 @@ def _tolerances(
     metavar="T",
     help="Length of the motion to look at (s); by default, until it has moved by its size.",
 )
+@click.option(
+    "--code",
+    type=click.Choice(["ida", "radau", "bdf"]),
+    help="Instead of --h: advice for IDA of scikit-sundae, or Radau or BDF of solve_dae.",
+)
+@click.option(
+    "--accuracy",
+    type=float,
+    metavar="TOL",
+    help="Of local errors, relative to the motion, for --code; 1e-6 by default.",
+)
 @json_option
 @allow_code_option
 def advise(
@@ -149,17 +161,22 @@ def advise(
     'chain(links=20)', a Python problem such as mine.py:factory, or a study.  Nothing
     needs to be run first: the command computes condition numbers and predicts
     rounding floors at a few states of the motion, or from matrices of another code.
+    For codes that choose their steps and solve DAEs, --code says which equations,
+    tolerances and lines they need.
 
     \b
     Example:
       newmark-study advise andrews --h 1e-4
+      newmark-study advise andrews --code ida
     """
     given = [one for one in (subject, matrices, jacobians or None) if one is not None]
     if len(given) != 1:
         raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
     options = {name: value for name, value in options.items() if value is not None}
-    found: list[Advice] | list[JacobianAdvice]
-    if jacobians:
+    found: list[Advice] | list[JacobianAdvice] | list[DaeAdvice]
+    if "code" in options or "accuracy" in options:
+        found = [_of_code(subject, steps, options, allow_code)]
+    elif jacobians:
         found = [_of_jacobians(jacobians, blocks, steps, options)]
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
@@ -202,6 +219,23 @@ def _of_jacobians(
     return advise_jacobian([*files], blocks=blocks, h=[*steps] or None, **options)
 
 
+def _of_code(
+    subject: str | None, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
+) -> "DaeAdvice":
+    from newmark_cli.study import config
+
+    unfit = {*options, *["h"] * bool(steps)} - {"code", "accuracy", "t_end"}
+    if "code" not in options:
+        raise click.UsageError("--accuracy needs --code")
+    for name in sorted(unfit):
+        raise click.UsageError(f"--{name.replace('_', '-')} does not go with --code")
+    if subject is None or config.is_study(subject):
+        raise click.UsageError("--code needs a problem or a mechanism for SUBJECT")
+    spec = config.problem_named(subject, allow_code)
+    found: DaeAdvice = _called(spec, {**options, "named": repr(subject)})
+    return found
+
+
 def _of_subject(
     subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
 ) -> "Iterator[Advice]":
@@ -233,7 +267,7 @@ def _of_study(
         yield _called(key[0], {**how, "h": [*(steps or sorted(sizes, reverse=True))]})
 
 
-def _called(spec: Any, options: dict[str, Any]) -> "Advice":
+def _called(spec: Any, options: dict[str, Any]) -> Any:
     """Advice on a problem; user code runs in a separate process."""
     from newmark_cli.mechanisms.spec import Code
     from newmark_cli.support import apart
@@ -241,16 +275,18 @@ def _called(spec: Any, options: dict[str, Any]) -> "Advice":
     if not isinstance(spec, Code):
         return _advised(spec, options)
     try:
-        found: Advice = apart.call(_advised, (spec.pinned(), options))
+        return apart.call(_advised, (spec.pinned(), options))
     except apart.ApartError as error:
         raise InputError(f"{spec.named}: {error}") from None
-    return found
 
 
-def _advised(spec: Any, options: dict[str, Any]) -> "Advice":
+def _advised(spec: Any, options: dict[str, Any]) -> Any:
     from newmark_cli.advice.advising import advise as advised
+    from newmark_cli.advice.dae import advised as advised_dae
 
     try:
+        if "code" in options:
+            return advised_dae(spec.load(), **options)
         return advised(spec.load(), **options)
     except ArgumentError as error:
         named = str(error).startswith(f"{spec.label}: ")

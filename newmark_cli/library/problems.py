@@ -5,12 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from newmark_cli.library.arguments import flag, shown
+from newmark_cli.library.arguments import flag, one_of, shown
 from newmark_cli.mechanisms import loading, registry
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import PythonFactory, Sized, name_and_arguments, with_ending
 from newmark_cli.problems import fingerprint, python_problem
+from newmark_cli.problems.dae import ROWS, Dae
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.problems.python_problem import Definition
 from newmark_cli.support import documents
@@ -99,6 +100,30 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
     raise ArgumentError(
         f"a problem must be a name, a path, a dict, a Definition or a Problem, given {shown(given)}"
     )
+
+
+def dae(subject: Any, equations: str = "ggl", *, integrals: bool = True) -> Dae:
+    """The equations of a problem as F(t, y, y') = 0, for a code that solves general DAEs.
+
+    Args:
+        subject: What `problem` takes.
+        equations: ``"index-3"``, ``"index-2"``, ``"index-1"`` or ``"ggl"``.
+        integrals: Whether ∫λ and ∫η are unknowns in place of λ and η, which lowers the index.
+
+    Returns:
+        ``residual(t, y, yp)`` (N,), ``jacobian(t, y, yp)``, a consistent start ``t0``, ``y0``,
+        ``yp0``, and ``state(y, yp)``, which gives u, v and λ.
+
+    Raises:
+        ArgumentError, ProblemError, DocumentError: As `problem`, and for other equations.
+
+    Examples:
+        >>> import newmark_cli as newmark
+        >>> dae = newmark.dae("andrews", "index-2", integrals=False)
+        >>> len(dae.y0), dae.algebraic
+        (23, [16, 17, 18, 19, 20, 21, 22])
+    """
+    return Dae(problem(subject), one_of("equations", equations, ROWS), flag("integrals", integrals))
 
 
 def _warned_of(found: Problem) -> Problem:

@@ -1,0 +1,153 @@
+"""What `newmark-study advise --code` says is tried: its lines are run, next to codes left alone.
+
+    pip install -e '.[peers]'
+    python benchmarks/peers/advised.py [MECHANISM ...]
+
+Left alone means: index 3, index 2 or GGL with λ (and η) for unknowns, which IDA is told are
+algebraic, differenced Jacobians, and rtol = atol.  Calls are evaluations of F, those for
+differences among them.  Exits with 1 where the lines of the advice do not run.
+"""
+
+import contextlib
+import io
+import sys
+import warnings
+from functools import partial
+from unittest import mock
+
+import numpy as np
+from common import HERE, Result, apart
+from sksundae.ida import IDA
+from solve_dae.integrate import solve_dae
+
+import newmark_cli as newmark
+from newmark_cli.problems import reference
+from newmark_cli.problems.dae import Dae
+
+#: Besides the smallest that the advice finds room for.
+ACCURACIES = (1e-4, 1e-6, 1e-8)
+#: Calls of F after which a run is given up, and processor time (s).
+MOST, LIMIT = 100_000, 120.0
+#: A crank that is driven, in millimetres.
+CRANK = {
+    "points": {
+        "O": {"fixed": [0, 0]},
+        "A": {"at": [100, 0]},
+        "B": {"at": [350, 0], "mass": 0.3},
+    },
+    "bodies": {
+        "crank": {"from": "O", "to": "A", "length": 100, "mass": 0.2, "inertia": 700},
+        "rod": {"from": "A", "to": "B", "length": 250, "mass": 0.4, "inertia": 2000,
+                "centre": [125, 0]},
+    },
+    "sliders": {"guide": {"point": "B", "through": [0, 0], "direction": [1, 0]}},
+    "motions": {"drive": {"body": "crank", "angle": {"rate": 10}}},
+    "gravity": [0, -9810],
+    "project_velocities": True,
+}  # fmt: skip
+#: A pendulum of a centimetre, a kilometre away from the origin.
+FAR = {
+    "points": {"O": {"fixed": [1000, 500]}, "P": {"at": [1000.01, 500], "mass": 1}},
+    "bars": {"rod": {"from": "O", "to": "P", "length": 0.01}},
+    "gravity": [0, -9.81],
+}
+#: `--code` → its name here.
+NAMES = {"ida": "IDA", "radau": "Radau", "bdf": "BDF", "scipy_dae": "BDF of scipy_dae"}
+LINKAGE = str(HERE.parents[1] / "docs" / "examples" / "space-linkage.yaml")
+#: Mechanism → what `newmark.problem` takes, and the end (s).
+MECHANISMS = {
+    "andrews": ("andrews", 0.03),
+    "linkage in space": (LINKAGE, 0.2),
+    "driven crank, mm": (CRANK, 0.3),
+    "far pendulum": (FAR, 0.1),
+}
+
+
+def counted(work):
+    """Outcome and state of some work, its calls of F and of the Jacobian."""
+    calls = {"residual": 0, "jacobian": 0}
+
+    def counting(name):
+        function = getattr(Dae, name)
+
+        def called(self, *given):
+            calls[name] += 1
+            if calls[name] > MOST:
+                raise OverflowError
+            return function(self, *given)
+
+        return mock.patch.object(Dae, name, called)
+
+    with counting("residual"), counting("jacobian"), contextlib.redirect_stdout(io.StringIO()):
+        warnings.simplefilter("ignore")
+        try:
+            message, state = work()
+        except OverflowError:
+            message, state = "not at the end", None
+    return {"": (message, state, calls)}
+
+
+def alone(problem, given, end, code, equations, tolerance):
+    """A code that is left alone."""
+    dae = newmark.dae(problem, equations, integrals=False)
+
+    def residual(t, y, yp, res):
+        res[:] = dae.residual(t, y, yp)
+
+    if code == "ida":
+        solver = IDA(residual, rtol=tolerance, atol=tolerance, algebraic_idx=dae.algebraic,
+                     max_num_steps=1_000_000)  # fmt: skip
+        found = solver.solve([dae.t0, end], dae.y0, dae.yp0)
+        last = found.y[-1], found.yp[-1]
+    else:
+        found = solve_dae(dae.residual, (dae.t0, end), dae.y0, dae.yp0, method=NAMES[code],
+                          rtol=tolerance, atol=tolerance)  # fmt: skip
+        last = found.y[:, -1], found.yp[:, -1]
+    return found.message, dae.state(*last) if found.success else None
+
+
+def advised(problem, given, end, code, equations, accuracy):
+    """The lines of the advice as they are printed, but for the package that they import."""
+    other, names = code == "scipy_dae", {"problem": given}
+    advice = newmark.advise_dae(given, code="bdf" if other else code, accuracy=accuracy, t_end=end)
+    text = "\n".join(advice.lines)
+    exec(text.replace("from solve_dae", "from scipy_dae") if other else text, names)
+    return names["found"].message, names["state"] if names["found"].success else None
+
+
+def told(found, at):
+    """A row of the table."""
+    if isinstance(found, Result):
+        return f"| – | – | – | {found.message.split(':')[-1].strip()} |"
+    message, state, calls = found[""]
+    counts = f"| {calls['residual']} | {calls['jacobian']} |"
+    if state is None:
+        return f"{counts} – | “{message.split('.')[0]}” |"
+    errors = (np.abs(a - b).max() / np.abs(b).max() for a, b in zip(state, at, strict=True))
+    return f"{counts} {', '.join(f'{error:.0e}' for error in errors)} | ends |"
+
+
+def main():
+    failed = False
+    print("| mechanism | code | equations, accuracy | calls | Jacobians | errors of u, v, λ | |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for name in sys.argv[1:] or MECHANISMS:
+        given, end = MECHANISMS[name]
+        problem = newmark.problem(given)
+        solution = reference.solution(problem, end)
+        at = solution.u, solution.v, solution.multipliers
+        smallest = float(f"{newmark.advise_dae(given, t_end=end).smallest:.0e}")
+        for code, label in NAMES.items():
+            runs = [(alone, equations, 1e-6) for equations in ("index-3", "index-2", "ggl")]
+            runs += [(advised, "advised", accuracy) for accuracy in (*ACCURACIES, smallest)]
+            for how, equations, accuracy in runs if code != "scipy_dae" else runs[-1:]:
+                work = partial(how, problem, given, end, code, equations, accuracy)
+                found = apart(partial(counted, work), LIMIT)
+                line = told(found, at)
+                failed |= how is advised and not line.endswith("ends |")
+                print(f"| {name} | {label} | {equations}, {accuracy:g} {line}", flush=True)
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())
