@@ -57,15 +57,15 @@ def jacobian(t, y, yp, res, cj, JJ):
 
 solver = IDA(residual, jacfn=jacobian, rtol={rtol!r}, atol=atol, max_num_steps=100_000)
 found = solver.solve([dae.t0, {end!r}], dae.y0, dae.yp0)
-state = dae.state(found.y[-1], found.yp[-1])
-print(found.message, state.multipliers)"""
+u, v, multipliers = dae.state(found.y[-1], found.yp[-1])
+print(found.message, multipliers)"""
 _SOLVE_DAE = """
 found = solve_dae(
     dae.residual, (dae.t0, {end!r}), dae.y0, dae.yp0, method="{method}",
     jac=dae.jacobian, rtol={rtol!r}, atol=atol,
 )
-state = dae.state(found.y[:, -1], found.yp[:, -1])
-print(found.message, state.multipliers)"""
+u, v, multipliers = dae.state(found.y[:, -1], found.yp[:, -1])
+print(found.message, multipliers)"""
 _IMPORT = "from solve_dae.integrate import solve_dae  # or from scipy_dae.integrate"
 #: Code → its name, method, import, and lines.
 CODES = {
@@ -193,33 +193,26 @@ def advised(
     of_rtol = max(10 * float(np.finfo(float).eps) / rtol, min(0.03, math.sqrt(rtol)))
     kappa = of_rtol if method else 0.33
     names = dae(problem).names
-    atol = np.maximum(accuracy * sizes, least := _ABOVE * rounding / kappa)
-    raised = [name for name, x, y in zip(names, atol, least, strict=True) if x == y]
+    atol = np.maximum(accuracy * sizes, _ABOVE * rounding / kappa)
     smallest = _FAR_ABOVE * _norm((rounding / sizes)[: 2 * problem.n])
     in_lambda = {
         power: {"power": power, "newton": (kappa * rest) ** (-1 / power),
                 "rounding": (rounded / accuracy) ** (-1 / power)}
         for power, (rest, rounded) in amplified.items()
     }  # fmt: skip
-    rest, rounded = amplified[-1]
-    noisy, end = (
-        100 * (kappa * accuracy * rest + rounded),
-        t_end or float(f"{about.states[-1].t0:.6g}"),
-    )
-    values = ", ".join(f"{x:.1e}" for x in atol)
+    noisy = 100 * (kappa * accuracy * amplified[-1][0] + amplified[-1][1])
+    end = t_end or float(f"{about.states[-1].t0:.6g}")
+    values = textwrap.fill(", ".join(f"{x:.1e}" for x in atol), 84)
     filled = (_START + lines).format(
-        imports=imports, method=method, rtol=rtol, end=end,
-        named=named,
-        atol=textwrap.indent(textwrap.fill(values, 84), "    "),
+        named=named, imports=imports, method=method, rtol=rtol, end=end,
+        atol=textwrap.indent(values, "    "),
     )  # fmt: skip
-    places = f"{2 * problem.n} to {2 * (problem.n + problem.m) - 1}"
     findings = [
         "leave nothing out of the error test: no unknown is algebraic. With λ and η for unknowns, "
-        f"at places {places}, leave them out: IDASetSuppressAlg, or an atol of 1e12 where a code "
-        "has no such switch; scikit-sundae wants them in algebraic_idx, too",
-        "give the Jacobian: differences take an evaluation for each unknown, and lose digits",
-        f"λ is Λ', and what Newton's iteration and rounding leave moves it by 1 % of its size in "
-        f"steps below {noisy:.1g} s",
+        f"at places {2 * problem.n} to {len(names) - 1}, leave them out: IDASetSuppressAlg, or an "
+        "atol of 1e12 where a code has no such switch; scikit-sundae wants algebraic_idx, too",
+        "λ is Λ': what Newton's iteration and rounding leave moves it by 1 % in steps of "
+        f"{noisy:.1g} s, and by more in smaller ones",
         f"rounding leaves room for accuracies down to {smallest:.1g}"
         + (", not for this one" if accuracy < smallest else ""),
     ]
@@ -227,11 +220,6 @@ def advised(
         findings.append(
             f"rtol counts from the origin, and the largest coordinate is {far:.2g} times as large "
             f"as the motion: so rtol is {rtol:g} for an accuracy of {accuracy:g}"
-        )
-    if raised:
-        findings.append(
-            f"Newton's test asks for {kappa:.1e} of a weight: where that is below {_ABOVE:g} times "
-            f"rounding, as of {raised[0]}, atol is raised to it ({len(raised)} of {len(names)})"
         )
     return DaeAdvice(
         about.name, code, problem.n, problem.m, about.where, float(accuracy), smallest, rtol,
