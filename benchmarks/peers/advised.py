@@ -30,6 +30,8 @@ ACCURACIES = (1e-4, 1e-6, 1e-8)
 #: Calls of F after which a run is given up, and processor time (s).
 MOST, LIMIT = 100_000, 120.0
 STOPPED = "stopped"
+#: Of the advised weights of u and v.
+PARTS = (1.0, 0.1, 0.01, 0.001)
 #: A crank that is driven, in millimetres.
 CRANK = {
     "points": {
@@ -89,7 +91,7 @@ def counted(work):
     return {"": (message, state, calls)}
 
 
-def alone(problem, given, end, code, equations, tolerance):
+def alone(problem, end, code, equations, tolerance=1e-6):
     """A code that is left alone."""
     dae = newmark.dae(problem, equations, integrals=False)
 
@@ -108,7 +110,7 @@ def alone(problem, given, end, code, equations, tolerance):
     return found.message, dae.state(*last) if found.success else None
 
 
-def advised(problem, given, end, code, equations, accuracy):
+def advised(given, end, code, accuracy):
     """The lines of the advice as they are printed, but for the package that they import."""
     other, names = code == "scipy_dae", {"problem": given}
     advice = newmark.advise_dae(given, code="bdf" if other else code, accuracy=accuracy, t_end=end)
@@ -116,6 +118,26 @@ def advised(problem, given, end, code, equations, accuracy):
     exec(text.replace("from solve_dae", "from scipy_dae") if other else text, names)
     last = names["u"], names["v"], names["multipliers"]
     return names["found"].message, last if names["found"].success else None
+
+
+def tightened(problem, at, end, part):
+    """IDA with λ in the error test of index 2, and a part of the advised weights of u and v."""
+    dae, n = newmark.dae(problem, "index-2", integrals=False), problem.n
+    advice = newmark.advise_dae(problem, accuracy=1e-6, t_end=end)
+    atol = np.full(len(dae.y0), 1e-6 * np.abs(at[2]).max())
+    atol[: 2 * n] = part * 1e-6 * np.array([*advice.sizes.values()])[: 2 * n]
+
+    def residual(t, y, yp, res):
+        res[:] = dae.residual(t, y, yp)
+
+    def jacobian(t, y, yp, res, cj, JJ):
+        of_y, of_yp = dae.jacobian(t, y, yp)
+        JJ[:] = of_y + cj * of_yp
+
+    solver = IDA(residual, jacfn=jacobian, rtol=part * advice.rtol, atol=atol,
+                 algebraic_idx=dae.algebraic, max_num_steps=1_000_000)  # fmt: skip
+    found = solver.solve([dae.t0, end], dae.y0, dae.yp0)
+    return found.message, dae.state(found.y[-1], found.yp[-1]) if found.success else None
 
 
 def told(found, at):
@@ -134,25 +156,30 @@ def main():
     failed = False
     names = ("index-3", "index-2", "ggl")
     of_advice = (*(f"advised, {accuracy:g}" for accuracy in ACCURACIES), "at the smallest")
-    print("|", " | ".join(("mechanism", "code", *names, *of_advice)), "|")
-    print("| --- " * (2 + len(names) + len(of_advice)) + "|")
+    rows = [["mechanism", "code", *names, *of_advice]]
+    further = [["IDA, index-2, λ tested", *(f"u and v tighter by {part:g}" for part in PARTS)]]
     for name in sys.argv[1:] or MECHANISMS:
         given, end = MECHANISMS[name]
         problem = newmark.problem(given)
         solution = reference.solution(problem, end)
         at = solution.u, solution.v, solution.multipliers
+
+        def cell(work, *how, at=at):
+            return told(apart(partial(counted, partial(work, *how)), LIMIT), at)
+
         smallest = float(f"{newmark.advise_dae(given, t_end=end).smallest:.0e}")
         for code, label in NAMES.items():
-            runs = [(alone, equations, 1e-6) for equations in names if code != "scipy_dae"]
-            runs += [(advised, "ggl", accuracy) for accuracy in (*ACCURACIES, smallest)]
-            cells = []
-            for how, equations, accuracy in runs:
-                work = partial(how, problem, given, end, code, equations, accuracy)
-                cells.append(told(apart(partial(counted, work), LIMIT), at))
-                failed |= how is advised and ": " not in cells[-1]
-            cells[-1] = f"{smallest:g}, {cells[-1]}"
-            print(f"| {name} | {label} |" + " – |" * (code == "scipy_dae") * len(names),
-                  " | ".join(cells), "|", flush=True)  # fmt: skip
+            left = ["–" if code == "scipy_dae" else cell(alone, problem, end, code, equations)
+                    for equations in names]  # fmt: skip
+            found = [cell(advised, given, end, code, accuracy)
+                     for accuracy in (*ACCURACIES, smallest)]  # fmt: skip
+            failed |= not all(": " in each for each in found)
+            rows.append([name, label, *left, *found[:-1], f"{smallest:g}, {found[-1]}"])
+        further.append([name, *(cell(tightened, problem, at, end, part) for part in PARTS)])
+    for head, *others in (rows, further):
+        for row in (head, ["---"] * len(head), *others):
+            print("|", " | ".join(row), "|")
+        print()
     return failed
 
 

@@ -6,7 +6,7 @@ They test local errors and Newton's corrections in one norm with a weight for ea
 
 So Newton's iteration leaves κw of u and v, and rounding about a unit in the last place.  In one
 step the constraints bring both into λ: with S = (Gᵀ M⁻¹ G)⁻¹, λ is off by S Φ/h² (index 3) or
-S Φ'/h (index 2, GGL).  Below some h a test on λ fails, and halving h makes it worse.  Λ = ∫λ is
+S Φ'/h (index 2, GGL).  Below some h a test on λ can fail, and halving h makes it worse.  Λ = ∫λ is
 off by S Φ', H = ∫η by (Gᵀ G)⁻¹ Φ, at any h: their tests are met where w is far enough above.
 """
 
@@ -140,7 +140,7 @@ class DaeAdvice:
             "  u' = v + GH',  M v' = f + GΛ',  0 = Φ,  0 = Gᵀv + Φ_t",
             titled(f"Tolerances: rtol = {self.rtol:g}, and for each unknown, in the lines below",
                    [["", "size", "atol"], *ranges]),
-            titled("With λ itself for unknown: step size (s) below which a test on it fails",
+            titled("With λ itself for unknown: step size (s) below which a test on it can fail",
                    [["", "grows like", "by Newton's rest", "by rounding"], *amplified]),
             "\n".join(f"- {text}" for text in self.findings),
             "\n".join(self.lines),
