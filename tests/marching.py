@@ -133,8 +133,10 @@ def assert_same_step(subject, scheme, first, second):
         assert np.linalg.norm(one - other) <= unit * weight, name
 
 
-def scheme_of(form, variant, h, integrator=None):
-    return Scheme(integrator or Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+def scheme_of(form, variant, h, integrator=None, **changes):
+    """The trapezoidal rule, or another; changes are further fields of the scheme."""
+    form = FORMS[form]
+    return Scheme(integrator or Newmark(), form, named_scaling(variant, form), h, **changes)
 
 
 def in_motion(subject, seed=3):

@@ -6,16 +6,14 @@ import numpy as np
 import oracles
 import pytest
 from each import each
-from marching import start
+from marching import scheme_of, start
 from mpmath import mp
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.jacobian import scaled_jacobian
 from newmark_cli.newmark.linear.dense import BalancedJacobian
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scaling import PAPER_VARIANTS
 from newmark_cli.problems.problem import Terms
 
 H = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -59,7 +57,7 @@ def test_condition_numbers(reference, cases):
         for form, variant, h in cases:
             blocks = oracles.form_jacobian(form, x, no_damping, mass, g, h)
             exact = oracles.condition_number(oracles.scale(form, variant, *blocks, h))
-            scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+            scheme = scheme_of(form, variant, h)
             found = BalancedJacobian(subject, scheme, 0.0, state).condition()
             if not abs(found / exact - 1) < 1e-9:
                 wrong[form, variant, h] = found, exact
@@ -75,7 +73,7 @@ def test_assembled_jacobian(form, variant):
     x, y, mass = random.normal(size=(3, n, n))
     g = random.normal(size=(n, m))
     terms = Terms(np.zeros(n), np.zeros(m), x, y, g)
-    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+    scheme = scheme_of(form, variant, h)
     exact = oracles.scale(
         form, variant, *oracles.form_jacobian(form, *map(mp.matrix, (x, y, mass, g)), h), h
     )

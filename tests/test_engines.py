@@ -9,7 +9,7 @@ from damped import damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, states
+from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, scheme_of, states
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
@@ -17,8 +17,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
-from newmark_cli.newmark.scaling import VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scaling import VARIANTS
 
 pytestmark = pytest.mark.usefixtures("loops_only")
 
@@ -63,7 +62,7 @@ def test_engines_agree_per_step(name, form, variant, integrator):
     Both are given the weights of forms and integrators and the factors of scalings: pairs do.
     """
     subject = named(name)
-    scheme = Scheme(integrator, FORMS[form], named_scaling(variant, FORMS[form]), STEP[name])
+    scheme = scheme_of(form, variant, STEP[name], integrator)
     for first, state in states(subject, integrator, scheme.h, count=2):
         ours, reference = copy(state), copy(state)
         found, _ = march(compiled_march, subject, scheme, ours, first, 1)
@@ -80,10 +79,10 @@ def test_all_forms_take_the_same_step(name, variant):
     subject, integrator = problem(name), Newmark()
     for first, state in states(subject, integrator, STEP[name], count=3):
         results = {}
-        for form in FORMS.values():
-            scheme = Scheme(integrator, form, named_scaling(variant, form), STEP[name])
-            results[form.name] = copy(state)
-            march(compiled_march, subject, scheme, results[form.name], first, 1)
+        for form in FORMS:
+            scheme = scheme_of(form, variant, STEP[name])
+            results[form] = copy(state)
+            march(compiled_march, subject, scheme, results[form], first, 1)
         for form in FORMS:
             assert_same_step(subject, scheme, results["u-lambda"], results[form])
 
@@ -91,8 +90,7 @@ def test_all_forms_take_the_same_step(name, variant):
 @each("engine", [compiled_march, scipy_march])
 def test_terminal_phase_needs_two_small_corrections(engine):
     """The first correction of the pendulum at h = 1e-4 is h²/2, no rounding; never recorded."""
-    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
-    scheme = Scheme(integrator, form, named_scaling("none", form), 1e-4)
+    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 1e-4)
     state = initial_state(subject, scheme)
     norms, _ = march(engine, subject, scheme, state, 0, 100)
     assert norms[:, 0].max() < 1e-15
@@ -101,8 +99,7 @@ def test_terminal_phase_needs_two_small_corrections(engine):
 @each("engine", [compiled_march, scipy_march])
 def test_what_cannot_be_solved_ends_the_march(engine):
     """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
-    subject, integrator, form = problem("pendulum"), Newmark(), FORMS["u-lambda"]
-    scheme = Scheme(integrator, form, named_scaling("none", form), 0.1)
+    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 0.1)
     state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1)))
     ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
     assert ending == (march_data.SINGULAR, 0)

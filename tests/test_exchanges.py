@@ -5,12 +5,11 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from marching import STEP, copy
+from marching import STEP, copy, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel
 from newmark_cli.newmark.compiled_march import Engine
-from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.assembly import Constants, Sums
@@ -20,17 +19,9 @@ from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.support import machine_code
 
 NEVER = 10**9
-
-
-def scheme_of(form, variant, h, integrator=None, **changes):
-    """How a march goes."""
-    form = FORMS[form]
-    return Scheme(integrator or Newmark(), form, named_scaling(variant, form), h, **changes)
 
 
 def run(subject, scheme, stretches, looks_after, after_stretch=lambda exchanges: None):

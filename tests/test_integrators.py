@@ -11,7 +11,7 @@ from damped import DAMPING, MASS, STIFFNESS, damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import INTEGRATORS, march
+from marching import INTEGRATORS, march, scheme_of
 from mpmath import mp, mpf
 
 from newmark_cli.mechanisms.registry import problem
@@ -115,9 +115,7 @@ def damped_system():
 @cache
 def textbook_motion(integrator):
     """The last of a few steps, 24 digits."""
-    fields = initial_state(
-        damped(), Scheme(integrator, FORMS["u-lambda"], named_scaling("none", FORMS["u-lambda"]), H)
-    )
+    fields = initial_state(damped(), scheme_of("u-lambda", "none", H, integrator))
     with mp.workdps(24):
         u, v, a, _ = ([mpf(float(x)) for x in field] for field in fields.fields)
         start = textbook.Motion(mpf(0), u, v, a, a, [mpf(float(fields.multipliers[0]))])

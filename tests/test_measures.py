@@ -6,13 +6,13 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from marching import scheme_of
 from scipy.stats import chi2
 from scipy.stats import t as student
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import FIELDS, Newmark
-from newmark_cli.newmark.scaling import VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.newmark.statistics import statistics
 from newmark_cli.report.judging import fits
 from newmark_cli.report.judging.fits import power_law
@@ -37,8 +37,7 @@ def test_statistics(values):
 @each("name", FORMS)
 def test_physical_corrections(name, variant):
     """Physical = D_R times scaled; eliminated fields by the weights of the form."""
-    form, h = FORMS[name], 1e-3
-    scheme = Scheme(Newmark(), form, named_scaling(variant, form), h)
+    form, scheme = FORMS[name], scheme_of(name, variant, 1e-3)
     random = np.random.default_rng(3)
     directions = [random.normal(size=5) for _ in form.unknowns]
     recorded = np.array([[np.linalg.norm(d) for d in directions]])
@@ -54,8 +53,7 @@ def test_physical_corrections(name, variant):
 
 def test_steps_that_did_not_converge_are_left_out():
     """A negative count excludes the step from every statistic."""
-    form = FORMS["u-lambda"]
-    scheme = Scheme(Newmark(), form, named_scaling("none", form), 1e-3)
+    scheme = scheme_of("u-lambda", "none", 1e-3)
     recorded = np.array([[1.0, 2.0], [100.0, 200.0], [3.0, 0.0]])
     found = corrections(scheme, recorded, np.array([3, -50, 4]))
     assert found[0].statistics.max == 3.0

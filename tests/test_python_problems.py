@@ -5,13 +5,11 @@ import numba
 import numpy as np
 import pytest
 from each import each
+from marching import scheme_of
 
 from newmark_cli.newmark import compiled_march, march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems import constraint_rows, python_problem
 from newmark_cli.problems.problem import ProblemError
 
@@ -27,11 +25,10 @@ REFERENCE_RATES = np.array(
 
 
 def march(engine, subject, h, t_end, form="u-lambda"):
-    form = FORMS[form]
-    scheme = Scheme(Newmark(), form, named_scaling("optimal", form), h)
+    scheme = scheme_of(form, "optimal", h)
     state = initial_state(subject, scheme)
     steps = round(t_end / h)
-    norms = np.zeros((steps, len(form.unknowns)))
+    norms = np.zeros((steps, len(scheme.form.unknowns)))
     iterations = np.zeros(steps, np.int64)
     assert engine.march(subject, scheme, state, 0, norms, iterations) == (
         march_data.COMPLETED,

@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import pty
 import re
 import signal
 import subprocess
@@ -26,6 +25,7 @@ from conftest import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from test_show import on_a_terminal
 
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
@@ -400,22 +400,7 @@ def test_a_terminal_shows_progress(cli, quick):
     """Where the cells run, and a display up to the end; nothing when all is kept, or with -q."""
 
     def shown(*arguments, **environment):
-        ours, theirs = pty.openpty()
-        try:
-            run = cli.start(
-                "run", "quick.yaml", *arguments, stderr=theirs,
-                env=os.environ | {"COLUMNS": "100", "TERM": "xterm"} | environment,
-            )  # fmt: skip
-            run.communicate(timeout=100)
-            os.write(theirs, b"$")
-            text = b""
-            while not text.endswith(b"$"):
-                text += os.read(ours, 4096)
-        finally:
-            os.close(ours)
-            os.close(theirs)
-        assert run.returncode == 0
-        return text[:-1].decode()
+        return on_a_terminal(cli, "run", "quick.yaml", *arguments, stream="stderr", **environment)
 
     def lines(text):
         return re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", text))

@@ -279,16 +279,15 @@ def test_every_table_fits_a_pipe(cli):
         assert max(map(len, lines)) <= 80, max(lines, key=len)
 
 
-def on_a_terminal(cli, *arguments, columns=100, **environment):
-    """What a command writes to a terminal."""
+def on_a_terminal(cli, *arguments, columns=100, stream="stdout", **environment):
+    """What a command writes to a terminal, of its streams on this one."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     given = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR", "TERM")}
     with open(os.devnull, "wb") as nowhere:
-        process = cli.start(
-            *arguments, stdout=theirs, stderr=nowhere.fileno(),
-            env=given | {"TERM": "xterm-256color"} | environment,
-        )  # fmt: skip
+        streams = dict.fromkeys(("stdout", "stderr"), nowhere.fileno()) | {stream: theirs}
+        given |= {"TERM": "xterm-256color"} | environment
+        process = cli.start(*arguments, **streams, env=given)
     os.close(theirs)
     found = b""
     while True:

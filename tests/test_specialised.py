@@ -7,20 +7,17 @@ import mechanisms
 import numpy as np
 import pytest
 from each import each
-from marching import copy, march
+from marching import copy, march, scheme_of
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark.compiled_march import Engine
-from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.written import specialised
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import Scheme
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +58,7 @@ def test_the_same_bits(
 ):
     """States, norms and iterations of the code and of the loops are equal."""
     subject = everything[subject] if subject in everything else problem(subject)
-    form = FORMS[form]
-    scheme = Scheme(
-        integrator, form, named_scaling(variant, form), 1e-4, evaluation=evaluation,
-        precision=precision,
-    )  # fmt: skip
+    scheme = scheme_of(form, variant, 1e-4, integrator, evaluation=evaluation, precision=precision)
     found = []
     for most in (specialised.ELEMENTS_AT_MOST, 0):
         with pytest.MonkeyPatch.context() as patch:
@@ -83,15 +76,14 @@ def test_the_same_bits(
 
 def code_of(subject, h=1e-3, form="u-lambda", static=False, **changes):
     """Addresses of what an engine calls."""
-    scheme = Scheme(Newmark(), FORMS[form], named_scaling("optimal", FORMS[form]), h, **changes)
+    scheme = scheme_of(form, "optimal", h, **changes)
     engine = Engine(subject, scheme, system_of(subject, scheme, static))
     return int(engine._code[0]), int(engine._tables.ints[0, 0])
 
 
 def test_parameters_are_arguments():
     """A mechanism under another gravity marches with the code of the first one."""
-    form = FORMS["u-lambda"]
-    scheme = Scheme(Newmark(), form, named_scaling("none", form), 1e-3)
+    scheme = scheme_of("u-lambda", "none", 1e-3)
     subject = problem("pendulum")
     assert subject.reals[subject.reals == -1].size == 1
     moon = dataclasses.replace(subject, reals=np.where(subject.reals == -1, -0.165, subject.reals))
@@ -115,11 +107,7 @@ def subject_of(why):
 def test_loops_serve_where_no_code_is_made(why):
     """Of large mechanisms, for formulations, and where there are gears, laws of time and such."""
     chain, formulation = subject_of(why)
-    form = FORMS["u-lambda"]
-    scheme = Scheme(
-        Newmark(), form, named_scaling("none", form), 1e-3,
-        formulation=Formulation(formulation),
-    )  # fmt: skip
+    scheme = scheme_of("u-lambda", "none", 1e-3, formulation=Formulation(formulation))
     engine = Engine(chain, scheme)
     assert engine._code.tolist() == [0]
     assert engine._function is chain.function

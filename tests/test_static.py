@@ -150,9 +150,7 @@ def test_does_not_see_a_scaling_by_powers_of_two(form):
 def test_marches_like_partial_pivoting(name, form, variant, integrator, evaluation, h):
     """Positions agree to rounding, corrections saturate at the same size."""
     subject = subject_of(name)
-    scheme = Scheme(
-        integrator, FORMS[form], named_scaling(variant, FORMS[form]), h, evaluation=evaluation
-    )
+    scheme = scheme_of(form, variant, h, integrator, evaluation=evaluation)
     marches = [March(subject, scheme, solver) for solver in (STATIC, DENSE)]
     norms = [one.advance(30).norms for one in marches]
     difference = marches[0].state.fields[0] - marches[1].state.fields[0]
@@ -300,7 +298,7 @@ def test_a_refused_step_begins_again(toppling):
     """Where no dense matrix is at hand, λ is left as it was before the step."""
     scheme = scheme_of("u-lambda", "optimal", 0.02)
     engine = compiled_march.Engine(toppling, scheme, StaticSystem(toppling, scheme))
-    engine._dense = no_tables(scheme)
+    engine._numbers = engine._numbers._replace(dense=no_tables(scheme))
     state = initial_state(toppling, scheme)
     state.multipliers[:] = 0  # the first matrix is M's; the correction brings the weight
     norms, (counts, positions, pivoted) = np.zeros((1, 2)), np.zeros((3, 1), np.int64)
@@ -356,8 +354,8 @@ def test_pivots_by_size_in_space(name, most):
 
     A pivot that is small at times is left to partial pivoting.
     """
-    subject, form = problem(name), FORMS["u-lambda"]
-    scheme = Scheme(GeneralizedAlpha(0.8), form, named_scaling("optimal", form), 1e-3)
+    subject = problem(name)
+    scheme = scheme_of("u-lambda", "optimal", 1e-3, GeneralizedAlpha(0.8))
     lists = StaticSystem(subject, scheme).elimination.lists
     assert (lists.operations < most, lists.signed) == (True, False)
     static, dense = (March(subject, scheme, solver) for solver in (STATIC, DENSE))

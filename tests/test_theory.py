@@ -9,17 +9,15 @@ import pytest
 from conftest import QUICK
 from covering import covering
 from each import each
-from marching import start
+from marching import scheme_of, start
 from mpmath import mp
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.perturbation import perturbation, sensitivities
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.scaling import PAPER_VARIANTS
 from newmark_cli.report.judging.verdicts import PASS
 from newmark_cli.report.tables import paper_tables
 
@@ -96,20 +94,6 @@ def test_derive_in_the_terminal(cli):
     assert {f["form"]: (f["left"], f["right"]) for f in found} == POWERS
 
 
-def test_orders_of_compensated_evaluation(cli):
-    """Physical corrections 1, 0, −1, −1; the matrix knows no evaluation."""
-    direct, found = (
-        json.loads(cli("orders", "--form", "v-lambda", "--evaluation", how, "--json").stdout)
-        for how in ("direct", "compensated")
-    )
-    for one, other in zip(found, direct, strict=True):
-        orders = {u: entry["order"] for u, entry in one["physical_correction"].items()}
-        assert orders == {"u": 1, "v": 0, "a": -1, "lambda": -1}
-        assert one["evaluation"] == "compensated"
-        assert one["condition"] == other["condition"]
-        assert one["inverse"] == other["inverse"]
-
-
 def test_orders_refuses(cli):
     """Unknown names and contradicting options."""
     assert "did you mean 'u-lambda'" in cli.refused("orders", "--form", "u-lamda")
@@ -127,7 +111,7 @@ def test_sensitivities_are_columns_of_the_inverse(name, form, variant):
     """‖δq̄‖/ε against J⁻¹ in 60 digits, also where J̄ is too uneven for plain elimination."""
     subject, h = problem(name), 1e-8
     state = start(subject)
-    scheme = Scheme(Newmark(), FORMS[form], named_scaling(variant, FORMS[form]), h)
+    scheme = scheme_of(form, variant, h)
     found = sensitivities(subject, scheme, 0.0, state)
     with mp.workdps(oracles.DIGITS):
         reference = oracles.REFERENCES[name]()
