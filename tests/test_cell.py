@@ -25,7 +25,7 @@ def test_sampled_states(monkeypatch, samples, steps):
         def condition(self):
             return 1.0
 
-    monkeypatch.setattr(systems, "system", lambda *arguments: Recorder())
+    monkeypatch.setattr(systems, "system", lambda *arguments, **options: Recorder())
     (first, *_) = config.find("pendulum-u").cells()
     told = []
     chosen = Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})

@@ -61,6 +61,11 @@ VALUES = {
     "multipliers": [*REPORTED],
     "start": [*STARTS],
     "stop": ["saturation", {"absolute": 1e-8}, {"absolute": 1e-8, "relative": 1e-9}],
+    "h_sequence": [
+        "constant", {"change": 0.5, "at": 0.5}, {"alternate": [1, 0.5], "every": 5},
+        {"random": [0.5, 2]},
+    ],
+    "auxiliary": [*integrator.AUXILIARY],
     "h": [1e-3],
 }  # fmt: skip
 
