@@ -182,7 +182,8 @@ def slopes(frame: "pd.DataFrame") -> "pd.DataFrame":
     from newmark_cli.report.judging.slopes import COLUMNS, collect
 
     with _folder(frame) as folder:
-        return pd.DataFrame([slope.row() for slope in collect(folder)], columns=list(COLUMNS))
+        rows = [slope.row() for slope in collect(folder)]
+        return pd.DataFrame(rows, columns=axes.present(COLUMNS, rows))
 
 
 def plot(
