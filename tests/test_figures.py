@@ -92,20 +92,6 @@ def test_study_figures_draw_the_csv(tmp_path, figure):
     assert panel.y_label
 
 
-def test_slopes_stand_where_there_is_a_prediction(tmp_path):
-    """Figure 11: h² beside generalized-α down to its rounding floor, nothing else."""
-    (panel,) = sheet_of(tmp_path, FIGURES["11"]).panels
-    assert {trace.label: trace.fit for trace in panel.traces if trace.fit} == {
-        "trapezoidal, compensated": "not converging",
-        "generalized-α, direct": "1.94 ± 0.03",
-        "generalized-α, compensated": "1.98 ± 0.01",
-    }
-    (line,) = panel.references
-    np.testing.assert_allclose(line.x, [1e-6, 1e-4])
-    assert order(line) == pytest.approx(2, abs=1e-10)
-    assert line.text == "h²"
-
-
 def test_stagnation_is_marked(tmp_path):
     """Cells without convergence stand apart, at the solver's limit, and words say so."""
     (panel,) = sheet_of(tmp_path, FIGURES["13"]).panels
@@ -116,20 +102,6 @@ def test_stagnation_is_marked(tmp_path):
     for trace in panel.traces:
         assert set(trace.y[trace.apart]) <= {synthetic.LIMIT}
     assert panel.levels == {600: "no convergence in 600 iterations"}
-
-
-def test_precisions_side_by_side(tmp_path):
-    """Figure 14: a panel for each unknown, a series for each variant and precision."""
-    figure = FIGURES["14"]
-    sheet = sheet_of(tmp_path, figure)
-    assert [panel.title for panel in sheet.panels] == ["u", "λ"]
-    for panel, part in zip(sheet.panels, figure.parts, strict=True):
-        for curve, trace in zip(part.curves, panel.traces, strict=True):
-            expected = [row["rms"] for row in reversed(synthetic.rows_of(curve))]
-            assert (trace.label, trace.y.tolist()) == (
-                f"{curve.preconditioning}, {curve.precision}", expected,
-            )  # fmt: skip
-    assert "Δu, u, none, float32: slope" in sheet.words
 
 
 def test_sensitivities_have_a_panel_for_each_block(committed_results):

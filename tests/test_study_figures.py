@@ -317,24 +317,6 @@ def test_cells_that_did_not_end_well_stand_apart(tmp_path):
     assert sheet.heading == "fitted slope; not joined: cells that did not end well"
 
 
-def test_shares_are_drawn_from_zero_to_one(tmp_path):
-    """Steps that meet a tolerance: a linear ordinate, whatever misses it part of the results."""
-    rows = [
-        row(h, 3.0, measure="tolerance", quantity="newton", stop="absolute 1e-08", met=met,
-            steps=10, status="ok" if met == 10 else "not_converged")
-        for h, met in ((1e-2, 10), (1e-3, 4))
-    ]  # fmt: skip
-    given = written(tmp_path, rows)
-    (figure,) = drawn(given).values()
-    assert figure.name == "mine-hoist-u-lambda-tolerance"
-    (panel,) = sheets.sheet(figure, given).panels
-    assert panel.y_scale == "linear"
-    assert panel.y_limits == pytest.approx((-0.06, 1.07))
-    (trace,) = panel.traces
-    assert trace.y.tolist() == [0.4, 1.0]
-    assert not trace.apart.any()
-
-
 # -- work and precision -----------------------------------------------------------------------
 
 
