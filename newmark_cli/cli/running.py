@@ -1,6 +1,7 @@
 """Commands that run studies."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -220,12 +221,11 @@ def _kept(counts: "Counts", force: bool) -> str:
 def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
     """How studies went, a line each, and why cells did not end well; 1 when one did not."""
     for done in runs:
-        counts = {status: done.statuses.count(status) for status in dict.fromkeys(done.statuses)}
-        spelled = ", ".join(f"{count} {status}" for status, count in counts.items())
+        ended = ", ".join(f"{n} {status}" for status, n in Counter(done.statuses).items())
         kept = f" ({done.kept} cached)" if done.kept else ""
         where = f"-> {done.path}" if done.path else "cached in " + str(folder / "cells")
         if not quiet:
-            screen.line(f"{done.study}: {spelled or 'no cells'}{kept} {where}")
+            screen.line(f"{done.study}: {ended or 'no cells'}{kept} {where}")
     for done in runs:
         for complaint in done.complaints:
             screen.complain(f"{done.study}: {complaint}")

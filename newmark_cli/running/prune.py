@@ -13,6 +13,7 @@ A damaged cell never stays; it would be computed again.
 
 import contextlib
 import errno
+import os
 import re
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -119,7 +120,8 @@ def _plan(folder: Path, studies: Sequence["Study"]) -> Pruned:
     for file in sorted((folder / "cells").glob("*.json")):
         if not _CELL.fullmatch(file.name):
             continue
-        _require_readable(file)
+        if file.exists() and not os.access(file, os.R_OK):
+            raise ResultsError(f"{file}: cannot be read: {os.strerror(errno.EACCES)}")
         core = store.core_of(file)
         if core is None:
             damaged.append(file)
@@ -183,14 +185,6 @@ def _temporaries(folder: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):  # it has its name now
             if _WRITTEN.fullmatch(target) and time.time() - file.stat().st_mtime > _LONG_AGO:
                 yield file
-
-
-def _require_readable(file: Path) -> None:
-    try:
-        files.read(file)
-    except OSError as error:
-        if error.errno == errno.EACCES:
-            raise ResultsError(f"{file}: cannot be read: {error.strerror}") from None
 
 
 def _size(files: Iterable[Path]) -> int:

@@ -598,11 +598,13 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
     """Messages for one pydantic error, in one line or several."""
     value, context = detail["input"], detail.get("ctx", {})
     message = detail["msg"].removeprefix("Value error, ")
+    # Names that a literal may be, as pydantic lists them.
+    allowed = re.findall("'([^']*)'", str(context.get("expected", "")))
     for theirs, ours in _WORDED:
         message = theirs.sub(ours, message)
     if detail["type"] == "missing":
         message = "missing"
-    elif detail["type"] == "literal_error" and closest(value, allowed := _quoted(context)):
+    elif detail["type"] == "literal_error" and closest(value, allowed):
         message = f"unknown name {_short(value)}{nearest(value, allowed)}"
     elif isinstance(value, _Unknown):
         message = value.message
@@ -616,11 +618,6 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
     ):
         message += f", given {_short(value)}"
     yield from map(one_line, (message, *context.get("others", ())))
-
-
-def _quoted(context: Mapping[str, Any]) -> list[str]:
-    """Names that a literal may be, as pydantic lists them."""
-    return re.findall("'([^']*)'", str(context.get("expected", "")))
 
 
 def _short(value: object) -> str:

@@ -9,7 +9,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,15 +16,13 @@ from newmark_cli.newmark.linear.choice import SPARSE, STATIC
 from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
+from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Figure, Part, curve_of, looks_of, spelled_by
 from newmark_cli.report.reading.words import measure_text, spelled
 from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
-
-if TYPE_CHECKING:
-    from newmark_cli.report.judging.slopes import Slope
 
 #: Most panels of one figure, and most series of one panel that gathers what is no grid.
 MOST_PANELS, MOST_GATHERED = 6, 7
@@ -55,7 +52,7 @@ def figures(
     study: str,
     results: Results,
     defined: Sequence[Definition] | None = None,
-    keep: Callable[["Slope"], bool] = lambda slope: True,
+    keep: Callable[[Slope], bool] = lambda slope: True,
     kinds: Sequence[str] = (),
 ) -> list[Figure]:
     """Figures of a study, those that matter most first unless its config defines them.
@@ -90,7 +87,7 @@ def figures(
     return found
 
 
-def _shows(definition: Definition, kind: str, slope: "Slope", spent: Costs) -> bool:
+def _shows(definition: Definition, kind: str, slope: Slope, spent: Costs) -> bool:
     """Whether a series is of this kind and has at least two points."""
     work = kind == WORK_PRECISION
     if slope.measure != ("error" if work else kind):
@@ -111,7 +108,7 @@ def _defined(
     study: str,
     definition: Definition,
     kind: str,
-    slopes: Sequence["Slope"],
+    slopes: Sequence[Slope],
     slugs: Slugs,
     names: list[str],
     titles: Mapping[str, str],
@@ -163,7 +160,7 @@ def _defined(
     return found
 
 
-def _told_apart(grid: "_Grid", definition: Definition, slope: "Slope") -> list[str]:
+def _told_apart(grid: "_Grid", definition: Definition, slope: Slope) -> list[str]:
     """Axes that a legend names of a series: of what was gathered not what goes without saying."""
     names = list(grid.series)
     if definition.series is not None or len(names) == 1:
@@ -187,12 +184,12 @@ class _Grid:
 
     series: tuple[str, ...]
     panels: tuple[str, ...]
-    parts: Sequence[tuple[Mapping[str, str], Sequence["Slope"]]]
+    parts: Sequence[tuple[Mapping[str, str], Sequence[Slope]]]
     columns: int
 
 
 def _arranged(
-    slopes: Sequence["Slope"], definition: Definition, kind: str
+    slopes: Sequence[Slope], definition: Definition, kind: str
 ) -> Iterable[tuple[dict[str, str], _Grid]]:
     """Grids of the series of one problem, form and quantity, and what they are apart by."""
     values = {
@@ -255,13 +252,11 @@ def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence
     return {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
 
 
-def _at(slope: "Slope", names: Iterable[str]) -> tuple[str, ...]:
+def _at(slope: Slope, names: Iterable[str]) -> tuple[str, ...]:
     return tuple(getattr(slope, axis) for axis in names)
 
 
-def _grouped(
-    slopes: Iterable["Slope"], names: Sequence[str]
-) -> dict[tuple[str, ...], list["Slope"]]:
+def _grouped(slopes: Iterable[Slope], names: Sequence[str]) -> dict[tuple[str, ...], list[Slope]]:
     found: dict[tuple[str, ...], list[Slope]] = {}
     for slope in slopes:
         found.setdefault(_at(slope, names), []).append(slope)
@@ -327,7 +322,7 @@ def _told(where: Mapping[str, str], kind: str, slugs: Slugs) -> list[str]:
     return told
 
 
-def _slugs(slopes: Iterable["Slope"]) -> Slugs:
+def _slugs(slopes: Iterable[Slope]) -> Slugs:
     """Values of axes as parts of file names: safe, and different where the values are."""
     known: dict[tuple[str, str], str] = {}
     taken: set[tuple[str, str]] = set()

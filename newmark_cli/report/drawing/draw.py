@@ -93,8 +93,10 @@ def drawn(
 
 def _columns(sheet: Sheet, width: float) -> int:
     """Panels side by side: as many as there is room for, without a gap in a small grid."""
-    if sheet.columns * _NARROW_IN_ROW <= width and _is_grid(sheet) and _rows_share(sheet):
-        return sheet.columns
+    if sheet.columns * _NARROW_IN_ROW <= width and _is_grid(sheet):
+        firsts = (sheet.panels[i - i % sheet.columns] for i in range(len(sheet.panels)))
+        if all(map(_same_ordinate, sheet.panels, firsts)):
+            return sheet.columns
     count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / _NARROW)))
     return most if most == sheet.columns or count > 4 or count % most == 0 else 1
 
@@ -190,7 +192,7 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
     for axis, scale in ((axes.xaxis, panel.x_scale), (axes.yaxis, panel.y_scale)):
         if scale == "symlog":
             axis.get_major_locator().set_params(numticks=7)
-            axis.set_major_formatter(FuncFormatter(_signed_power_of_ten))
+            axis.set_major_formatter(FuncFormatter(_power_of_ten))
         if scale != "log":
             continue
         low, high = np.log10(axis.get_view_interval())
@@ -208,26 +210,13 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
         axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _rows_share(sheet: Sheet) -> bool:
-    panels = sheet.panels
-    return all(
-        _same_ordinate(panel, panels[place - place % sheet.columns])
-        for place, panel in enumerate(panels)
-    )
-
-
 def _same_ordinate(one: Panel, other: Panel) -> bool:
     return (one.y_limits, one.y_scale) == (other.y_limits, other.y_scale)
 
 
 def _power_of_ten(value: float, position: int | None = None) -> str:
-    return power("10", f"{math.log10(value):.0f}")
-
-
-def _signed_power_of_ten(value: float, position: int | None = None) -> str:
-    if value == 0:
-        return "0"
-    return ("−" if value < 0 else "") + _power_of_ten(abs(value))
+    sign = "−" if value < 0 else ""
+    return sign + power("10", f"{math.log10(abs(value)):.0f}") if value else "0"
 
 
 def _number(value: float, position: int | None = None) -> str:

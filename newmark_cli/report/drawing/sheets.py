@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, power, spread
 from newmark_cli.report.drawing.work import COSTS, costed, ends
+from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading.curves import Curve, floor_of
 from newmark_cli.report.reading.figures import Figure, Part
 from newmark_cli.report.reading.history import Recorded, read_recorded
@@ -23,21 +24,18 @@ from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.support.errors import ResultsError
 
-if TYPE_CHECKING:
-    from newmark_cli.report.judging.slopes import Slope
-
 
 @dataclass(frozen=True)
 class Results:
     """The data that a figure is made from."""
 
     folder: Path  #: results folder
-    slopes: Sequence["Slope"]  #: series of its CSVs
+    slopes: Sequence[Slope]  #: series of its CSVs
     #: What work is measured by, of `newmark_cli.report.drawing.work.COSTS`.
     cost: str = "operations"
 
     @cached_property
-    def by_key(self) -> Mapping[SeriesKey, "Slope"]:
+    def by_key(self) -> Mapping[SeriesKey, Slope]:
         """The series by what a `Curve` finds them by."""
         return {slope.key: slope for slope in self.slopes}
 
@@ -56,7 +54,7 @@ class Results:
         chosen = [each for each in every if each | {axis: named[axis]} == named]
         return Curve(curve.label, **chosen[0]) if len(chosen) == 1 else curve
 
-    def series(self, figure: "Figure") -> dict[SeriesKey, "Slope"]:
+    def series(self, figure: "Figure") -> dict[SeriesKey, Slope]:
         """Series of a figure, in the order of its curves.
 
         Raises:
@@ -116,7 +114,7 @@ _MOST_FITS = 4
 class _Looks:
     """Name, look and group of every series of a figure."""
 
-    def __init__(self, figure: Figure, slopes: Mapping[SeriesKey, "Slope"]) -> None:
+    def __init__(self, figure: Figure, slopes: Mapping[SeriesKey, Slope]) -> None:
         groups = {part.group for part in figure.parts}
         self._figure = figure
         self._group = {part: part.group if len(groups) > 1 else "" for part in figure.parts}
@@ -189,12 +187,12 @@ def _sheet(figure: Figure, panels: Sequence[Panel], note: str) -> Sheet:
     )  # fmt: skip
 
 
-def _same(slope: "Slope") -> tuple[str, ...]:
+def _same(slope: Slope) -> tuple[str, ...]:
     """What series have in common whose panels can share an ordinate."""
     return slope.problem, slope.quantity, slope.measure
 
 
-def _floors(part: Part, slopes: Mapping[SeriesKey, "Slope"]) -> list[Trace]:
+def _floors(part: Part, slopes: Mapping[SeriesKey, Slope]) -> list[Trace]:
     """The predicted floors of measured series, where there are any."""
     keys = (floor_of(curve.key) for curve in part.curves)
     return [

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,10 @@ from newmark_cli.report.drawing.panels import (
     spread,
 )
 from newmark_cli.report.judging.fits import format_fit, format_order
+from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import MISS, PASS, RULED, SHOWN
 from newmark_cli.report.reading.words import measure_text, quantity
 from newmark_cli.support.arrays import Mask
-
-if TYPE_CHECKING:
-    from newmark_cli.report.judging.slopes import Slope
 
 #: Problems of unit mass, length and gravity; all others are in SI units.
 _WITHOUT_UNITS = ("pendulum", "chain")
@@ -32,18 +30,18 @@ def step_label(problem: str) -> str:
     return "step size $h$" + ("" if problem.partition("(")[0] in _WITHOUT_UNITS else " (s)")
 
 
-def fit_text(slope: "Slope") -> str:
+def fit_text(slope: Slope) -> str:
     """The fitted slope of a series that has one, and its verdict if it is not as predicted."""
     told = slope.verdict if slope.missed else ""
     return ", ".join(filter(None, (format_fit(slope.fit) if _judged(slope) else "", told)))
 
 
-def _judged(slope: "Slope") -> bool:
+def _judged(slope: Slope) -> bool:
     """Whether it has a middle, whose slope is that of the series."""
     return slope.verdict in (PASS, MISS) and not math.isnan(slope.expected + slope.fit.slope)
 
 
-def ruled(slope: "Slope") -> Mask:
+def ruled(slope: Slope) -> Mask:
     """(points,) which points rounding rules: where it is half of a value, and at smaller h."""
     if slope.record.kind == "rounding":
         return np.full(len(slope.h), False)
@@ -52,7 +50,7 @@ def ruled(slope: "Slope") -> Mask:
     return np.asarray(ruling.any() & (slope.h <= np.max(slope.h[ruling], initial=0.0)))
 
 
-def trace(slope: "Slope", label: str, look: Look, name: str, **given: Any) -> Trace:
+def trace(slope: Slope, label: str, look: Look, name: str, **given: Any) -> Trace:
     """A series against the step size; cells that did not end well stand apart."""
     order = np.argsort(slope.h)
     parts: dict[str, Any] = {
@@ -69,10 +67,10 @@ def trace(slope: "Slope", label: str, look: Look, name: str, **given: Any) -> Tr
 
 
 def panel(
-    slopes: Sequence["Slope"],
+    slopes: Sequence[Slope],
     traces: Sequence[Trace],
     titles: tuple[str, ...],
-    every: Sequence["Slope"],
+    every: Sequence[Slope],
 ) -> Panel:
     """Series of one measure against the step size, beside their predicted slopes.
 
@@ -102,7 +100,7 @@ def panel(
     )
 
 
-def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[Reference, ...]:
+def predicted(slopes: Sequence[Slope], limits: tuple[float, float]) -> tuple[Reference, ...]:
     """A line for each distinct predicted slope, parallel to the first series that has it.
 
     It stands at the points that were fitted, or of a series that was not judged at those that
@@ -129,7 +127,7 @@ def predicted(slopes: Sequence["Slope"], limits: tuple[float, float]) -> tuple[R
     return tuple(drawn.values())
 
 
-def in_words(name: str, slope: "Slope") -> str:
+def in_words(name: str, slope: Slope) -> str:
     """A series in words: its name, its slope or else its values at either end, its verdict."""
     text = f"{quantity(slope)}, {name}: "
     if _judged(slope):
@@ -140,7 +138,7 @@ def in_words(name: str, slope: "Slope") -> str:
     return text + (f", {slope.verdict}" if slope.verdict != SHOWN else "")
 
 
-def _solver_limits(slopes: Sequence["Slope"]) -> dict[float, str]:
+def _solver_limits(slopes: Sequence[Slope]) -> dict[float, str]:
     """Meaning of the hollow markers of cells that stagnated: all iterations that were allowed."""
     return {
         float(value): f"no convergence in {value:.0f} iterations"

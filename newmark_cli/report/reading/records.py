@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import newmark_cli
+from newmark_cli.report.reading.words import counted
 from newmark_cli.study import axes, results
 from newmark_cli.study.provenance import checksum, merged
 from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
@@ -105,22 +106,14 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
         "operations": "operations", "march_seconds": "march (s)", "wall_seconds": "wall time (s)",
     }  # fmt: skip
     shown = {key: name for key, name in numbers.items() if any(key in cell for cell in cells)}
-    return [
-        (*told.values(), "h", "steps", "status", *shown.values()),
-        *(
-            (
-                *(str(cell.get(key, "")) for key in told),
-                _number(cell.get("h")),
-                str(cell.get("steps", "")),
-                " – ".join(str(cell[key]) for key in ("status", "reason") if key in cell),
-                *(
-                    "" if math.isnan(number(cell, key)) else f"{number(cell, key):.3g}"
-                    for key in shown
-                ),
-            )
-            for cell in cells
-        ),
-    ]
+    rows: list[tuple[str, ...]] = [(*told.values(), "h", "steps", "status", *shown.values())]
+    for cell in cells:
+        names = [str(cell.get(key, "")) for key in told]
+        status = " – ".join(str(cell[key]) for key in ("status", "reason") if key in cell)
+        values = (number(cell, key) for key in shown)
+        texts = ("" if math.isnan(value) else f"{value:.3g}" for value in values)
+        rows.append((*names, _number(cell.get("h")), str(cell.get("steps", "")), status, *texts))
+    return rows
 
 
 def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
@@ -131,15 +124,11 @@ def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]
     for study, record in found.items():
         cells = cells_of(record)
         slowest = max((seconds(c) for c in cells if not math.isnan(seconds(c))), default=math.nan)
-        rows.append(
-            (
-                study,
-                _counted(cells) if record else UNKNOWN,
-                "" if math.isnan(slowest) else f"{total_seconds(record):.3g}",
-                "" if math.isnan(slowest) else f"{slowest:.3g}",
-                str(record.get("jobs", "")),
-            )
-        )
+        times = "", ""
+        if not math.isnan(slowest):
+            times = f"{total_seconds(record):.3g}", f"{slowest:.3g}"
+        ended = _counted(cells) if record else UNKNOWN
+        rows.append((study, ended, *times, str(record.get("jobs", ""))))
     return rows
 
 
@@ -306,8 +295,7 @@ def cells_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _counted(cells: Sequence[Mapping[str, Any]]) -> str:
     """How many cells ended how."""
-    statuses = [str(cell.get("status")) for cell in cells]
-    return ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses)) or "0"
+    return counted(str(cell.get("status")) for cell in cells) or "0"
 
 
 def _commit(source: Mapping[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """Values of axes as people write them: in legends, titles and on command lines."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -72,6 +73,11 @@ def spelled(axis: str, value: str) -> str:
 def measure_text(measure: str) -> str:
     """Kind of rows in words."""
     return measure.replace("_", " ").replace(WORK_PRECISION, "work and precision")
+
+
+def counted(words: Iterable[str]) -> str:
+    """How often each word occurs, in the order of their first occurrences."""
+    return ", ".join(f"{count} {word}" for word, count in Counter(words).items())
 
 
 def joined_values(names: Iterable[str], where: Mapping[str, str]) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.text import Entry, text_table, wrapped
 from newmark_cli.report.judging.verdicts import INCOMPLETE
 from newmark_cli.report.reading.choosing import Choice
-from newmark_cli.report.reading.words import quantity
+from newmark_cli.report.reading.words import counted, quantity
 from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
 from newmark_cli.study import axes
 from newmark_cli.study.reading import named_studies, read_rows
@@ -44,16 +44,16 @@ class Shown:
         return list(dict.fromkeys(slope.measure for slope in self.slopes if slope.measure))
 
     @property
-    def verdicts(self) -> Counter[str]:
-        """Verdict → how many series have it."""
-        return Counter(format_verdict(slope) for slope in self.slopes)
+    def verdicts(self) -> list[str]:
+        """Of every series."""
+        return list(map(format_verdict, self.slopes))
 
     def row(self) -> dict[str, Any]:
         """As values for programs, without the series."""
         return {
             "study": self.name, "cells": len(self.statuses),
             "statuses": dict(Counter(self.statuses)), "measures": self.measures,
-            "verdicts": dict(self.verdicts),
+            "verdicts": dict(Counter(self.verdicts)),
         }  # fmt: skip
 
     def data(self) -> dict[str, Any]:
@@ -94,17 +94,18 @@ def choose(studies: Sequence[Shown], choice: Choice) -> list[Shown]:
 
 def listed(studies: Sequence[Shown]) -> str:
     """The studies of a folder: cells, measures and verdicts of each."""
-    return text_table([
-        ("study", "cells", "measures", "series"),
-        *((s.name, _counted(s.statuses), ", ".join(s.measures), _of(s.verdicts)) for s in studies),
-    ])  # fmt: skip
+    rows = [("study", "cells", "measures", "series")]
+    for one in studies:
+        measures = ", ".join(one.measures)
+        rows.append((one.name, counted(one.statuses), measures, counted(one.verdicts)))
+    return text_table(rows)
 
 
 def as_text(study: Shown) -> str:
     """A study's overview, and a table for each problem, form, measure and quantity."""
     overview = (
-        f"{study.name}: {len(study.statuses)} cells: {_counted(study.statuses)}; "
-        f"measures: {', '.join(study.measures) or 'none'}; series: {_of(study.verdicts)}"
+        f"{study.name}: {len(study.statuses)} cells: {counted(study.statuses)}; "
+        f"measures: {', '.join(study.measures) or 'none'}; series: {counted(study.verdicts)}"
     )
     parts = [wrapped(overview)]
     if study.recovered:
@@ -117,14 +118,6 @@ def as_text(study: Shown) -> str:
     for slope in study.chosen:
         tables.setdefault(tuple(getattr(slope, name) for name in _TABLE), []).append(slope)
     return "\n\n".join([*parts, *(_table(slopes) for slopes in tables.values())])
-
-
-def _of(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {word}" for word, count in counts.items())
-
-
-def _counted(statuses: Sequence[str]) -> str:
-    return _of(Counter(statuses))
 
 
 def _table(slopes: Sequence[Slope]) -> str:
