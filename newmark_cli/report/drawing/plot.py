@@ -73,7 +73,7 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chos
         found = [figure for figure in given if _whole(figure, choice)]
         for study in studies:
             # Only when they are asked for: the paper makes tables of them.
-            if not _has_own(study) and (study not in TABLED or choice):
+            if not of_studies([study]) and (study not in TABLED or choice):
                 found += _of_study(study, results, choice, notes)
         shipped = {*TABLED, *(figure.study for figure in FIGURES.values())}
         if lacking and not choice and (not found or shipped & set(studies)):
@@ -104,16 +104,8 @@ def needs_results(names: Sequence[str]) -> bool:
 
 def _whole(figure: Figure, choice: Choice) -> bool:
     """Whether a figure of the project shows nothing but what is chosen."""
-    if not choice:
-        return True
-    given = choice.kinds
-    return bool(figure.curves) and all(
-        choice.keeps(curve.key) and (not given or curve.measure in given) for curve in figure.curves
-    )
-
-
-def _has_own(study: str) -> bool:
-    return any(figure.study == study for figure in FIGURES.values())
+    takes = (choice.takes(curve.key) for curve in figure.curves)
+    return not choice or (bool(figure.curves) and all(takes))
 
 
 def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) -> list[Figure]:
@@ -125,8 +117,7 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
     if own:
         return own
     defined = _defined(study, results)
-    own = [explicit(study, each) for each in defined or () if each.figure]
-    found = [figure for figure in own if _whole(figure, choice)]
+    found = [figure for figure in _own(study, defined) if _whole(figure, choice)]
     found += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
     if not found and defined:
         found = automatic.figures(study, results, None, choice.keeps, choice.kinds)
@@ -156,16 +147,15 @@ def _defined(study: str, results: Results) -> list[Definition] | None:
         raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
 
 
+def _own(study: str, defined: Sequence[Definition] | None) -> list[Figure]:
+    return [explicit(study, each) for each in defined or () if each.figure]
+
+
 def _numbered(studies: Sequence[str], results: Results) -> dict[str, Figure]:
     """Figures by number or word: the shipped ones, and those of configs of one's own."""
-    own = {
-        each.figure: explicit(study, each)
-        for study in studies
-        if not _has_own(study)
-        for each in _defined(study, results) or ()
-        if each.figure
-    }
-    return own | FIGURES
+    theirs = [study for study in studies if not of_studies([study])]
+    own = [figure for study in theirs for figure in _own(study, _defined(study, results))]
+    return {figure.name: figure for figure in own} | FIGURES
 
 
 def of_studies(studies: Iterable[str]) -> list[Figure]:
@@ -176,15 +166,13 @@ def of_studies(studies: Iterable[str]) -> list[Figure]:
 
 def enough(results: Results) -> tuple[list[Figure], list[Figure]]:
     """The project's figures that results are enough for, and the others."""
-    given, lacking = [], []
+    lacking = []
     for figure in FIGURES.values():
         try:
             require(figure, results)
         except ResultsError:
             lacking.append(figure)
-        else:
-            given.append(figure)
-    return given, lacking
+    return [figure for figure in FIGURES.values() if figure not in lacking], lacking
 
 
 def how_to_get(lacking: Sequence[Figure]) -> str:

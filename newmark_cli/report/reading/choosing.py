@@ -39,6 +39,10 @@ class Choice:
             for axis, given in self.values.items()
         )
 
+    def takes(self, series: "Slope | SeriesKey") -> bool:
+        """Whether it has one of the measures, too."""
+        return self.keeps(series) and series.measure in (self.kinds or (series.measure,))
+
     def require(self, slopes: Sequence["Slope"]) -> None:
         """Refuse a word that no series of the results is meant by.
 
@@ -59,7 +63,7 @@ class Choice:
     def series(self, slopes: Sequence["Slope"]) -> list["Slope"]:
         """Series that are chosen; raises `InputError` where none is."""
         self.require(slopes)
-        chosen = [s for s in slopes if self.keeps(s) and s.measure in (self.kinds or (s.measure,))]
+        chosen = list(filter(self.takes, slopes))
         if self and not chosen:
             raise InputError("no series has all that the options choose")
         return chosen
