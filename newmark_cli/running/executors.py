@@ -168,33 +168,20 @@ def local(
         if stopped.is_set():
             raise apart.Stopped
 
-    def threaded(task: Task) -> Done:
-        if stopped.is_set():
-            raise apart.Stopped
-        return perform(task, timeout, checked)
-
     def apart_from_others(task: Task) -> Done:
-        if stopped.is_set():
-            raise apart.Stopped
         done = perform_apart(task, timeout, stopped.is_set)
         on_steps(task.cell.weight)
         return done
 
-    own = _together(
-        {
-            name: task.of(pinned(task.cell.problem))
-            for name, task in tasks.items()
-            if is_code(task.cell.problem)
-        }
-    )
+    code = {name: task for name, task in tasks.items() if is_code(task.cell.problem)}
+    own = _together({n: task.of(pinned(task.cell.problem)) for n, task in code.items()})
     threads = ThreadPoolExecutor(max_workers=jobs)
     waiting = ThreadPoolExecutor(max_workers=max(min(jobs, len(own)), 1))
     futures: dict[Future[Done], int] = {}
     try:
         futures |= {waiting.submit(apart_from_others, task): name for name, task in own.items()}
-        futures |= {
-            threads.submit(threaded, task): name for name, task in tasks.items() if name not in own
-        }
+        rest = {name: task for name, task in tasks.items() if name not in own}
+        futures |= {threads.submit(perform, task, timeout, checked): n for n, task in rest.items()}
         yield ((futures[future], future.result()) for future in as_completed(futures))
     finally:
         stopped.set()
