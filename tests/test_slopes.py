@@ -19,19 +19,16 @@ from newmark_cli.report.judging.verdicts import (
 )
 from newmark_cli.report.tables import check, outcomes
 from newmark_cli.study import results
+from newmark_cli.study.axes import series_axes
 from newmark_cli.study.reading import read_study
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 
-USUAL = {
+USUAL = {axis.name: axis.usual for axis in series_axes() if axis.usual} | {
     "study": "own", "problem": "andrews", "integrator": "newmark beta=0.25 gamma=0.5",
-    "form": "u-lambda", "preconditioning": "none", "evaluation": "direct",
-    "precision": "float64", "linear_solver": "dense-lu", "t_end": 1.0, "steps": 1000,
-    "quantity": "lambda", "measure": "correction", "role": "primary", "zeros": 0,
-    "not_converged": 0, "newton_iterations": 4.0, "status": "ok", "row_block": "",
-    "stop": "saturation", "met": "",
-    "formulation": "index-3", "projection": "none",
-    "multipliers": "newton", "start": "consistent", "rounding": 1e-13,
+    "form": "u-lambda", "preconditioning": "none", "linear_solver": "dense-lu", "t_end": 1.0,
+    "steps": 1000, "quantity": "lambda", "measure": "correction", "role": "primary", "zeros": 0,
+    "not_converged": 0, "newton_iterations": 4.0, "status": "ok", "rounding": 1e-13,
 }  # fmt: skip
 
 
@@ -288,7 +285,7 @@ def test_slopes_csv(tmp_path):
         "figure", "study", "form", "preconditioning", "quantity", "measure", "slope", "stderr",
         "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
         "evaluation", "precision", "linear_solver", "stop", "h_from", "h_to", "local_orders",
-        "reason", "formulation", "projection", "multipliers", "start",
+        "reason", "formulation", "projection", "multipliers", "start", "h_sequence", "auxiliary",
     )  # fmt: skip
     kinds = {"evaluation": "compensated", "precision": "float32", "linear_solver": "sparse-lu"}
     table = series(power(-1), **kinds)

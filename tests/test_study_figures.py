@@ -19,6 +19,7 @@ from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
 from newmark_cli.study import results
+from newmark_cli.study.axes import series_axes
 from newmark_cli.study.tabulating import Heading, Layout
 from newmark_cli.support.errors import InputError
 
@@ -29,15 +30,12 @@ H = (1e-1, 1e-2, 1e-3, 1e-4)
 def row(h, value, **columns):
     """Row of a study `mine`, whatever the columns do not say as usual."""
     found = dict.fromkeys(results.COLUMNS, "")
+    found |= {axis.name: axis.usual for axis in series_axes() if axis.usual}
     found |= {
         "study": "mine", "problem": "hoist.yaml", "integrator": TRAPEZOIDAL, "form": "u-lambda",
-        "preconditioning": "optimal", "evaluation": "direct", "precision": "float64",
-        "linear_solver": "dense-lu", "stop": "saturation", "h": h, "t_end": 1.0,
+        "preconditioning": "optimal", "linear_solver": "dense-lu", "h": h, "t_end": 1.0,
         "steps": round(1 / h), "rounding": 1e-16, "quantity": "u", "measure": "error",
-        "role": "primary", "zeros": 0,
-        "not_converged": 0, "newton_iterations": 3.0, "status": "ok", "met": "",
-        "formulation": "index-3", "projection": "none",
-        "multipliers": "newton", "start": "consistent",
+        "role": "primary", "zeros": 0, "not_converged": 0, "newton_iterations": 3.0, "status": "ok",
     }  # fmt: skip
     return found | dict.fromkeys(("rms", "max", "median", "last"), value) | columns
 
