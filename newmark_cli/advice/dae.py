@@ -89,7 +89,7 @@ class DaeAdvice:
         smallest: The smallest accuracy that rounding leaves room for.
         rtol: To set.
         atol: Unknown → to set, in its own unit.
-        sizes: Unknown → how large it becomes; how far u moves.
+        sizes: Unknown → how far u moves, how fast v gets, what errors as large are in ∫λ, ∫η.
         amplified: Equations → the power of h with which λ is amplified, and step sizes (s) below
             which what Newton's iteration leaves, and rounding, fail a test on λ.
         noisy: Step size (s) below which Newton's rest and rounding move λ by 1 % of its size.
@@ -201,7 +201,7 @@ def advised(
         for power, (rest, rounded) in amplified.items()
     }  # fmt: skip
     noisy = 100 * (kappa * accuracy * amplified[-1][0] + amplified[-1][1])
-    end = t_end or float(f"{about.states[-1].t0:.6g}")
+    end = float(f"{about.states[-1].t0:.6g}")
     values = textwrap.fill(", ".join(f"{x:.1e}" for x in atol), 84)
     filled = (_START + lines).format(
         named=named, imports=imports, method=method, rtol=rtol, end=end,
