@@ -22,7 +22,7 @@ from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
 from newmark_cli.report.drawing import automatic
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
-from newmark_cli.report.reading.words import spelled
+from newmark_cli.report.reading.words import value_text
 from newmark_cli.report.tables.check import format_integrator
 from newmark_cli.study import axes, config
 from newmark_cli.study.drawing import Definition
@@ -86,7 +86,7 @@ def test_what_is_printed_can_be_typed(axis):
         label = str(axis.usual if value is None else getattr(value, "label", value))
         printed = {label, axes.in_words(axis.name, label)}
         if axis.name == "integrator":
-            printed |= {format_integrator(label), spelled(axis.name, label)}
+            printed |= {format_integrator(label), value_text(axis.name, label)}
         for text in printed:
             typed = float(text) if axis.name == "h" else text
             assert parsed(axis, typed) == value, text

@@ -120,10 +120,10 @@ def run(arguments: Sequence[str] | None) -> int:
     except SystemExit as ending:  # completion has said what it has to say
         return int(ending.code or 0)
     except (Exception, _Interrupted) as error:
-        return _told(error)
+        return _exit_code(error)
 
 
-def _told(error: BaseException) -> int:
+def _exit_code(error: BaseException) -> int:
     """Print an error and return the exit code.  An error of the program itself is raised."""
     match error:
         case click.exceptions.NoArgsIsHelpError():

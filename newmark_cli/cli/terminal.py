@@ -63,7 +63,7 @@ class Counts(Watcher):
         return self.total - self.done - self.failed
 
 
-class Told(Counts):
+class Reporting(Counts):
     """Tells of a run on stderr: a display on a terminal, and a line per cell when asked for."""
 
     def __init__(self, verbose: bool) -> None:
@@ -169,11 +169,11 @@ def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
     if quiet:
         yield Counts()
         return
-    told = Told(verbose)
+    reporting = Reporting(verbose)
     try:
-        yield told
+        yield reporting
     finally:
-        told.close()
+        reporting.close()
 
 
 class Exporting:

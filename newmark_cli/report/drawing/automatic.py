@@ -18,8 +18,8 @@ from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.figures import Figure, Part, curve_of, looks_of, spelled_by
-from newmark_cli.report.reading.words import measure_text, spelled
+from newmark_cli.report.reading.figures import Figure, Part, curve_of, label_of, looks_of
+from newmark_cli.report.reading.words import measure_text, value_text
 from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
@@ -129,15 +129,15 @@ def _defined(
     found: list[Figure] = []
     for where, grid in groups:
         if definition.name:
-            told = [slugs[axis, value] for axis, value in where.items() if axis in different]
+            named = [slugs[axis, value] for axis, value in where.items() if axis in different]
         else:
-            told = _told(where, kind, slugs)
-        parts_of_name = filter(None, (study, definition.name, *told))
+            named = _name_parts(where, kind, slugs)
+        parts_of_name = filter(None, (study, definition.name, *named))
         name = free("-".join(parts_of_name)[:180], names)
         names.append(name)
         title = _title(where, grid, kind, titles)
         if definition.title is not None:
-            rest = ", ".join(spelled(axis, where[axis]) for axis in where if axis in different)
+            rest = ", ".join(value_text(axis, where[axis]) for axis in where if axis in different)
             title = definition.title and ": ".join(filter(None, (definition.title, rest)))
         parts = tuple(
             Part(
@@ -268,8 +268,8 @@ def _grouped(slopes: Iterable[Slope], names: Sequence[str]) -> dict[tuple[str, .
 
 def _panel(definition: Definition, axis: str, value: str, titles: Mapping[str, str]) -> str:
     """A value that tells panels apart: by its label, a mechanism without one by its title."""
-    given = spelled_by(definition, axis, value)
-    own = axis == "problem" and given == spelled(axis, value)
+    given = label_of(definition, axis, value)
+    own = axis == "problem" and given == value_text(axis, value)
     return titles.get(value, given) if own else given
 
 
@@ -277,24 +277,24 @@ def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str
     """The problem, by its title if it has one, the form, what is in common, what is shown."""
     common = grid.parts[0][1][0].key.named()
     varied = (*grid.series, *grid.panels)
-    told = [
-        titles.get(where[axis]) or spelled(axis, where[axis])
+    parts = [
+        titles.get(where[axis]) or value_text(axis, where[axis])
         for axis in ("problem", "form")
         if axis in where
     ]
     if "preconditioning" not in varied:
         scaling = common["preconditioning"]
-        name = spelled("preconditioning", scaling)
-        told.append("no scaling" if scaling == "none" else f"{name} scaling")
+        name = value_text("preconditioning", scaling)
+        parts.append("no scaling" if scaling == "none" else f"{name} scaling")
     for axis in COMPARABLE:
         if axis in (*varied, "problem", "form", "preconditioning", "quantity"):
             continue
         if axis not in where and common[axis] in (STATIC, SPARSE):
             continue  # `auto` has chosen it
         if common[axis] and common[axis] != _USUAL[axis]:
-            told.append(spelled(axis, common[axis]))
-    told += [spelled("initial", common["initial"])] if common["initial"] else []
-    return f"{', '.join(told)}: {_subject(where, kind)}"
+            parts.append(value_text(axis, common[axis]))
+    parts += [value_text("initial", common["initial"])] if common["initial"] else []
+    return f"{', '.join(parts)}: {_subject(where, kind)}"
 
 
 def _subject(where: Mapping[str, str], kind: str) -> str:
@@ -310,16 +310,16 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
 # -- names of files -----------------------------------------------------------------------------
 
 
-def _told(where: Mapping[str, str], kind: str, slugs: Slugs) -> list[str]:
+def _name_parts(where: Mapping[str, str], kind: str, slugs: Slugs) -> list[str]:
     """Parts of a figure's file name, in the order in which people look for them."""
     order = ("problem", "form", "measure", "quantity", "initial")
-    told = []
+    parts = []
     for axis in (*order, *(axis for axis in where if axis not in order)):
         if axis == "measure":
-            told.append(kind.replace("_", "-"))
+            parts.append(kind.replace("_", "-"))
         elif where.get(axis) and where[axis] not in _ONLY:
-            told.append(slugs[axis, where[axis]])
-    return told
+            parts.append(slugs[axis, where[axis]])
+    return parts
 
 
 def _slugs(slopes: Iterable[Slope]) -> Slugs:

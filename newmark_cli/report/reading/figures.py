@@ -11,7 +11,7 @@ from itertools import product
 from typing import Any
 
 from newmark_cli.report.reading.curves import Curve
-from newmark_cli.report.reading.words import means, spelled
+from newmark_cli.report.reading.words import means, value_text
 from newmark_cli.study import shipped
 from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
 
@@ -58,16 +58,16 @@ class Figure:
         return tuple(curve for part in self.parts for curve in part.curves)
 
 
-def spelled_by(given: Definition, axis: str, value: str) -> str:
+def label_of(given: Definition, axis: str, value: str) -> str:
     """A value of an axis as a definition names it, or as people write it."""
     named = (text for word, text in given.labels.items() if means(axis, word, value))
-    return next(named, spelled(axis, value))
+    return next(named, value_text(axis, value))
 
 
 def curve_of(given: Definition, names: Iterable[str], where: Mapping[str, str]) -> Curve:
     """A series that a definition shows, named by axes."""
-    told = [spelled_by(given, axis, where[axis]) for axis in names if where.get(axis)]
-    return Curve(", ".join(told), **where)
+    labels = [label_of(given, axis, where[axis]) for axis in names if where.get(axis)]
+    return Curve(", ".join(labels), **where)
 
 
 def looks_of(given: Definition, curves: Iterable[Curve]) -> dict[str, Mapping[str, str]]:
@@ -110,7 +110,7 @@ def explicit(study: str, given: Definition) -> Figure:
     titles = {
         key: tuple(
             filter(
-                None, (*(spelled_by(given, *at) for at in zip(several, key, strict=False)), key[-1])
+                None, (*(label_of(given, *at) for at in zip(several, key, strict=False)), key[-1])
             )
         )
         for key in parts

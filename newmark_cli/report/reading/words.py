@@ -42,7 +42,7 @@ def means(axis: str, word: str, value: str) -> bool:
     """
     if not value:
         return False
-    spellings = {value, spelled(axis, value)}
+    spellings = {value, value_text(axis, value)}
     if axis == "integrator":
         spellings.add(value.split()[0])
     if axis == "measure":
@@ -53,7 +53,7 @@ def means(axis: str, word: str, value: str) -> bool:
     return word in spellings or same(word) == value
 
 
-def spelled(axis: str, value: str) -> str:
+def value_text(axis: str, value: str) -> str:
     """A value of an axis as legends and titles have it."""
     if axis == "problem":
         return re.sub(r"\.ya?ml$", "", value)
@@ -82,7 +82,7 @@ def counted(words: Iterable[str]) -> str:
 
 def joined_values(names: Iterable[str], where: Mapping[str, str]) -> str:
     """Values of axes, a comma between them; what a series has nothing of is left out."""
-    return ", ".join(spelled(axis, where[axis]) for axis in names if where[axis])
+    return ", ".join(value_text(axis, where[axis]) for axis in names if where[axis])
 
 
 def quantity(series: "Slope | Curve") -> str:

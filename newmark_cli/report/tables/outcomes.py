@@ -37,7 +37,7 @@ class Outcome:
         return self.verdict in (*FAILING, *((UNDECIDED,) if strict else ()))
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """Verdict and text."""
         return f"{self.verdict}: {self.text}" if self.text else self.verdict
 
@@ -136,7 +136,7 @@ def _case(suite: ElementTree.Element, each: Outcome, strict: bool) -> None:
     kind = "skipped"
     if each.fails(strict):
         kind = "error" if each.erroneous else "failure"
-    ElementTree.SubElement(case, kind, message=visible(each.told), type=each.verdict)
+    ElementTree.SubElement(case, kind, message=visible(each.description), type=each.verdict)
 
 
 def _count(element: ElementTree.Element) -> None:

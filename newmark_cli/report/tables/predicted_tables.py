@@ -16,7 +16,7 @@ from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import BESIDE_TABLE_2, TABLE_2, VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 from newmark_cli.report.judging.fits import format_order
-from newmark_cli.report.reading.words import spelled
+from newmark_cli.report.reading.words import value_text
 from newmark_cli.report.tables.table import Record, Report, Table, pivoted
 from newmark_cli.study.measures import symbol
 
@@ -115,7 +115,7 @@ def _factors(form: str, blocks: Iterable[tuple[str, str]]) -> Iterator[str]:
 
 def form_name(form: str) -> str:
     """A form as headings have it."""
-    return spelled("form", form).removesuffix(" form")
+    return value_text("form", form).removesuffix(" form")
 
 
 def block_name(side: str, block: str) -> str:

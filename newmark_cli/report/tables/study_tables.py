@@ -13,7 +13,7 @@ from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.words import joined_values, spelled
+from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import ALIASES
@@ -188,7 +188,7 @@ def _entry(slope: Slope, values: Iterable[str]) -> str:
 
 
 def _row_name(axis: str, value: str) -> str:
-    return spelled(axis, value).removesuffix(" form") if value else MISSING
+    return value_text(axis, value).removesuffix(" form") if value else MISSING
 
 
 def _list(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
