@@ -4,8 +4,8 @@ Every entry of J and of its inverse is a rational function of h.  With a prime p
 small whole numbers for everything else, its order in h is its p-adic valuation: p divides
 none of the other numbers but by a chance of 1e-18.  Sums that cancel, cancel exactly.
 
-Nothing here comes from the package: rows, relations and the weights of each form are
-written out a second time for all formulations.
+Nothing here comes from the package: rows and relations are written out a second time for all
+formulations, and the weights of each form are those of `oracles`.
 """
 
 import itertools
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import oracles
 
 #: In place of h.
 PRIME = 2**61 - 1
@@ -83,6 +84,12 @@ class Number:
             return ZERO
         return Number(self.order + other.order, self.unit * other.unit % _MODULUS)
 
+    def __pow__(self, power: int) -> "Number":
+        return self if power == 1 else self * self ** (power - 1)
+
+    def __rtruediv__(self, other: int) -> "Number":
+        return Number.of(other) / self
+
     def __truediv__(self, other: "Number") -> "Number":
         if not self.unit:
             return ZERO
@@ -95,15 +102,7 @@ ONE = Number(0, 1)
 H = Number(1, 1)
 
 #: Form → (kept fields, kept relations).
-LAYOUT: Mapping[str, tuple[str, str]] = {
-    "u-v-a-lambda": ("uva", "VK"),
-    "u-v-lambda": ("uv", "K"),
-    "u-lambda": ("u", ""),
-    "v-lambda": ("v", ""),
-    "a-lambda": ("a", ""),
-    "u-a-lambda": ("ua", "K"),
-    "v-a-lambda": ("va", "V"),
-}
+LAYOUT = {form: (kept, rows[1:-1]) for form, (rows, kept, _) in oracles.FORMS.items()}
 #: Formulation → rows of constraints.
 CONSTRAINTS: Mapping[str, tuple[str, ...]] = {
     "index-3": ("C",),
@@ -276,7 +275,7 @@ class Measured:
     """
 
     def __init__(self, system: System, form: str, formulation: str) -> None:
-        self._system, self._formulation = system, formulation
+        self._system, self._form, self._formulation = system, form, formulation
         self._kept, relations = LAYOUT[form]
         constraints = CONSTRAINTS[formulation]
         self.rows = ("D", *relations, *constraints)
@@ -300,22 +299,15 @@ class Measured:
         """u, v, a of the kept fields, and the coefficients of Pη, worked out by hand."""
         s = self._system
         b, g = s.beta * H * H, s.gamma * H
-        table = {
-            "uva": {"u": [ONE, ZERO, ZERO], "v": [ZERO, ONE, ZERO], "a": [ZERO, ZERO, ONE]},
-            "uv": {"u": [ONE, ZERO], "v": [ZERO, ONE], "a": [ZERO, ONE / g]},
-            "u": {"u": [ONE], "v": [g / b], "a": [ONE / b]},
-            "v": {"u": [b / g], "v": [ONE], "a": [ONE / g]},
-            "a": {"u": [b], "v": [g], "a": [ONE]},
-            "ua": {"u": [ONE, ZERO], "v": [ZERO, g], "a": [ZERO, ONE]},
-            "va": {"u": [ZERO, b], "v": [ONE, ZERO], "a": [ZERO, ONE]},
-        }
+        table = oracles.FORMS[self._form][2](s.beta, s.gamma, H)
+        weights = [[x if isinstance(x, Number) else Number.of(x) for x in row] for row in table]
         # K reads u = β̃ a + Pη + …: where it eliminates u, η moves u; where a, it moves a and v.
         of_eta = {"u": ZERO, "v": ZERO, "a": ZERO}
         if self._kept in ("v", "a", "va"):
             of_eta["u"] = ONE
         if self._kept == "u":
             of_eta |= {"v": -(g / b), "a": -(ONE / b)}
-        return table[self._kept], of_eta
+        return dict(zip("uva", weights, strict=True)), of_eta
 
     def _constraint(self, row: str) -> tuple[Matrix, Matrix, Matrix]:
         """Derivatives of a row of constraints in u, v and a."""

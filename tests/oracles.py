@@ -177,46 +177,37 @@ def andrews():
 
 REFERENCES = {"pendulum": pendulum, "andrews": andrews}
 
+
+def _of_force(b, g, h):
+    return b * h**2
+
+
+def _of_relation(b, g, h):
+    return b * h / g
+
+
+def _of_velocity(b, g, h):
+    return g / (b * h)
+
+
+def _of_acceleration(b, g, h):
+    return 1 / (b * h**2)
+
+
+_D, _LAMBDA = {"D": _of_force}, {"lambda": _of_acceleration}
 #: Table 2, typed again, with the V row that makes C constant: (left, right) of
 #: D V K C and u v a lambda, as functions of β, γ, h.
 TABLE_2 = {
-    "u-v-a-lambda": (
-        {"D": lambda b, g, h: b * h**2, "V": lambda b, g, h: b * h / g},
-        {
-            "v": lambda b, g, h: g / (b * h),
-            "a": lambda b, g, h: 1 / (b * h**2),
-            "lambda": lambda b, g, h: 1 / (b * h**2),
-        },
-    ),
-    "u-v-lambda": (
-        {"D": lambda b, g, h: b * h**2},
-        {"v": lambda b, g, h: g / (b * h), "lambda": lambda b, g, h: 1 / (b * h**2)},
-    ),
-    "u-lambda": (
-        {"D": lambda b, g, h: b * h**2},
-        {"lambda": lambda b, g, h: 1 / (b * h**2)},
-    ),
-    "v-lambda": (
-        {"D": lambda b, g, h: g * h**2},
-        {"v": lambda b, g, h: 1 / (g * h), "lambda": lambda b, g, h: 1 / (b * h**2)},
-    ),
-    "a-lambda": (
-        {"D": lambda b, g, h: b * h**2},
-        {"a": lambda b, g, h: 1 / (b * h**2), "lambda": lambda b, g, h: 1 / (b * h**2)},
-    ),
-    "u-a-lambda": (
-        {"D": lambda b, g, h: b * h**2},
-        {"a": lambda b, g, h: 1 / (b * h**2), "lambda": lambda b, g, h: 1 / (b * h**2)},
-    ),
-    "v-a-lambda": (
-        {"D": lambda b, g, h: b * h**2, "V": lambda b, g, h: b * h / g},
-        {
-            "v": lambda b, g, h: g / (b * h),
-            "a": lambda b, g, h: 1 / (b * h**2),
-            "lambda": lambda b, g, h: 1 / (b * h**2),
-        },
-    ),
-}
+    "u-v-a-lambda": (_D | {"V": _of_relation},
+                     {"v": _of_velocity, "a": _of_acceleration} | _LAMBDA),
+    "u-v-lambda": (_D, {"v": _of_velocity} | _LAMBDA),
+    "u-lambda": (_D, _LAMBDA),
+    "v-lambda": ({"D": lambda b, g, h: g * h**2}, {"v": lambda b, g, h: 1 / (g * h)} | _LAMBDA),
+    "a-lambda": (_D, {"a": _of_acceleration} | _LAMBDA),
+    "u-a-lambda": (_D, {"a": _of_acceleration} | _LAMBDA),
+    "v-a-lambda": (_D | {"V": _of_relation},
+                   {"v": _of_velocity, "a": _of_acceleration} | _LAMBDA),
+}  # fmt: skip
 
 #: Form → rows, and weights of u, v, a in the kept unknowns (Section 1's table).
 FORMS = {

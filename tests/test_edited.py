@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-import sys
 from dataclasses import replace
 
 import pytest
@@ -130,29 +129,6 @@ def test_studies(tmp_path, monkeypatch, kind):
         assert recorded == {file: digest(tmp_path / file) for file in files}
     assert found[1] == pytest.approx(2 * found[0], rel=1e-12)
     assert len(list((tmp_path / "out/cells").iterdir())) == 2
-
-
-@each("kind", ["force", "module of a force", "python", "module"])
-def test_marches_of_code(tmp_path, monkeypatch, kind):
-    """Also of a module that the notebook has imported itself, and keeps as it was."""
-    monkeypatch.syspath_prepend(tmp_path)
-    written(tmp_path, KINDS[kind][1])
-    given = str(tmp_path / "q.yaml"), {"allow_code": True}
-    if KINDS[kind][0] == PYTHON:
-        given = f"{tmp_path}/mine.py:hangs", {}
-    import size
-
-    try:
-        found = []
-        for change in (None, edited):
-            if change:
-                change(tmp_path, kind)
-            subject = newmark.problem(given[0], **given[1])
-            found.append(newmark.march(subject, h=1e-3, t_end=1e-3).a[0, 0])
-        assert sys.modules["size"] is size
-    finally:
-        del sys.modules["size"]
-    assert found == [3.0, 6.0]
 
 
 # -- between reading and marching -----------------------------------------------------------

@@ -178,17 +178,14 @@ def test_systems_of_an_iterative_solver():
     assert [(system.step, system.iterations) for system in stuck] == [(1, 1)]
 
 
-@each(
-    "options, message",
-    [
-        ({"steps": 3}, "steps must be a list of numbers, given 3"),
-        ({"steps": []}, "steps must name a step, given none"),
-        ({"steps": [0]}, "steps must be at least 1, given 0"),
-        ({"steps": [1], "every": 2}, "every: linear_systems keeps nothing"),
-        ({"steps": [1], "every_iteration": 1}, "every_iteration must be True or False"),
-        ({"steps": [1], "precision": "float32"}, "precision float32: only systems of marches in"),
-    ],
-)
+@each("options, message", [
+    ({"steps": 3}, "steps must be a list of numbers, given 3"),
+    ({"steps": []}, "steps must name a step, given none"),
+    ({"steps": [0]}, "steps must be at least 1, given 0"),
+    ({"steps": [1], "every": 2}, "every: linear_systems keeps nothing"),
+    ({"steps": [1], "every_iteration": 1}, "every_iteration must be True or False"),
+    ({"steps": [1], "precision": "float32"}, "precision float32: only systems of marches in"),
+])  # fmt: skip
 def test_what_no_systems_are_to_be_had_of(options, message):
     """One sentence, before anything is marched."""
     with pytest.raises((ArgumentError, InputError), match=f"^{message}"):
@@ -349,26 +346,21 @@ def test_problems_in_python(cli):
         assert np.array_equal(b, system.rhs)
 
 
-@each(
-    "arguments, message",
-    [
-        (("nonsense",), "nonsense: no study and no problem of this name; allowed: all-forms"),
-        (("sensitivity",), "nothing to export: 10 cells left out: they measure at the initial"),
-        (("pendulum", "--steps", "1,x"), "Invalid value for '--steps': must be numbers of steps"),
-        (("pendulum", "--steps", "1", "--every", "1"), "--steps and --every: give one of them"),
-        (("pendulum", "--h", "nan"), "Invalid value for '--h': must be positive, given nan"),
-        (("pendulum", "--form", "w"), "command line: form[1]: unknown form 'w'"),
-        (("pendulum", "--steps", "9", "--t-end", "1e-3"), "step 9 is past the last step: the"),
-        (("pendulum", "--every", "1", "--t-end", "1"), "systems of 20202000 steps are more than"),
-        (
-            ("pendulum", "--h", "1e-200"),
-            "nothing to export: pendulum u-lambda none h=1e-200 steps=100",
-        ),
-        (("pendulum", "--out", "file"), "file: cannot be written: it is not a folder"),
-        (("pendulum", "--out", "file/new"), "file/new: cannot be written: "),
-        (("pendulum", "--out", "link"), "link: cannot be written: it is a symbolic link"),
-    ],
-)
+@each("arguments, message", [
+    (("nonsense",), "nonsense: no study and no problem of this name; allowed: all-forms"),
+    (("sensitivity",), "nothing to export: 10 cells left out: they measure at the initial"),
+    (("pendulum", "--steps", "1,x"), "Invalid value for '--steps': must be numbers of steps"),
+    (("pendulum", "--steps", "1", "--every", "1"), "--steps and --every: give one of them"),
+    (("pendulum", "--h", "nan"), "Invalid value for '--h': must be positive, given nan"),
+    (("pendulum", "--form", "w"), "command line: form[1]: unknown form 'w'"),
+    (("pendulum", "--steps", "9", "--t-end", "1e-3"), "step 9 is past the last step: the"),
+    (("pendulum", "--every", "1", "--t-end", "1"), "systems of 20202000 steps are more than"),
+    (("pendulum", "--h", "1e-200"),
+     "nothing to export: pendulum u-lambda none h=1e-200 steps=100"),
+    (("pendulum", "--out", "file"), "file: cannot be written: it is not a folder"),
+    (("pendulum", "--out", "file/new"), "file/new: cannot be written: "),
+    (("pendulum", "--out", "link"), "link: cannot be written: it is a symbolic link"),
+])  # fmt: skip
 def test_what_cannot_be_exported_is_refused(cli, arguments, message):
     """In one line, and nothing is written."""
     cli.write("file", "mine")

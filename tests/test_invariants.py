@@ -215,24 +215,19 @@ def test_forces_are_slopes_of_the_energy():
         assert -slope == pytest.approx(force[i], abs=1e-8)
 
 
-@each(
-    ("addition", "conserved"),
-    [
-        ("", True),
-        ("dampers: {d: {from: W, to: C, damping: 0}}\n", True),
-        ("dampers: {d: {from: W, to: C, damping: 1}}\n", False),
-        ("torques: {t: {on: one, torque: 0}}\n", True),
-        ("torques: {t: {on: one, torque: 2}}\n", False),
-        ("motions: {m: {point: C, x: {}}}\nproject_velocities: true\n", True),
-        ("motions: {m: {point: C, x: {value: 0.3}}}\nproject_velocities: true\n", True),
-        ("motions: {m: {point: C, x: {rate: 1}}}\nproject_velocities: true\n", False),
-        ("motions: {m: {body: one, angle: {acceleration: 1}}}\nproject_velocities: true\n", False),
-        (
-            "motions: {m: {point: C, y: {amplitude: 1, frequency: 2}}}\nproject_velocities: true\n",
-            False,
-        ),
-    ],
-)
+@each(("addition", "conserved"), [
+    ("", True),
+    ("dampers: {d: {from: W, to: C, damping: 0}}\n", True),
+    ("dampers: {d: {from: W, to: C, damping: 1}}\n", False),
+    ("torques: {t: {on: one, torque: 0}}\n", True),
+    ("torques: {t: {on: one, torque: 2}}\n", False),
+    ("motions: {m: {point: C, x: {}}}\nproject_velocities: true\n", True),
+    ("motions: {m: {point: C, x: {value: 0.3}}}\nproject_velocities: true\n", True),
+    ("motions: {m: {point: C, x: {rate: 1}}}\nproject_velocities: true\n", False),
+    ("motions: {m: {body: one, angle: {acceleration: 1}}}\nproject_velocities: true\n", False),
+    ("motions: {m: {point: C, y: {amplitude: 1, frequency: 2}}}\nproject_velocities: true\n",
+     False),
+])  # fmt: skip
 def test_what_conserves_energy(addition, conserved):
     """Nothing that damps, drives or moves with time."""
     subject = built(SPRUNG + addition)

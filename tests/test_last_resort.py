@@ -92,16 +92,11 @@ def test_developers_get_the_traceback(cli):
     assert done.returncode == 70
 
 
-@each(
-    ("code", "said"),
-    [
-        (r"import warnings; warnings.warn('two\nlines')", "two lines"),
-        (
-            "import logging; logging.getLogger('matplotlib.font').warning('no %s', 'font')",
-            "matplotlib: no font",
-        ),
-    ],
-)
+@each(("code", "said"), [
+    (r"import warnings; warnings.warn('two\nlines')", "two lines"),
+    ("import logging; logging.getLogger('matplotlib.font').warning('no %s', 'font')",
+     "matplotlib: no font"),
+])  # fmt: skip
 def test_what_libraries_print_is_a_line(cli, code, said):
     """Warnings and log messages; the command goes on."""
     done = broken(cli, code, "--form", "u-lambda")

@@ -45,18 +45,15 @@ def test_orders_add(first, second):
     assert (a**-1).order() == -a.order()
 
 
-@each(
-    "text, value, order",
-    [
-        ("beta*h^2", 0.25 * 1e-4, 2),
-        ("1/(beta*h^2)", 4e4, -2),
-        ("gamma/(beta*h)", 200.0, -1),
-        ("2.5e-1 * h**-1", 25.0, -1),
-        ("h/gamma/gamma", 0.04, 1),
-        ("((h))^3", 1e-6, 3),
-        ("7", 7.0, 0),
-    ],
-)
+@each("text, value, order", [
+    ("beta*h^2", 0.25 * 1e-4, 2),
+    ("1/(beta*h^2)", 4e4, -2),
+    ("gamma/(beta*h)", 200.0, -1),
+    ("2.5e-1 * h**-1", 25.0, -1),
+    ("h/gamma/gamma", 0.04, 1),
+    ("((h))^3", 1e-6, 3),
+    ("7", 7.0, 0),
+])  # fmt: skip
 def test_known_texts(text, value, order):
     """Texts as users write them."""
     monomial = Monomial.parse(text)
@@ -64,27 +61,24 @@ def test_known_texts(text, value, order):
     assert monomial.order() == order
 
 
-@each(
-    ("text", "reason"),
-    [
-        ("h +", "not a product"),
-        ("h + 1", "only numbers"),
-        ("beta*x", "unknown symbol 'x'"),
-        ("0", "not positive"),
-        ("-h", "must be positive"),
-        ("1/0", "division by zero"),
-        ("h^0.5", "whole numbers"),
-        ("h^999999999", "whole numbers"),
-        ("10^16^16", "whole numbers"),
-        ("__import__('os')", "only numbers"),
-        ("h.real", "only numbers"),
-        ("1e308*10", "not positive"),
-        ("(" * 100 + "h" + ")" * 100, "longer than"),
-        ("", "not a product"),
-        ("1or h", "not a product"),
-        ("h" * 300, "longer than"),
-    ],
-)
+@each(("text", "reason"), [
+    ("h +", "not a product"),
+    ("h + 1", "only numbers"),
+    ("beta*x", "unknown symbol 'x'"),
+    ("0", "not positive"),
+    ("-h", "must be positive"),
+    ("1/0", "division by zero"),
+    ("h^0.5", "whole numbers"),
+    ("h^999999999", "whole numbers"),
+    ("10^16^16", "whole numbers"),
+    ("__import__('os')", "only numbers"),
+    ("h.real", "only numbers"),
+    ("1e308*10", "not positive"),
+    ("(" * 100 + "h" + ")" * 100, "longer than"),
+    ("", "not a product"),
+    ("1or h", "not a product"),
+    ("h" * 300, "longer than"),
+])  # fmt: skip
 def test_refused(text, reason):
     """Everything else is refused with a reason, never evaluated, and Python does not warn."""
     with warnings.catch_warnings(record=True) as warned:

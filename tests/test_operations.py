@@ -103,15 +103,12 @@ def test_full_matrices(size):
     )
 
 
-@each(
-    "name, formulation, form",
-    [
-        ("pendulum", "index-3", "u-v-a-lambda"),
-        ("andrews", "index-3", "a-lambda"),
-        ("andrews", "augmented-lagrangian factor=10", "a-lambda"),
-        ("slider-crank", "ggl", "a-lambda"),
-    ],
-)
+@each("name, formulation, form", [
+    ("pendulum", "index-3", "u-v-a-lambda"),
+    ("andrews", "index-3", "a-lambda"),
+    ("andrews", "augmented-lagrangian factor=10", "a-lambda"),
+    ("slider-crank", "ggl", "a-lambda"),
+])  # fmt: skip
 def test_eliminations_of_mechanisms(name, formulation, form):
     """As a plain elimination counts on random numbers at the places of the matrix."""
     subject = subject_of(name)
@@ -139,17 +136,14 @@ def counted(function):
 
 
 @each("evaluation", ["direct", "compensated"])
-@each(
-    "formulation, projection",
-    [
-        *((name, "none") for name in ("index-3", "index-2", "index-1", "baumgarte rate_h=1")),
-        ("ggl", "none"),
-        ("augmented-lagrangian factor=10", "none"),
-        *(("index-3", projection) for projection in PROJECTIONS[1:]),
-        ("ggl", "velocity"),
-        ("index-1", "position-velocity accelerations"),
-    ],
-)
+@each("formulation, projection", [
+    *((name, "none") for name in ("index-3", "index-2", "index-1", "baumgarte rate_h=1")),
+    ("ggl", "none"),
+    ("augmented-lagrangian factor=10", "none"),
+    *(("index-3", projection) for projection in PROJECTIONS[1:]),
+    ("ggl", "velocity"),
+    ("index-1", "position-velocity accelerations"),
+])  # fmt: skip
 def test_calls_of_the_kernel(formulation, projection, evaluation, monkeypatch):
     """Functions of the mechanism and systems of projections, as often as the kernel takes them.
 

@@ -168,79 +168,41 @@ def test_any_object_with_the_attributes_serves(tmp_path):
     np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
 
 
-@each(
-    "old, new, words",
-    [
-        ("return Problem()", "raise KeyError('oops')", "line 13: factory failed: KeyError: 'oops'"),
-        (
-            "return Problem()",
-            "return 3",
-            "line 12: factory returned 3, which lacks mass_matrix, u0",
-        ),
-        ("def factory", "def other", "has no function 'factory'"),
-        ("import numpy", "import nmpy", "line 2: ModuleNotFoundError"),
-        ("class Problem:", "class Problem", "line 3: SyntaxError"),
-        (
-            "np.array([0.0, -1.0])",
-            "np.zeros(3)",
-            "line 7: force returned an array of shape (3,), expected an array of shape (2,)",
-        ),
-        ("np.array([0.0, -1.0])", "'down'", "line 7: force returned 'down', expected an array"),
-        ("np.array([0.0, -1.0])", "[0, [1]]", "line 7: force returned a list, expected an array"),
-        ("np.array([0.0, -1.0])", "1 / 0", "mine.py, line 7: force failed: ZeroDivisionError"),
-        (
-            "np.array([0.0, -1.0])",
-            "np.array([0.0, np.nan])",
-            "line 7: force is not finite at the start: component 2 is nan",
-        ),
-        (
-            "np.array([(u @ u - 1) / 2])",
-            "(u @ u - 1) / 2",
-            "line 8: constraints returned 0.0, expected an array of shape (m,)",
-        ),
-        (
-            "u[:, None]",
-            "u",
-            "line 9: gradient returned an array of shape (2,), expected an array of shape (2, 1)",
-        ),
-        (
-            "u[:, None]",
-            "2 * u[:, None]",
-            "line 9: gradient disagrees with differences in row 1, column 1",
-        ),
-        ("u[:, None]", "0 * u[:, None]", "redundant"),
-        (
-            "-multipliers[0] * np.eye",
-            "multipliers[0] * np.eye",
-            "line 10: stiffness disagrees with",
-        ),
-        (
-            "np.zeros((2, 2))",
-            "np.ones((2, 2))",
-            "line 11: damping disagrees with differences in row 1",
-        ),
-        (
-            "np.eye(2)\n    u0",
-            "np.zeros((2, 2))\n    u0",
-            "mass_matrix must be positive: it has a negative eigenvalue, or is 0",
-        ),
-        (
-            "np.eye(2)\n    u0",
-            "np.eye(3)\n    u0",
-            "mass_matrix must be an array of shape (2, 2), given an array",
-        ),
-        (
-            "u0 = np.array([1.0, 0.0])",
-            "u0 = 'here'",
-            "line 12: factory: u0 must be an array of shape (n,), given 'here'",
-        ),
-        ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 violates the constraints"),
-        ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a number, given None"),
-        ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 violates the constraints"),
-        ("v0 = np.array([0.0, 0.0])", "v0 = [0, .nan]".replace(".", "np."), "v0 must be finite"),
-        ("    u0 =", "    energy = 3\n    u0 =", "factory: energy must be a function, given 3"),
-    ],
-)
+@each("old, new, words", [
+    ("return Problem()", "raise KeyError('oops')", "line 13: factory failed: KeyError: 'oops'"),
+    ("return Problem()", "return 3", "line 12: factory returned 3, which lacks mass_matrix, u0"),
+    ("def factory", "def other", "has no function 'factory'"),
+    ("import numpy", "import nmpy", "line 2: ModuleNotFoundError"),
+    ("class Problem:", "class Problem", "line 3: SyntaxError"),
+    ("np.array([0.0, -1.0])", "np.zeros(3)",
+     "line 7: force returned an array of shape (3,), expected an array of shape (2,)"),
+    ("np.array([0.0, -1.0])", "'down'", "line 7: force returned 'down', expected an array"),
+    ("np.array([0.0, -1.0])", "[0, [1]]", "line 7: force returned a list, expected an array"),
+    ("np.array([0.0, -1.0])", "1 / 0", "mine.py, line 7: force failed: ZeroDivisionError"),
+    ("np.array([0.0, -1.0])", "np.array([0.0, np.nan])",
+     "line 7: force is not finite at the start: component 2 is nan"),
+    ("np.array([(u @ u - 1) / 2])", "(u @ u - 1) / 2",
+     "line 8: constraints returned 0.0, expected an array of shape (m,)"),
+    ("u[:, None]", "u",
+     "line 9: gradient returned an array of shape (2,), expected an array of shape (2, 1)"),
+    ("u[:, None]", "2 * u[:, None]",
+     "line 9: gradient disagrees with differences in row 1, column 1"),
+    ("u[:, None]", "0 * u[:, None]", "redundant"),
+    ("-multipliers[0] * np.eye", "multipliers[0] * np.eye", "line 10: stiffness disagrees with"),
+    ("np.zeros((2, 2))", "np.ones((2, 2))",
+     "line 11: damping disagrees with differences in row 1"),
+    ("np.eye(2)\n    u0", "np.zeros((2, 2))\n    u0",
+     "mass_matrix must be positive: it has a negative eigenvalue, or is 0"),
+    ("np.eye(2)\n    u0", "np.eye(3)\n    u0",
+     "mass_matrix must be an array of shape (2, 2), given an array"),
+    ("u0 = np.array([1.0, 0.0])", "u0 = 'here'",
+     "line 12: factory: u0 must be an array of shape (n,), given 'here'"),
+    ("u0 = np.array([1.0, 0.0])", "u0 = np.array([1.1, 0.0])", "u0 violates the constraints"),
+    ("    u0 =", "    t0 = None\n    u0 =", "t0 must be a number, given None"),
+    ("v0 = np.array([0.0, 0.0])", "v0 = np.array([1.0, 0.0])", "v0 violates the constraints"),
+    ("v0 = np.array([0.0, 0.0])", "v0 = [0, .nan]".replace(".", "np."), "v0 must be finite"),
+    ("    u0 =", "    energy = 3\n    u0 =", "factory: energy must be a function, given 3"),
+])  # fmt: skip
 def test_mistakes_are_named(tmp_path, old, new, words):
     """One line that says which file, which function, what was given."""
     assert old in GOOD

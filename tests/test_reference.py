@@ -235,14 +235,11 @@ def pushed(mass, t):
     )
 
 
-@each(
-    "motion, most",
-    [
-        (bead, 3e-11),
-        (prescribed, 1e-11),
-        *((partial(pushed, mass), 2e-12) for mass in (1e-3, 1.0, 1e3)),
-    ],
-)
+@each("motion, most", [
+    (bead, 3e-11),
+    (prescribed, 1e-11),
+    *((partial(pushed, mass), 2e-12) for mass in (1e-3, 1.0, 1e3)),
+])  # fmt: skip
 def test_references_by_differences_are_as_good_as_they_say(motion, most):
     """Φ_t and Φ'' are found by differences, whose errors are alike in all solutions."""
     t = 0.37
@@ -294,13 +291,10 @@ def test_index_1_system_by_both_factorisations(monkeypatch):
     np.testing.assert_allclose(gradient @ normal, subject.M @ (v - speed), atol=1e-11)
 
 
-@each(
-    "limit, value, words",
-    [
-        ("_MOST_STEPS", 20, r"no reference beyond t = 0\.\d+, which 20 steps"),
-        ("_WORST", 1e-13, r"so sensitive that its solutions .* are .* apart"),
-    ],
-)
+@each("limit, value, words", [
+    ("_MOST_STEPS", 20, r"no reference beyond t = 0\.\d+, which 20 steps"),
+    ("_WORST", 1e-13, r"so sensitive that its solutions .* are .* apart"),
+])  # fmt: skip
 def test_motions_without_a_reference(monkeypatch, limit, value, words):
     """Work is bounded, and how far it came is said; two solutions that differ are none."""
     monkeypatch.setattr(reference, limit, value)
@@ -369,14 +363,11 @@ def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
     assert record["lambda_scale"] == first.scales.tolist()
 
 
-@each(
-    "damage",
-    [
-        lambda text: text[: len(text) // 2],
-        lambda text: text.replace('"v": [', '"v": [NaN,', 1).replace(",\n", ",", 1),
-        lambda text: text.replace('"content": "', '"content": "0'),
-    ],
-)
+@each("damage", [
+    lambda text: text[: len(text) // 2],
+    lambda text: text.replace('"v": [', '"v": [NaN,', 1).replace(",\n", ",", 1),
+    lambda text: text.replace('"content": "', '"content": "0'),
+])  # fmt: skip
 def test_damaged_files_are_written_anew(tmp_path, counted, damage):
     """Cut off, of another shape, of something else: computed again, and mended."""
     counted.clear()
@@ -398,16 +389,13 @@ gravity: [0, -1]
 """
 
 
-@each(
-    "old, new",
-    [
-        ("stiffness: 2", "stiffness: 2.0000000000000004"),
-        ("mass: 1", "mass: 2"),
-        ("[0.6, 0.8]", "[0.8, 0.6]"),
-        ("mass: 1}", "mass: 1, velocity: [-0.8, 0.6]}"),
-        ("gravity: [0, -1]", "gravity: [0, -2]"),
-    ],
-)
+@each("old, new", [
+    ("stiffness: 2", "stiffness: 2.0000000000000004"),
+    ("mass: 1", "mass: 2"),
+    ("[0.6, 0.8]", "[0.8, 0.6]"),
+    ("mass: 1}", "mass: 1, velocity: [-0.8, 0.6]}"),
+    ("gravity: [0, -1]", "gravity: [0, -2]"),
+])  # fmt: skip
 def test_changed_mechanism_has_another_reference(monkeypatch, old, new):
     """Every number of a mechanism counts, to the last bit; its name does not."""
     problems = [built(SWING), built(SWING, "other"), built(SWING.replace(old, new))]

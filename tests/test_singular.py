@@ -120,16 +120,13 @@ CHANGE_POINT_BARS = """\
 """
 
 
-@each(
-    "linkage, bars, t, guess",
-    [
-        (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.0, 2.3),
-        (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.9, 5.4),
-        (PARALLELOGRAM, PARALLELOGRAM_BARS, 0.6, 4.3),
-        (PARALLELOGRAM, PARALLELOGRAM_BARS, 1.0, 7.0),
-        (CHANGE_POINT, CHANGE_POINT_BARS, 0.3, 4.3),
-    ],
-)
+@each("linkage, bars, t, guess", [
+    (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.0, 2.3),
+    (SLIDER_CRANK, SLIDER_CRANK_BARS.replace("ROD", "1"), 1.9, 5.4),
+    (PARALLELOGRAM, PARALLELOGRAM_BARS, 0.6, 4.3),
+    (PARALLELOGRAM, PARALLELOGRAM_BARS, 1.0, 7.0),
+    (CHANGE_POINT, CHANGE_POINT_BARS, 0.3, 4.3),
+])  # fmt: skip
 def test_motions_through_dead_centres(linkage, bars, t, guess):
     """They keep to their branch, to the accuracy that the reference says, which is high."""
     subject = built(mechanism(linkage, bars))
@@ -277,21 +274,18 @@ def test_smallest_singular_value(angle):
 TIMES = np.array([-0.5, -0.3, -0.12, 0.07, 0.25, 0.41])
 
 
-@each(
-    "value, expected",
-    [
-        (lambda t: t, [(0.0, True)]),
-        (lambda t: t - 0.07, [(0.07, True)]),
-        (lambda t: np.sin(t) - 0.2, [(math.asin(0.2), True)]),
-        (lambda t: 0.1 * t**3, [(0.0, False)]),
-        (lambda t: 0.1 * (t - 0.05) ** 2, [(0.05, False)]),
-        (lambda t: 0.1 * (t - 0.07) ** 2, [(0.07, False)]),
-        (lambda t: np.hypot(t, 0.05), []),
-        (lambda t: 0.001 + t**2, []),
-        (lambda t: 1 + t, []),
-        (lambda t: (t - 0.3) * (t + 0.2), [(-0.2, True), (0.3, True)]),
-    ],
-)
+@each("value, expected", [
+    (lambda t: t, [(0.0, True)]),
+    (lambda t: t - 0.07, [(0.07, True)]),
+    (lambda t: np.sin(t) - 0.2, [(math.asin(0.2), True)]),
+    (lambda t: 0.1 * t**3, [(0.0, False)]),
+    (lambda t: 0.1 * (t - 0.05) ** 2, [(0.05, False)]),
+    (lambda t: 0.1 * (t - 0.07) ** 2, [(0.07, False)]),
+    (lambda t: np.hypot(t, 0.05), []),
+    (lambda t: 0.001 + t**2, []),
+    (lambda t: 1 + t, []),
+    (lambda t: (t - 0.3) * (t + 0.2), [(-0.2, True), (0.3, True)]),
+])  # fmt: skip
 def test_crossings(value, expected):
     """Zeros of a singular value whose vectors turn, and how it gets to them."""
     frames = [np.linalg.qr(np.random.default_rng(k).normal(size=(k, k)))[0] for k in (5, 3)]

@@ -147,39 +147,22 @@ TOO_SMALL = "is less than 1/300 of the other"
 TOO_LARGE = "is more than 300 times the other"
 
 
-@each(
-    "mechanism, doubt",
-    [
-        (
-            changed("a press", "points", "P2", "mass", value=1e-6),
-            f"points.P2.mass: 1e-06 kg {TOO_SMALL} masses, 1 to 2 kg",
-        ),
-        (
-            changed("a see-saw with children", "points", "P1", "mass", value=12_001),
-            f"points.P1.mass: 12001 kg {TOO_LARGE} masses, 40 kg",
-        ),
-        (
-            changed("a body with a very small inertia", "bodies", "B1", "inertia", value=1e-6),
-            f"bodies.B1.inertia: 1e-06 kg m² {TOO_SMALL} inertias, 0.05 to 0.08 kg m²",
-        ),
-        (
-            rods((1, 1e-6), (1, 1), (1, 2), (1, 2e-7), (1, 1)),
-            f"bodies.B1.mass: 1e-06 kg {TOO_SMALL} masses, 1 to 2 kg (and 1 more like it)",
-        ),
-        (
-            changed("an unbalanced rotor", "body_points", "E", "at", value=(400, 0)),
-            f"body_points.E.at: 400 m from the first point of B1 {TOO_LARGE} lengths, 0.4 to 0.5 m",
-        ),
-        (
-            changed("thin rods in space", "bodies", "B2", "inertia", value=(20, 30, 30)),
-            f"bodies.B2.inertia: 30 kg m² {TOO_LARGE} inertias, 0.08 kg m²",
-        ),
-        (
-            changed("a gyroscope", "bodies", "B2", "centre", value=(0, 0, 40)),
-            f"bodies.B2.centre: 40 m from the origin of B2 {TOO_LARGE} lengths, 0.1 m",
-        ),
-    ],
-)
+@each("mechanism, doubt", [
+    (changed("a press", "points", "P2", "mass", value=1e-6),
+     f"points.P2.mass: 1e-06 kg {TOO_SMALL} masses, 1 to 2 kg"),
+    (changed("a see-saw with children", "points", "P1", "mass", value=12_001),
+     f"points.P1.mass: 12001 kg {TOO_LARGE} masses, 40 kg"),
+    (changed("a body with a very small inertia", "bodies", "B1", "inertia", value=1e-6),
+     f"bodies.B1.inertia: 1e-06 kg m² {TOO_SMALL} inertias, 0.05 to 0.08 kg m²"),
+    (rods((1, 1e-6), (1, 1), (1, 2), (1, 2e-7), (1, 1)),
+     f"bodies.B1.mass: 1e-06 kg {TOO_SMALL} masses, 1 to 2 kg (and 1 more like it)"),
+    (changed("an unbalanced rotor", "body_points", "E", "at", value=(400, 0)),
+     f"body_points.E.at: 400 m from the first point of B1 {TOO_LARGE} lengths, 0.4 to 0.5 m"),
+    (changed("thin rods in space", "bodies", "B2", "inertia", value=(20, 30, 30)),
+     f"bodies.B2.inertia: 30 kg m² {TOO_LARGE} inertias, 0.08 kg m²"),
+    (changed("a gyroscope", "bodies", "B2", "centre", value=(0, 0, 40)),
+     f"bodies.B2.centre: 40 m from the origin of B2 {TOO_LARGE} lengths, 0.1 m"),
+])  # fmt: skip
 def test_what_stands_out_is_named(mechanism, doubt):
     """Its key, its value, and what the others are, in the plane and in space."""
     with pytest.warns(newmark.NewmarkWarning, match=re.escape(f"mechanism: {doubt}")) as caught:

@@ -84,18 +84,12 @@ def test_commands_work_or_say_why_not(folder, warm, words, subject, works):
     require(warm.run([*command, subject, *code], folder), works)
 
 
-@each(
-    "problem, works",
-    [
-        *(
-            (problem, True)
-            for problem in ("pendulum", "planar.yaml", "spatial.yaml", "forced.yaml")
-        ),
-        ("{chain: {links: 3}}", True),
-        ('{python: "axis.py:car_axis"}', True),
-        *((problem, False) for problem in STUDIES + SUBJECTS[-4:]),
-    ],
-)
+@each("problem, works", [
+    *((problem, True) for problem in ("pendulum", "planar.yaml", "spatial.yaml", "forced.yaml")),
+    ("{chain: {links: 3}}", True),
+    ('{python: "axis.py:car_axis"}', True),
+    *((problem, False) for problem in STUDIES + SUBJECTS[-4:]),
+])  # fmt: skip
 def test_studies_of_every_kind_of_problem(folder, warm, problem, works):
     """The same of `validate` and `run` where a study names the subject."""
     text = f"study: other\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"

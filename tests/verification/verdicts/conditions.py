@@ -7,6 +7,7 @@ powers of h are put back afterwards: what is found is good to some twelve digits
 
 import json
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -14,18 +15,13 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+import oracles
+
 Array = np.ndarray
 
 #: Form → kept fields, rows.
-FORMS = {
-    "u-v-a-lambda": ("uva", "DVKC"),
-    "u-v-lambda": ("uv", "DKC"),
-    "u-lambda": ("u", "DC"),
-    "v-lambda": ("v", "DC"),
-    "a-lambda": ("a", "DC"),
-    "u-a-lambda": ("ua", "DKC"),
-    "v-a-lambda": ("va", "DVC"),
-}
+FORMS = {form: (kept, rows) for form, (rows, kept, _) in oracles.FORMS.items()}
 
 
 def symbols(label: str) -> tuple[float, float, float]:
@@ -55,19 +51,14 @@ def factors(form: str, scaling: str, label: str, h: float) -> tuple[list[float],
     Its β and γ are those per unit of v', not of the auxiliary a of generalized-α.
     """
     beta, gamma, c = symbols(label)
-    b, g = beta / c, gamma / c
     kept, rows = FORMS[form]
-    left = {"D": (g if form == "v-lambda" else b) * h * h, "V": b * h / g, "K": 1.0, "C": 1.0}
-    right = {
-        "u": 1.0,
-        "v": 1 / (g * h) if form == "v-lambda" else g / (b * h),
-        "a": 1 / (b * h * h),
-        "l": 1 / (b * h * h),
-    }
-    return (
-        [left[row] if scaling in ("left", "optimal") else 1.0 for row in rows],
-        [right[name] if scaling in ("right", "optimal") else 1.0 for name in kept + "l"],
-    )
+
+    def of(side: str, table: Mapping[str, Any], names: Sequence[str]) -> list[float]:
+        there = table if scaling in (side, "optimal") else {}
+        return [there[n](beta / c, gamma / c, h) if n in there else 1.0 for n in names]
+
+    left, right = oracles.TABLE_2[form]
+    return of("left", left, rows), of("right", right, [*kept, "lambda"])
 
 
 def jacobian(
@@ -79,16 +70,7 @@ def jacobian(
     n, m = G.shape
     eye, zero = np.eye(n), np.zeros((n, n))
     kept, rows = FORMS[form]
-    choices: dict[str, dict[str, tuple[float, float, float]]] = {
-        "uva": {"u": (1, 0, 0), "v": (0, 1, 0), "a": (0, 0, 1)},
-        "uv": {"u": (1, 0, 0), "v": (0, 1, 1 / gt)},
-        "u": {"u": (1, gt / bt, 1 / bt)},
-        "v": {"v": (bt / gt, 1, 1 / gt)},
-        "a": {"a": (bt, gt, 1)},
-        "ua": {"u": (1, 0, 0), "a": (0, gt, 1)},
-        "va": {"v": (0, 1, 0), "a": (bt, 0, 1)},
-    }
-    weights = choices[kept]
+    weights = oracles.FORMS[form][2](beta, gamma, h)
     four: dict[str, tuple[tuple[Array, ...], Array]] = {
         "D": ((X, Y, c * M), -G),
         "V": ((zero, eye, -gt * eye), np.zeros((n, m))),
@@ -98,12 +80,8 @@ def jacobian(
     blocks: list[list[Array]] = []
     for row in rows:
         parts, last = four[row]
-        blocks.append(
-            [
-                sum((w * p for w, p in zip(weights[k], parts, strict=True)), 0 * parts[0])
-                for k in kept
-            ]
-        )
+        blocks.append([sum(w[k] * part for w, part in zip(weights, parts, strict=True))
+                       for k in range(len(kept))])  # fmt: skip
         blocks[-1].append(last)
     heights = [block[-1].shape[0] for block in blocks]
     widths = [n] * len(kept) + [m]
@@ -115,15 +93,16 @@ def _slices(sizes: Sequence[int]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
+def _spread(factors: Sequence[float], places: Sequence[slice]) -> Array:
+    """A factor for each row or unknown."""
+    return np.repeat(factors, [place.stop - place.start for place in places])
+
+
 def inverse(form: str, label: str, h: float, *matrices: Array) -> tuple[Array, Array, Any, Any]:
     """J, J⁻¹, both unscaled, and the places of rows and unknowns."""
     J, rows, columns = jacobian(form, label, h, *matrices)
     left, right = factors(form, "optimal", label, h)
-    rows_by, columns_by = np.ones(len(J)), np.ones(len(J))
-    for place, factor in zip(rows, left, strict=True):
-        rows_by[place] = factor
-    for place, factor in zip(columns, right, strict=True):
-        columns_by[place] = factor
+    rows_by, columns_by = _spread(left, rows), _spread(right, columns)
     scaled = rows_by[:, None] * J * columns_by
     # Masses of grams and springs of kilonewtons: equilibrate what powers of h leave.
     row_size = 1 / np.abs(scaled).max(axis=1)
@@ -139,11 +118,7 @@ def condition(form: str, scaling: str, label: str, h: float, *matrices: Array) -
     """‖J̄‖·‖J̄⁻¹‖ in the 2-norm."""
     J, inverted, rows, columns = inverse(form, label, h, *matrices)
     left, right = factors(form, scaling, label, h)
-    rows_by, columns_by = np.ones(len(J)), np.ones(len(J))
-    for place, factor in zip(rows, left, strict=True):
-        rows_by[place] = factor
-    for place, factor in zip(columns, right, strict=True):
-        columns_by[place] = factor
+    rows_by, columns_by = _spread(left, rows), _spread(right, columns)
     return float(
         np.linalg.norm(rows_by[:, None] * J * columns_by, 2)
         * np.linalg.norm(inverted / columns_by[:, None] / rows_by, 2)
