@@ -104,23 +104,6 @@ def test_a_value_under_another_key(key):
                     config._Shared.model_validate({key: [name]}, context=None)
 
 
-def test_trapezoidal_everywhere():
-    """In a mapping, in text, and in the library."""
-    (axis,) = (axis for axis in axes.cell_axes() if axis.name == "integrator")
-    for given in (
-        "trapezoidal",
-        {"method": "trapezoidal"},
-        "newmark",
-        "Newmark (β = 0.25, γ = 0.5)",
-    ):
-        assert parsed(axis, given) == integrator.Newmark()
-    marched = [
-        newmark.march("pendulum", h=1e-2, steps=3, integrator=given).u
-        for given in ("trapezoidal", {"method": "trapezoidal"})
-    ]
-    np.testing.assert_array_equal(*marched)
-
-
 def test_scaling_is_preconditioning(cli):
     """One word in results; either where something is typed, and not both."""
     given = {key: value for key, value in STUDY.items() if key != "preconditioning"}

@@ -54,21 +54,6 @@ def test_a_mechanism_of_ones_own(cli, hoist):
     assert (cli.folder / "results/figures/hoist.png").stat().st_size > 5000
 
 
-def test_validate(cli, hoist):
-    """A line for each file, exit 2 when one is not valid, nothing is run."""
-    done = cli("validate", "mine.yaml", "hoist.yaml")
-    mechanism = [
-        "hoist.yaml: mechanism, 4 coordinates, 3 constraints, 1 degree of freedom",
-        "  assembled: S, the farthest, is 0.00581 m from its guess",
-    ]
-    assert done.stdout.splitlines() == ["mine.yaml: study mine, 24 cells", *mechanism]
-    cli.write("bad.yaml", STUDY.replace("1e-3", "0").replace("PROBLEM", "pendulum"))
-    done = cli("validate", "bad.yaml", "hoist.yaml", code=2)
-    assert done.stdout.splitlines() == mechanism
-    assert "bad.yaml, line 5: h[2]" in done.stderr
-    assert not (cli.folder / "results").exists()
-
-
 CODE = '{python: "car_axis.py:car_axis", args: {compiled: COMPILED}}'
 
 
