@@ -167,7 +167,6 @@ def advise(
     \b
     Example:
       newmark-study advise andrews --h 1e-4
-      newmark-study advise andrews --code ida
     """
     given = [one for one in (subject, matrices, jacobians or None) if one is not None]
     if len(given) != 1:
