@@ -633,6 +633,13 @@ def _copy(source, target):
         target[i] = source[i]
 
 
+@_part
+def _clear(target):
+    """Set a vector to zero."""
+    for i in range(target.shape[0]):
+        target[i] = 0
+
+
 @_inline
 def _copy_all(source, target):
     """Copy a matrix."""
@@ -688,6 +695,7 @@ def _assemble_constraints(problem, extra, state, values, work):
     two = values.phi.dtype.type(2)
     for row in range(extra.rows.shape[0]):
         s0, s1, s2 = extra.rows[row, 0], extra.rows[row, 1], extra.rows[row, 2]
+        t1, t2 = extra.turning[row, 1], extra.turning[row, 2]
         for k in range(values.phi.shape[0]):
             value = s0 * values.phi[k]
             if s1 != 0:
@@ -700,8 +708,8 @@ def _assemble_constraints(problem, extra, state, values, work):
             if s2 != 0:
                 acceleration = state.fields[3, problem.g_rows[e]]
                 work.rows[row, problem.g_columns[e]] += s2 * (g * acceleration)
-            work.tangents[row, 0, e] = s0 * g + s1 * r + s2 * q
-            work.tangents[row, 1, e] = s1 * g + two * s2 * r
+            work.tangents[row, 0, e] = s0 * g + t1 * r + t2 * q
+            work.tangents[row, 1, e] = s1 * g + two * t2 * r
             work.tangents[row, 2, e] = s2 * extra.inertia * g
 
 
@@ -1107,6 +1115,8 @@ def _march_index_3(
         _predict(tables, past, moving)
         _take_increments(iterate, state)
         _copy(multipliers, before_step)
+        if schedule.from_zero != 0:
+            _clear(multipliers)
         previous, first, solves = np.inf, 0.0, 0
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
@@ -1212,6 +1222,8 @@ def _march_formulated(
             _set_directions(extra, iterate.g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
+        if schedule.from_zero != 0:
+            _clear(multipliers)
         solves, settled, first = 0, 0, 0.0
         while solves < schedule.cap:
             if extra.penalty[0] == 0 or solves == 0:

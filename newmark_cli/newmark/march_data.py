@@ -119,6 +119,7 @@ class Schedule(NamedTuple):
     settled_below: float  #: see `newmark_cli.newmark.scheme.Scheme.settled_below`
     test: int  #: what ends Newton's iteration, ``BY_…``
     limits: np.ndarray  #: (4, 2) see `newmark_cli.newmark.scheme.Tolerance.limits`
+    from_zero: int  #: whether a step begins with λ = 0
     ends: int  #: whether a step that misses the test ends the march
     patience: int  #: steps given up by ``solve`` or the code, after which the march halts
 

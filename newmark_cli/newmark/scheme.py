@@ -48,6 +48,11 @@ CORRECTION, RESIDUAL, SCALED_RESIDUAL, INCREMENTS = (
 )  # fmt: skip
 #: What becomes of a step that misses its test in as many corrections as it may take.
 GO_ON, STOP = "go-on", "stop"
+#: What Newton starts from in a step: u + h v and the last λ, or a = 0 and λ = 0.
+EXTRAPOLATED, ZERO = "extrapolated", "zero"
+#: Whether rows of rates of constraints are differentiated by all they depend on, or only by their
+#: highest derivative.
+FULL, PARTIAL = "full", "partial"
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,8 @@ class Tolerance:
         absolute, relative: Not negative, one of them positive; of increments zero.
         test: What is looked at.
         fields: Of increments: u, v, a or lambda, and its absolute and relative parts.
-        missed: What becomes of a step that misses the test.
+        missed, guess, tangent: What becomes of a step that misses the test, what Newton starts
+            from, and how much of the rows of constraints it differentiates.
     """
 
     absolute: float = 0.0
@@ -70,6 +76,8 @@ class Tolerance:
     test: str = CORRECTION
     fields: tuple[tuple[str, float, float], ...] = ()
     missed: str = GO_ON
+    guess: str = EXTRAPOLATED
+    tangent: str = FULL
 
     @property
     def on_residual(self) -> bool:
@@ -83,8 +91,8 @@ class Tolerance:
         for name, *limits in (("", self.absolute, self.relative), *self.fields):
             named = zip(("absolute", "relative"), limits, strict=True)
             parts += [name, *(f"{part} {value!r}" for part, value in named if value)]
-        if self.missed != GO_ON:
-            parts.append(f"missed {self.missed}")
+        usual = {"missed": GO_ON, "guess": EXTRAPOLATED, "tangent": FULL}
+        parts += [f"{key} {value}" for key in usual if (value := getattr(self, key)) != usual[key]]
         return " ".join(filter(None, parts))
 
     @property
@@ -287,6 +295,8 @@ class Scheme:
                         past[field, source] += weights[field, k]
 
         u_predicted = np.where(np.arange(len(relations.u_past)) < 2, relations.u_past, 0.0)
+        if self.stop and self.stop.guess == ZERO:
+            u_predicted = relations.u_past
         a_predicted = (u_predicted - relations.u_past) / relations.u_from_a
         v_predicted = relations.v_from_a * a_predicted + relations.v_past
         tables = StepTables(

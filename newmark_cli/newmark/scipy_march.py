@@ -24,7 +24,7 @@ from newmark_cli.newmark.march_data import (
     Record,
     State,
 )
-from newmark_cli.newmark.scheme import CORRECTION, INCREMENTS, RESIDUAL, STOP, Scheme, Schemes
+from newmark_cli.newmark.scheme import CORRECTION, INCREMENTS, RESIDUAL, STOP, ZERO, Scheme, Schemes
 from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
@@ -110,6 +110,8 @@ class _Index3:
         self._dynamic_history = self.system.times_mass(algebra.product(tables.dynamic_past, past))
         self._row_history = algebra.product(tables.row_past, past)
         self.moving[:] = algebra.product(tables.predictor, past)
+        if self.scheme.stop and self.scheme.stop.guess == ZERO:
+            self.state.multipliers[:] = 0
         self._take()
         self._previous = np.inf
 

@@ -71,12 +71,16 @@ from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
     CORRECTION,
     EVALUATIONS,
+    EXTRAPOLATED,
+    FULL,
     GO_ON,
     INCREMENTS,
+    PARTIAL,
     PRECISIONS,
     RESIDUAL,
     SCALED_RESIDUAL,
     STOP,
+    ZERO,
     Tolerance,
 )
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
@@ -586,6 +590,17 @@ class StopConfig(Valued):
         None, description="what becomes of a march whose step misses the test; default: go-on"
     )
 
+    guess: Annotated[str, _Known("guess", (EXTRAPOLATED, ZERO))] | None = Field(
+        None,
+        description="what Newton starts from: u + h v and the last lambda, or a = 0 and "
+        "lambda = 0; default: extrapolated",
+    )
+    tangent: Annotated[str, _Known("tangent", (FULL, PARTIAL))] | None = Field(
+        None,
+        description="whether rates of constraints are differentiated by all they depend on, or by "
+        "their highest derivative; default: full",
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _from_text(cls, data: Any) -> Any:
@@ -628,9 +643,10 @@ class StopConfig(Valued):
             for name, limits in self._fields.items()
         )
         test = INCREMENTS if fields else self.test or CORRECTION
-        return Tolerance(
-            self.absolute or 0.0, self.relative or 0.0, test, fields, self.missed or GO_ON
-        )
+        others = {
+            key: getattr(self, key) for key in ("missed", "guess", "tangent") if getattr(self, key)
+        }
+        return Tolerance(self.absolute or 0.0, self.relative or 0.0, test, fields, **others)
 
 
 class KrylovConfig(Valued):
