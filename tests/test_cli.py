@@ -196,9 +196,9 @@ def test_failed_cells_fail_the_check(cli):
 
 @each("command", COMMANDS)
 def test_help_has_an_example(cli, command):
-    """Every command explains itself; its example is a line of its own, to be copied."""
+    """Every command explains itself; its examples are lines of their own, to be copied."""
     text = cli(command, "--help").stdout
-    assert re.search(rf"\n\n  Example:\n    newmark-study {command}\b.*\n\nOptions:", text)
+    assert re.search(rf"\n\n  Example:\n(    newmark-study {command}\b.*\n)+\nOptions:", text)
     assert r"\b" not in text
     # Every option says what it does.
     for option in command_line.commands[command].params:
