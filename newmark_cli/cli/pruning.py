@@ -19,7 +19,7 @@ def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: boo
     Keeps the cells in DIR/cells that a CSV in DIR was made from, and those of
     unfinished studies.  For each CONFIG, keeps the cells that it needs now instead of
     those of its CSV.  Also removes damaged cells, cells of another version of the
-    numerical core that no CSV was made from, and temporary files of killed runs.
+    numerical core that no CSV was made from, and old temporary files of killed runs.
     Never touches CSVs or figures.
 
     \b
