@@ -6,7 +6,7 @@ import pytest
 from each import each
 from marching import start
 from mechanisms import TWO_BODIES, built
-from mpmath import ellipfun, mp, mpf
+from test_reference import pendulum
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
@@ -56,14 +56,7 @@ def test_start_has_no_misfit(name):
 def test_exact_motion_of_the_pendulum_keeps_all(t):
     """Elliptic functions by mpmath; sizes are those of the whole motion, 3.708 is a turn."""
     subject = problem("pendulum")
-    samples = []
-    for time in (t, 1.85):
-        with mp.workdps(30):
-            sn, cn, dn = (ellipfun(kind, mpf(time), m=mpf("0.5")) for kind in ("sn", "cn", "dn"))
-            rate, x = -sn / dn, cn / dn**2
-            y = -(rate**2) / 2
-            u, v = np.array([x, y], float), np.array([-rate * y, rate * x], float)
-        samples.append(invariants(subject, time, state_of(subject, u, v, [3 * float(y)])))
+    samples = [invariants(subject, s, state_of(subject, *pendulum(s))) for s in (t, 1.85)]
     found = relative(subject, samples)
     assert set(found) == set(INVARIANTS)
     assert all(value < 2e-15 for value in found.values())
