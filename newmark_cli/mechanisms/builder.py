@@ -6,7 +6,7 @@ builder, ``_springs``, which makes rows and forces of one.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
@@ -195,7 +195,12 @@ class Builder(ABC):
                 self.broken.add((broken[0], broken[1]))
 
     def known(
-        self, kind: str, name: str, path: KeyPath, among: Mapping[str, Any] | None = None
+        self,
+        kind: str,
+        name: str,
+        path: KeyPath,
+        among: Mapping[str, Any] | None = None,
+        others: Iterable[str] = (),
     ) -> Any:
         """The part of a kind that another one names.
 
@@ -204,13 +209,14 @@ class Builder(ABC):
             name: Name of the part.
             path: Where it is named.
             among: What there is, by name; what the file says if omitted.
+            others: Further names that would be right.
         """
         among = getattr(self.mechanism, kind) if among is None else among
         if (kind, name) in self.broken:
             raise Follows
         if name not in among:
             # Looking for the nearest name takes its time, which only what is printed is worth.
-            hint = "" if self.mistakes.full else nearest(name, among)
+            hint = "" if self.mistakes.full else nearest(name, (*among, *others))
             word = "body" if kind == "bodies" else kind[:-1]
             raise self.document.error(path, f"unknown {word} {name!r}{hint}")
         return among[name]

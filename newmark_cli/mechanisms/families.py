@@ -1,8 +1,7 @@
-"""Mechanisms of any size: a planar mechanism, made from a few numbers.
+"""Mechanisms of any size, made from a few numbers.
 
-Each is made twice: as the data of a `models.Mechanism`, as a file would have them, for
-drawings, and as the arrays that builders make of these data, without the detour over
-a million parts.
+Each is the data that a file would have.  Those in the plane are made a second time, as the arrays
+that builders make of these data, without the detour over a million parts.
 """
 
 import math
@@ -17,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, Strict
 
-from newmark_cli.mechanisms.linked import Bars, Linked, Made, Masses
+from newmark_cli.mechanisms.linked import Linked, Made, Masses
 from newmark_cli.mechanisms.sines import sine_cosine
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.documents import WHOLE, StrictModel
@@ -71,7 +70,7 @@ class Family:
     size: type[StrictModel]
     counts: str
     mechanism: Callable[..., dict[str, Any]]
-    linked: Callable[..., Linked | Bars] | None = None
+    linked: Callable[..., Linked] | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -87,12 +86,10 @@ class Family:
         return self.linked(**sizes).problem(name, partial(self.drawing, sizes))
 
     def drawing(self, sizes: Mapping[str, int]) -> Any:
-        """The `models.Mechanism`, or `SpatialMechanism`, of these sizes, part by part."""
+        """The `models.Mechanism` of these sizes, part by part."""
         from newmark_cli.mechanisms.models import Mechanism
-        from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 
-        data = self.mechanism(**sizes)
-        return (SpatialMechanism if "dimensions" in data else Mechanism).model_validate(data)
+        return Mechanism.model_validate(self.mechanism(**sizes))
 
 
 def chain(links: int) -> dict[str, Any]:
@@ -268,10 +265,6 @@ def _rod_name(place: int) -> tuple[str, str]:
     return "bodies", f"coupler{place // 2 + 1}" if place % 2 else f"rod{place // 2}"
 
 
-#: Directions in which bars in space turn to and fro about the upright (rad).
-_HEADINGS = (0.5, -0.5)
-
-
 def _descending(heading: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Direction of a bar that descends by 3 in 5, and one across."""
     sine, cosine = sine_cosine(heading, np.float64)
@@ -285,29 +278,35 @@ def spatial_chain(bodies: int) -> dict[str, Any]:
     `chain` and turn to and fro about the upright, each by 1 rad from the last, so that no two
     neighbours move in one plane.
     """
-    return _spatial_chain_bars(bodies).data()
-
-
-def _spatial_chain_bars(bodies: int) -> Bars:
-    along = [_descending(heading) for heading in _HEADINGS]
-    places, at = [], []
-    x = y = z = 0.0
+    net = _Net(f"Falling chain of {bodies} bars in space")
+    at, above = (0.0, 0.0, 0.0), "ground"
     for i in range(bodies):
-        dx, dy, dz = along[i % 2][0]
-        at.append((x, y, z))
-        places.append((x + dx / 2, y + dy / 2, z + dz / 2))
-        x, y, z = x + dx, y + dy, z + dz
-    return Bars(
-        f"Falling chain of {bodies} bars in space",
-        [f"bar{i + 1}" for i in range(bodies)],
-        places,
-        along,
-        [i % 2 for i in range(bodies)],
-        [f"joint{i + 1}" for i in range(bodies)],
-        range(-1, bodies - 1),
-        range(bodies),
-        at,
-    )
+        net.join(f"joint{i + 1}", above, f"bar{i + 1}", at)
+        above, (dx, dy, dz) = f"bar{i + 1}", net.along[i % 2][0]
+        net.bar(above, (at[0] + dx / 2, at[1] + dy / 2, at[2] + dz / 2), i % 2)
+        at = at[0] + dx, at[1] + dy, at[2] + dz
+    return net.data
+
+
+class _Net:
+    """Equal homogeneous bars, and spherical joints between them; all at rest."""
+
+    def __init__(self, title: str) -> None:
+        #: Directions of bars, and one across each.
+        self.along = [*map(_descending, (0.5, -0.5)), ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))]
+        self.bodies: dict[str, Any] = {}
+        self.joints: dict[str, Any] = {}
+        self.data = {
+            "title": title, "dimensions": 3, "bodies": self.bodies, "joints": self.joints,
+            "gravity": (0.0, 0.0, -1.0),
+        }  # fmt: skip
+
+    def bar(self, name: str, place: tuple[float, float, float], kind: int) -> None:
+        axes = dict(zip("xy", self.along[kind], strict=True))
+        self.bodies[name] = {"position": place, "axes": axes, "mass": 1.0, "box": (1.0, 0.2, 0.1)}
+
+    def join(self, name: str, start: str, end: str, at: tuple[float, float, float]) -> None:
+        self.joints[name] = {"type": "spherical", "from": start, "to": end, "at": at}
 
 
 def spatial_grid(rows: int, columns: int) -> dict[str, Any]:
@@ -317,44 +316,23 @@ def spatial_grid(rows: int, columns: int) -> dict[str, Any]:
     ends of neighbours in each of the ``rows``.  Where four bars meet, three are jointed to the
     one above.  All its loops are closed by constraints that do not depend on each other.
     """
-    return _spatial_grid_bars(rows, columns).data()
-
-
-def _spatial_grid_bars(rows: int, columns: int) -> Bars:
-    along = [_descending(heading) for heading in _HEADINGS]
-    along.append(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))
-    names: list[str] = []
-    joints: list[str] = []
-    places, kinds, starts, ends, at = [], [], [], [], []
-
-    def join(name: str, start: int, end: int, place: tuple[float, float, float]) -> None:
-        joints.append(name)
-        starts.append(start)
-        ends.append(end)
-        at.append(place)
-
+    net = _Net(f"Falling net of {rows} by {columns} bars in space")
     x = y = z = 0.0
-    above = [-1] * columns
+    above = ["ground"] * columns
     for i in range(1, rows + 1):
-        dx, dy, dz = along[i % 2][0]
-        hanging = []
-        for j in range(columns):
-            join(f"hang{i}.{j + 1}", above[j], len(names), (x, y + j, z))
-            hanging.append(len(names))
-            names.append(f"bar{i}.{j + 1}")
-            places.append((x + dx / 2, y + dy / 2 + j, z + dz / 2))
-            kinds.append(i % 2)
+        dx, dy, dz = net.along[i % 2][0]
+        hanging = [f"bar{i}.{j + 1}" for j in range(columns)]
+        for j, name in enumerate(hanging):
+            net.join(f"hang{i}.{j + 1}", above[j], name, (x, y + j, z))
+            net.bar(name, (x + dx / 2, y + dy / 2 + j, z + dz / 2), i % 2)
         x, y, z = x + dx, y + dy, z + dz
         for j in range(columns - 1):
-            for side in (0, 1):
-                name = f"{'left' if side == 0 else 'right'}{i}.{j + 1}"
-                join(name, hanging[j + side], len(names), (x, y + j + side, z))
-            names.append(f"tie{i}.{j + 1}")
-            places.append((x, y + j + 0.5, z))
-            kinds.append(2)
+            tie = f"tie{i}.{j + 1}"
+            net.join(f"left{i}.{j + 1}", hanging[j], tie, (x, y + j, z))
+            net.join(f"right{i}.{j + 1}", hanging[j + 1], tie, (x, y + j + 1, z))
+            net.bar(tie, (x, y + j + 0.5, z), 2)
         above = hanging
-    title = f"Falling net of {rows} by {columns} bars in space"
-    return Bars(title, names, places, along, kinds, joints, starts, ends, at)
+    return net.data
 
 
 FAMILIES: Mapping[str, Family] = MappingProxyType(
@@ -385,14 +363,12 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             SpatialChainSize,
             "n = 12 bodies, m = 9 bodies",
             spatial_chain,
-            _spatial_chain_bars,
         ),
         "spatial-grid": Family(
             "a net of bars on spherical joints, falling in space",
             SpatialGridSize,
             "n = 24 rows columns - 12 rows, m = 21 rows columns - 12 rows",
             spatial_grid,
-            _spatial_grid_bars,
         ),
     }
 )

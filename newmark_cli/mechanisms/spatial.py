@@ -233,7 +233,7 @@ class Builder(builder.Builder):
         """Number of a body, or −1."""
         if name == GROUND:
             return -1
-        return int(self.known("bodies", name, path, self.numbers | {GROUND: -1}))
+        return int(self.known("bodies", name, path, self.numbers, [GROUND]))
 
     def joint(self, name: str, path: KeyPath) -> Connection:
         """A joint, which was built."""
@@ -249,7 +249,7 @@ class Builder(builder.Builder):
         """A point of a body, or the origin of one."""
         if name in self.numbers and name not in self.sites:
             return Side(self.numbers[name], np.zeros(3), {})
-        side: Side = self.known("points", name, path, self.numbers | self.sites)
+        side: Side = self.known("points", name, path, self.sites, self.numbers)
         if side.body < 0:
             raise self.document.error(path, f"{name} is a point of the ground")
         return side
