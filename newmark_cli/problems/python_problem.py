@@ -248,7 +248,6 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     functions = {key: used[key] for key in _FUNCTIONS}
     tangents = {key: used.get(key) for key in _TANGENTS}
     rows = {key: used[key] for key in constraint_rows.NAMES if key in used}
-    energy = used.get("energy")
     compiled = all(isinstance(f, Dispatcher) for key, f in used.items() if key != "energy")
     compile_ = njit if compiled else differences.as_it_is
     quadratic = bool(getattr(given, "quadratic", False))
@@ -270,12 +269,12 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
         quadratic=quadratic,
-        potential=None if energy is None else _potential(energy, mass_matrix),
+        potential=_potential(used.get("energy"), mass_matrix),
         coordinates_given=_names(given, "coordinate_names", n, source),
         constraints_given=tuple((name,) for name in _names(given, "constraint_names", m, source)),
-        rows_given=(
-            "exact" if quadratic or rows.keys() == {*constraint_rows.NAMES} else "differences"
-        ),
+        rows_given="exact"
+        if quadratic or len(rows) == len(constraint_rows.NAMES)
+        else "differences",
         rates=constraint_rows.rates(functions, rows),
     )
     given_twice = {key: f for key, f in used.items() if key not in _FUNCTIONS}
@@ -389,8 +388,12 @@ def _evaluate(
     return compile_(evaluate)
 
 
-def _potential(energy: Callable[..., float], mass_matrix: Array) -> Callable[..., float]:
-    """The user's energy less the kinetic energy."""
+def _potential(
+    energy: Callable[..., float] | None, mass_matrix: Array
+) -> Callable[..., float] | None:
+    """The user's energy less the kinetic energy; None without one."""
+    if energy is None:
+        return None
 
     def potential(t, u, v, ints, reals):  # type: ignore[no-untyped-def]
         return float(energy(u, v, t)) - 0.5 * float(v @ mass_matrix @ v)

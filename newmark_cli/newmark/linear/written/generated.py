@@ -12,7 +12,7 @@ rows before; the code then gives up where partial pivoting would exchange others
 
 from collections.abc import Iterable, Sequence
 from hashlib import sha256
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite.ir as ir
 import numpy as np
@@ -91,97 +91,129 @@ def _came_before(rows: Sequence[int]) -> list[set[int]]:
     return found
 
 
+_INDEX = ir.IntType(64)
+
+
 def _module(written: Written) -> ir.Module:
     """The function, as `static_elimination` or `kernel.solve_in_place` reads the same tables."""
-    tables, pivoting = written
-    signed = not pivoting and bool(tables.room[SIGNED])
+    number = ir.FloatType() if written.tables.work.dtype == np.float32 else ir.DoubleType()
     module = ir.Module()
-    number = ir.FloatType() if tables.work.dtype == np.float32 else ir.DoubleType()
-    index = ir.IntType(64)
-    kind = ir.FunctionType(index, [number.as_pointer()] * 5)
+    kind = ir.FunctionType(_INDEX, [number.as_pointer()] * 5)
     function = ir.Function(module, kind, NAME)
     for argument in function.args:
         argument.add_attribute("noalias")
-    sources, rhs, constant, coefficients, work = function.args
-    blocks = [function.append_basic_block(name) for name in ("eliminate", "solved", "refused")]
-    build = ir.IRBuilder(blocks[0])
-    magnitude = module.declare_intrinsic("llvm.fabs", [number])
+    start, solved, refused = (
+        function.append_basic_block(name) for name in ("eliminate", "solved", "refused")
+    )
+    build = ir.IRBuilder(start)
+    code = _Code(written, build, number, module.declare_intrinsic("llvm.fabs", [number]))
+    build.cbranch(code.eliminated(), solved, refused)
+    build.position_at_end(solved)
+    code.substitute_back()
+    build.ret(ir.Constant(_INDEX, COMPLETED))
+    build.position_at_end(refused)
+    build.ret(ir.Constant(_INDEX, PIVOTING))
+    return module
 
-    def at(array: ir.Argument, place: int) -> ir.Value:
-        return build.gep(array, [ir.Constant(index, int(place))])
 
-    def value(array: ir.Argument, place: int) -> ir.Value:
-        return build.load(at(array, place))
+class _Code:
+    """Elimination and substitutions as instructions of a builder; values by their places."""
 
-    of = {name: part.tolist() for name, part in _sections(tables).items()}
-    places, origins = tables.places.tolist(), tables.origins.tolist()
-    size = int(tables.room[-1])
+    def __init__(self, written: Written, build: ir.IRBuilder, number: Any, magnitude: Any) -> None:
+        tables, self.pivoting = written
+        self.build, self.number, self.magnitude = build, number, magnitude
+        sources, self.rhs, self.constant, self.coefficients, self.work = build.function.args
+        self.signed = not self.pivoting and bool(tables.room[SIGNED])
+        self.of = {name: part.tolist() for name, part in _sections(tables).items()}
+        self.places, self.origins = tables.places.tolist(), tables.origins.tolist()
+        self.size = int(tables.room[-1])
+        self.source = [self._value(sources, k) for k in range(max(self.origins, default=-1) + 1)]
+        self.solution = [self._value(self.rhs, row) for row in self.of["row_order"]]
+        self.before = _came_before(self.of["row_order"]) if self.pivoting else []
+        self.lower: dict[int, ir.Value] = {}
+        self.upper: dict[int, ir.Value] = {}
+        self.inverse: list[ir.Value] = []
 
-    def entries(kind: str, j: int) -> range:
-        starts = of[f"{kind}_starts"]
-        return range(starts[j], starts[j + 1])
+    def eliminated(self) -> ir.Value:
+        """Factorise, and substitute forward; whether all pivots are good."""
+        build, work = self.build, self.work
+        if not self.pivoting:
+            units = (self._value(work, j) for j in range(self.size))
+            self.solution = [
+                build.fmul(b, unit) for b, unit in zip(self.solution, units, strict=True)
+            ]
+        good = ir.Constant(ir.IntType(1), 1)
+        for j in range(self.size):
+            column = self._column(j)
+            below = [self.of["lower_rows"][e] for e in self._entries("lower", j)]
+            good = self._is_good(j, column, below, good)
+            self.inverse.append(build.fdiv(ir.Constant(self.number, 1.0), column[j]))
+            for e, row in zip(self._entries("lower", j), below, strict=True):
+                self.lower[e] = build.fmul(column[row], self.inverse[j])
+                product = build.fmul(self.lower[e], self.solution[j])
+                self.solution[row] = build.fsub(self.solution[row], product)
+        if not self.pivoting:
+            limit = ir.Constant(self.number, LARGEST_MULTIPLIER)
+            largest = self._largest_of(self.lower.values())
+            good = build.and_(good, build.fcmp_ordered("<=", largest, limit))
+        return good
 
-    def largest_of(entries: Iterable[ir.Value]) -> ir.Value:
-        found = ir.Constant(number, 0.0)
+    def substitute_back(self) -> None:
+        """Overwrite the right-hand side with the solution."""
+        build = self.build
+        for j in range(self.size - 1, -1, -1):
+            found = solved = build.fmul(self.solution[j], self.inverse[j])
+            if not self.pivoting:
+                found = build.fmul(solved, self._value(self.work, self.size + j))
+            build.store(found, self._at(self.rhs, self.of["column_order"][j]))
+            for e in self._entries("upper", j):
+                row, product = self.of["upper_rows"][e], build.fmul(self.upper[e], solved)
+                self.solution[row] = build.fsub(self.solution[row], product)
+
+    def _column(self, j: int) -> dict[int, ir.Value]:
+        """Row → entry of a column: assembled, less what the columns before it eliminate."""
+        build, column = self.build, {}
+        for e in self._entries("constant", j):
+            column[self.of["constant_rows"][e]] = self._value(self.constant, e)
+        for e in self._entries("term", j):
+            term = build.fmul(self._value(self.coefficients, e), self.source[self.origins[e]])
+            so_far = column.get(self.places[e])
+            column[self.places[e]] = term if so_far is None else build.fadd(so_far, term)
+        for e in self._entries("upper", j):
+            k = self.of["upper_rows"][e]
+            self.upper[e] = column[k]
+            for i in self._entries("lower", k):
+                row, product = self.of["lower_rows"][i], build.fmul(self.lower[i], self.upper[e])
+                so_far = column.get(row, ir.Constant(self.number, 0.0))
+                column[row] = build.fsub(so_far, product)
+        return column
+
+    def _is_good(
+        self, j: int, column: dict[int, ir.Value], below: Sequence[int], good: ir.Value
+    ) -> ir.Value:
+        """Whether a pivot is, and all before it: positive, or the one of partial pivoting."""
+        build, pivot, above = self.build, column[j], ir.Constant(self.number, 0.0)
+        if not self.signed:
+            pivot = build.call(self.magnitude, [pivot])
+        if self.pivoting:
+            above = self._largest_of(column[row] for row in below if row in self.before[j])
+            rest = self._largest_of(column[row] for row in below if row not in self.before[j])
+            good = build.and_(good, build.fcmp_ordered(">=", pivot, rest))
+        return build.and_(good, build.fcmp_ordered(">", pivot, above))
+
+    def _largest_of(self, entries: Iterable[ir.Value]) -> ir.Value:
+        build, found = self.build, ir.Constant(self.number, 0.0)
         for entry in entries:
-            size_of = build.call(magnitude, [entry])
-            found = build.select(build.fcmp_ordered(">", size_of, found), size_of, found)
+            size = build.call(self.magnitude, [entry])
+            found = build.select(build.fcmp_ordered(">", size, found), size, found)
         return found
 
-    source = [value(sources, k) for k in range(max(origins, default=-1) + 1)]
-    solution = [value(rhs, row) for row in of["row_order"]]
-    if pivoting:
-        before = _came_before(of["row_order"])
-    else:
-        solution = [build.fmul(b, value(work, j)) for j, b in enumerate(solution)]
-    lower: dict[int, ir.Value] = {}
-    upper: dict[int, ir.Value] = {}
-    inverse: list[ir.Value] = []
-    good = ir.Constant(ir.IntType(1), 1)
-    for j in range(size):
-        column: dict[int, ir.Value] = {}
-        for e in entries("constant", j):
-            column[of["constant_rows"][e]] = value(constant, e)
-        for e in entries("term", j):
-            term = build.fmul(value(coefficients, e), source[origins[e]])
-            so_far = column.get(places[e])
-            column[places[e]] = term if so_far is None else build.fadd(so_far, term)
-        for e in entries("upper", j):
-            k = of["upper_rows"][e]
-            upper[e] = column[k]
-            for i in entries("lower", k):
-                row, product = of["lower_rows"][i], build.fmul(lower[i], upper[e])
-                so_far = column.get(row, ir.Constant(number, 0.0))
-                column[row] = build.fsub(so_far, product)
-        below = [of["lower_rows"][e] for e in entries("lower", j)]
-        pivot = column[j]
-        if not signed:
-            pivot = build.call(magnitude, [pivot])
-        if pivoting:
-            above = largest_of(column[row] for row in below if row in before[j])
-            rest = largest_of(column[row] for row in below if row not in before[j])
-            good = build.and_(good, build.fcmp_ordered(">=", pivot, rest))
-        else:
-            above = ir.Constant(number, 0.0)
-        good = build.and_(good, build.fcmp_ordered(">", pivot, above))
-        inverse.append(build.fdiv(ir.Constant(number, 1.0), column[j]))
-        for e, row in zip(entries("lower", j), below, strict=True):
-            lower[e] = build.fmul(column[row], inverse[j])
-            solution[row] = build.fsub(solution[row], build.fmul(lower[e], solution[j]))
-    if not pivoting:
-        limit = ir.Constant(number, LARGEST_MULTIPLIER)
-        good = build.and_(good, build.fcmp_ordered("<=", largest_of(lower.values()), limit))
-    build.cbranch(good, *blocks[1:])
+    def _entries(self, kind: str, j: int) -> range:
+        starts = self.of[f"{kind}_starts"]
+        return range(starts[j], starts[j + 1])
 
-    build.position_at_end(blocks[1])
-    for j in range(size - 1, -1, -1):
-        solved = build.fmul(solution[j], inverse[j])
-        found = solved if pivoting else build.fmul(solved, value(work, size + j))
-        build.store(found, at(rhs, of["column_order"][j]))
-        for e in entries("upper", j):
-            row = of["upper_rows"][e]
-            solution[row] = build.fsub(solution[row], build.fmul(upper[e], solved))
-    build.ret(ir.Constant(index, COMPLETED))
-    build.position_at_end(blocks[2])
-    build.ret(ir.Constant(index, PIVOTING))
-    return module
+    def _at(self, array: ir.Argument, place: int) -> ir.Value:
+        return self.build.gep(array, [ir.Constant(_INDEX, int(place))])
+
+    def _value(self, array: ir.Argument, place: int) -> ir.Value:
+        return self.build.load(self._at(array, place))
