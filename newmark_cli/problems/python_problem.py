@@ -280,8 +280,7 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     given_twice = {key: f for key, f in used.items() if key not in _FUNCTIONS}
     agreement = Agreement(problem, functions, given_twice, lambda key: source.of(key, chosen[key]))
     agreement.at_load()
-    if problem.quadratic:
-        _require_quadratic(problem, functions, source, chosen["constraints"])
+    _require_quadratic(problem, functions, source, chosen["constraints"])
     _require_consistent(problem, gradient, source)
     return replace(problem, reached=agreement.reached)
 
@@ -417,9 +416,9 @@ def warm() -> None:
 def _require_quadratic(
     problem: Problem, functions: Mapping[str, Any], source: _Source, given: Any
 ) -> None:
-    """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ."""
+    """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ, if declared so."""
     u, t = problem.u0, problem.t0
-    for seed in range(3):
+    for seed in range(3 if problem.quadratic else 0):
         random = np.random.default_rng(seed)
         change = random.normal(size=problem.n) * np.abs(u).max()
         # Not a whole number of seconds, in which a law of time may repeat itself.

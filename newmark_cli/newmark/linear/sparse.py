@@ -154,23 +154,30 @@ class _Products:
 
     def __init__(self, constraining: Constraining, problem: Problem) -> None:
         self._constraining, self._problem = constraining, problem
-        pattern, terms = problem.pattern, constraining.projector
-        first, second = constraining.pairs if constraining.penalty else (_NOWHERE, _NOWHERE)
-        self._pairs = first, second
-        self._square = pattern.g_rows[first], pattern.g_rows[second]
-        self._of_x = _meetings(pattern.x_columns, terms.rows, problem.n)
-        self._of_y = _meetings(pattern.y_columns, terms.rows, problem.n)
-        self._of_mass = _meetings(pattern.mass_columns, terms.rows, problem.n)
-        self._of_g = _meetings(pattern.g_rows, terms.rows, problem.n)
+        pattern, form, (n, m) = problem.pattern, constraining.scheme.form, (problem.n, problem.m)
+        self._pairs = constraining.pairs if constraining.penalty else (_NOWHERE, _NOWHERE)
+        x, y, mass, g = (
+            _meetings(columns, constraining.projector.rows, n)
+            for columns in (
+                pattern.x_columns, pattern.y_columns, pattern.mass_columns, pattern.g_rows,
+            )
+        )  # fmt: skip
+        to_u, to_v, to_a = constraining.eta
+        constraints = [len(form.kept) * n + i * m for i, _ in enumerate(form.constraint_rows)]
+        #: Of each product with P the entries that meet, its rows, and its factor in η.
+        self._with_p = [
+            (x, pattern.x_rows, to_u),
+            (y, pattern.y_rows, to_v),
+            (mass, pattern.mass_rows, constraining.inertia * to_a),
+            *((g, at + pattern.g_columns, f) for at in constraints for f in constraining.eta),
+        ][: None if constraining.stabilised else 0]
+        self._kept = [i * n for i, row in enumerate(form.rows) if row == "K"]
 
-    def terms(self, scheme: Scheme, behind: int, weights: Array) -> list[_Term]:
+    def terms(self, behind: int, weights: Array) -> list[_Term]:
         """Where they stand in J; ``behind`` is the first source of theirs."""
-        constraining, problem = self._constraining, self._problem
-        n, m, pattern = problem.n, problem.m, problem.pattern
-        kept = len(scheme.form.kept)
+        constraining, pattern, n = self._constraining, self._problem.pattern, self._problem.n
         found: list[_Term] = []
         to_projector = constraining.projector
-        eta = kept * n + m
 
         def add(rows: IndexArray, columns: IndexArray, factors: list[tuple[int, float]]) -> None:
             nonlocal behind
@@ -178,44 +185,25 @@ class _Products:
             behind += len(rows)
             found.extend((rows, at + columns, sources, factor) for at, factor in factors if factor)
 
-        in_u = [(k * n, constraining.penalty * weights[0, k]) for k in range(kept)]
-        add(*self._square, in_u if constraining.penalty else [])
-        if not constraining.stabilised:
-            return found
-        to_u, to_v, to_a = constraining.eta
-        for rows, (first, second), factor in (
-            (pattern.x_rows, self._of_x, to_u),
-            (pattern.y_rows, self._of_y, to_v),
-            (pattern.mass_rows, self._of_mass, constraining.inertia * to_a),
-        ):
+        square = [pattern.g_rows[entries] for entries in self._pairs]
+        in_u = [(k * n, constraining.penalty * weight) for k, weight in enumerate(weights[0])]
+        add(square[0], square[1], in_u if constraining.penalty else [])
+        eta = weights.shape[1] * n + self._problem.m
+        for (first, second), rows, factor in self._with_p:
             add(rows[first], to_projector.columns[second], [(eta, factor)])
-        first, second = self._of_g
-        for i, _ in enumerate(scheme.form.constraint_rows):
-            place = (kept * n + i * m) + pattern.g_columns[first]
-            for factor in (to_u, to_v, to_a):
-                add(place, to_projector.columns[second], [(eta, factor)])
-        for i, row in enumerate(scheme.form.rows):
-            if row == "K":
-                add(i * n + to_projector.rows, to_projector.columns, [(eta, -1.0)])
+        for at in self._kept if constraining.stabilised else ():
+            add(at + to_projector.rows, to_projector.columns, [(eta, -1.0)])
         return found
 
     def values(self, values: Values, tangents: Tangents) -> list[Array]:
         """The products, in the order of `terms`."""
         first, second = self._pairs
         found = [values.g[first] * values.g[second]]
-        if not self._constraining.stabilised:
-            return found
-        directions = tangents.directions
-        for factors, (first, second) in (
-            (values.x, self._of_x),
-            (values.y, self._of_y),
-            (self._problem.mass_values, self._of_mass),
-            *((part, self._of_g) for row in tangents.rows for part in row),
-        ):
-            found.append(factors[first] * directions[second])
-        if "K" in self._constraining.scheme.form.rows:
-            found.append(directions)
-        return found
+        of_rows = (part for row in tangents.rows for part in row)
+        factors = (values.x, values.y, self._problem.mass_values, *of_rows)
+        for each, ((first, second), *_) in zip(factors, self._with_p, strict=False):
+            found.append(each[first] * tangents.directions[second])
+        return found + [tangents.directions] * (self._constraining.stabilised and len(self._kept))
 
 
 _NOWHERE = np.empty(0, np.int64)
@@ -297,7 +285,7 @@ class SparseSystem:
             products = _Products(self.constraining, problem)
             #: What a formulation multiplies before it is added up.
             self.products = products.values
-            terms += products.terms(scheme, behind, scheme.elimination.weights)
+            terms += products.terms(behind, scheme.elimination.weights)
         ends = np.cumsum(scheme.form.sizes(n, m)).tolist()
         for row, start in zip(scheme.form.rows, [0, *ends], strict=False):
             for field, (rows, columns, sources) in full[row].items():
