@@ -248,26 +248,23 @@ def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Me
         weights = np.abs(scheme.elimination.weights[FIELDS.index(eliminated)])
         source = int(np.argmax(weights))
         physical[eliminated] = weights[source] * physical[form.kept[source]]
-
-    def row(quantity: str, measure: str, role: str, values: Array) -> Measurement:
-        found = replace(statistics(values), rounding=standard_error(values))
-        return Measurement(quantity, measure, role, found)
-
-    found = [row(unknown, "correction", "primary", scaled[unknown]) for unknown in form.unknowns]
-    for quantity in (*FIELDS, *form.multipliers):
-        role = "recovered" if quantity in form.eliminated else "primary"
-        found.append(row(quantity, "physical_correction", role, physical[quantity]))
+    found = []
+    for measure, quantity, role, _ in _rows_of_corrections(form):
+        values = (scaled if measure == "correction" else physical)[quantity]
+        of_steps = replace(statistics(values), rounding=standard_error(values))
+        found.append(Measurement(quantity, measure, role, of_steps))
     return found
 
 
 def _rows_of_corrections(form: Form) -> list[RowName]:
-    """As `corrections` gives them."""
-    scaled = [(unknown, "correction", "primary") for unknown in form.unknowns]
-    physical = [
-        (quantity, "physical_correction", "recovered" if quantity in form.eliminated else "primary")
-        for quantity in (*FIELDS, *form.multipliers)
+    roles = dict.fromkeys(form.eliminated, "recovered")
+    return [
+        *(("correction", unknown, "primary", "") for unknown in form.unknowns),
+        *(
+            ("physical_correction", quantity, roles.get(quantity, "primary"), "")
+            for quantity in (*FIELDS, *form.multipliers)
+        ),
     ]
-    return [(measure, quantity, role, "") for quantity, measure, role in (*scaled, *physical)]
 
 
 _form = cache(formulated)
@@ -874,15 +871,9 @@ KRYLOV = Measure(
 # -- tolerance --------------------------------------------------------------------------------
 
 
-class _Iterations(Observer):
-    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
-        self._counts = [np.zeros(0, np.int64)]
-
-    def took(self, stretch: "Stretch") -> None:
-        self._counts.append(stretch.iterations)
-
+class _Iterations(_Corrections):
     def measured(self) -> list[Measurement]:
-        counts = np.abs(np.concatenate(self._counts)) * 1.0
+        counts = np.abs(np.concatenate(self._iterations)) * 1.0
         return [Measurement("newton", "tolerance", "primary", statistics(counts))]
 
 
