@@ -49,7 +49,7 @@ def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
 
 
 def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]:
-    """Misfits of coordinates and velocities.
+    """Misfits of coordinates and velocities by name, in the order of `INVARIANTS`.
 
     ==========  ==============================================  =====================
     name        errors                                          size
@@ -58,21 +58,12 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
                 a constraint
     velocity    (Gᵀv + Φ_t)_k / ‖G_k‖ (m/s): speed at which     max |v|, |Φ_t| / ‖G‖
                 it is left
-    energy      E − E_0, E = T + V                              T + T_0 + |V − V_0|
+    energy      E − E_0, E = T + V, where it is conserved       T + T_0 + |V − V_0|
     ==========  ==============================================  =====================
 
     G_k is the column of G of constraint k: dividing by its length makes links of any
     length, sliders and angles comparable, and the ratio to max |u| or max |v| reads
-    in units of relative rounding.
-
-    Args:
-        problem: The problem.
-        t: Time (s).
-        u, v: (n,) coordinates and velocities.
-
-    Returns:
-        By name, in the order of `INVARIANTS`; without energy where none is conserved.
-        NaN where the state is not finite.
+    in units of relative rounding.  NaN where the state is not finite.
     """
     with np.errstate(all="ignore"):
         values = problem.values(t, u, v, np.zeros(problem.m))

@@ -25,12 +25,7 @@ def four_field(
 ) -> Blocks:
     """Blocks of the Jacobian of the (u, v, a, λ) form, row → column → block.
 
-    Args:
-        terms: The problem at a state.
-        mass_matrix: (n, n) M.
-        relations: The integrator's.
-        constraining: A formulation beside index 3, which may have η.
-        tangents: Its part at the state.
+    With those of a formulation beside index 3, which may have η, from its tangents.
     """
     n, m = terms.G.shape
     identity, zero = np.eye(n), np.zeros((n, n))

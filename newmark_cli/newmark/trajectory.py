@@ -423,9 +423,7 @@ class _Rows:
         if end > len(self._values):
             twice = 2 * len(self._values)
             room = max(end, min(twice, self._most or twice))
-            grown = np.empty((room, *self._values.shape[1:]), self._values.dtype)
-            grown[:begin] = self._values[:begin]
-            self._values = grown
+            self._values.resize((room, *self._values.shape[1:]), refcheck=False)
         self._values[begin:end] = values
 
     def first(self, count: int) -> Any:
@@ -449,13 +447,9 @@ class Recorder:
         most: int | None = None,
         needed: Needed | None = None,
     ) -> None:
-        """Keep nothing yet; where the march stands is the start of the record.
+        """Keep nothing yet of `KEPT`; where the march stands is the start of the record.
 
-        Args:
-            march: The march.
-            keep: Which of `KEPT` it keeps.
-            most: About how many steps it will keep, if that is known.
-            needed: Ends the march where rows that were dropped are needed.
+        ``most`` is about how many steps it will keep, if that is known.
         """
         n, m = march.problem.n, march.problem.m
         self.march = march
@@ -465,13 +459,10 @@ class Recorder:
         self._not_converged, self._corrections = 0, 0
         # An interrupt may come while rows are written: those that count are counted last.
         self._kept, self._last = 0, -1
-        self._numbers = _Rows((), np.int64, most)
-        self._counts = _Rows((), np.int64, most)
-        self._arrays = {
-            name: _Rows((m if name == "lambda" else n,), float, most)
-            for name in KEPT
-            if name in keep
-        }
+        self._rows = {name: _Rows((), np.int64, most) for name in ("number", "count")}
+        self._names = [name for name in KEPT if name in keep]
+        for name in self._names:
+            self._rows[name] = _Rows((m if name == "lambda" else n,), float, most)
         self._good = step_of(march)
 
     def stops(self, halt: int) -> frozenset[int]:
@@ -494,9 +485,10 @@ class Recorder:
         if self._last < step.carried.steps:
             count = step.iterations if step.converged else -step.iterations
             fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
-            rows = {name: fields[name][None] for name in self._arrays}
-            steps = np.array([step.carried.steps])
-            self._kept, self._last = self._written(steps, np.array([count]), rows)
+            rows = {name: fields[name][None] for name in self._names}
+            self._kept, self._last = self._written(
+                rows | {"number": np.array([step.carried.steps]), "count": np.array([count])}
+            )
 
     def took(self, stretch: Stretch) -> None:
         """Take up what a stretch of the march recorded."""
@@ -508,9 +500,10 @@ class Recorder:
             first = self.march.done - len(stretch.iterations)
             rows = {
                 name: (multipliers if name == "lambda" else fields[:, _ROWS[name]])[good]
-                for name in self._arrays
+                for name in self._names
             }
-            kept, last = self._written(looks, stretch.iterations[looks - first - 1], rows)
+            counts = stretch.iterations[looks - first - 1]
+            kept, last = self._written(rows | {"number": looks, "count": counts})
         state = self.march.state
         finite = self.finite and bool(good.all())
         finite = finite and all(bool(np.isfinite(array).all()) for array in state[:3])
@@ -526,17 +519,12 @@ class Recorder:
             self._needed.sees(self.march)
             self.reason = self._needed.reason
 
-    def _written(
-        self, steps: IndexArray, counts: IndexArray, rows: Mapping[str, Array]
-    ) -> tuple[int, int]:
+    def _written(self, rows: Mapping[str, Any]) -> tuple[int, int]:
         """Write rows; returns how many there are with them, and the last step that is kept."""
-        if not len(steps):
-            return self._kept, self._last
-        self._numbers.write(self._kept, steps)
-        self._counts.write(self._kept, counts)
         for name, values in rows.items():
-            self._arrays[name].write(self._kept, values)
-        return self._kept + len(steps), int(steps[-1])
+            self._rows[name].write(self._kept, values)
+        steps = rows["number"]
+        return self._kept + len(steps), int(steps[-1]) if len(steps) else self._last
 
     def trajectory(self, status: str = "") -> Trajectory:
         """Rows kept so far."""
@@ -545,7 +533,8 @@ class Recorder:
             status = ENDINGS[ending]
         elif self.reason:
             status = REDUNDANT
-        numbers, counts = (rows.first(self._kept) for rows in (self._numbers, self._counts))
+        found = {name: rows.first(self._kept) for name, rows in self._rows.items()}
+        numbers, counts = found.pop("number"), found.pop("count")
         return Trajectory(
             t=self.march.grid.times(numbers),
             numbers=numbers,
@@ -558,6 +547,6 @@ class Recorder:
             h=self.march.grid.h,
             state=self._good,
             problem=self.march.problem,
-            arrays={name: rows.first(self._kept) for name, rows in self._arrays.items()},
+            arrays=found,
             reason=self.reason if status == REDUNDANT else "",
         )

@@ -25,8 +25,9 @@ from newmark_cli.support.arrays import Array, IndexArray
 def elimination_order(
     problem: Problem, fields: int, constraint_rows: int = 1
 ) -> tuple[IndexArray, IndexArray]:
-    """Static order in which rows and unknowns of a form are eliminated.
+    """Rows (p n + k m,) and unknowns of a form in a static order of elimination.
 
+    Of p kept fields, with rows D, p − 1 of V and K, and k rows of constraints.
     Coordinates go by reverse Cuthill–McKee, which keeps the fill of long
     mechanisms within a band.  Of a coordinate's kept fields only the highest has
     its column there, beside row D, where its coefficient of M is large.  The
@@ -39,14 +40,6 @@ def elimination_order(
     reduce fill alone (COLAMD, minimum degree) lose twelve digits in this way on a
     chain at h = 1e-6; this one is as accurate as under the optimal scaling, and
     its fill is 1.1 to 1.8 times theirs.
-
-    Args:
-        problem: The problem.
-        fields: p, number of kept fields; rows are D, p − 1 of V and K, and constraints.
-        constraint_rows: k, number of rows of constraints, and of kinds of multipliers.
-
-    Returns:
-        (p n + k m,) rows and (p n + k m,) unknowns in their order of elimination.
     """
     n, m, pattern = problem.n, problem.m, problem.pattern
     coupled = coupling(problem)
