@@ -196,7 +196,6 @@ class Measure:
     #: measure, quantity, role and row block of every row that a cell of a form has of it, in their
     #: order; of all quantities of its records if omitted, and None where these have none
     rows: Callable[[Form], Sequence[RowName]] | None = None
-    may_lack: tuple[str, ...] = ()  #: quantities of which there are rows for some problems only
 
     def __post_init__(self) -> None:
         names = tuple((one.name, q, "primary", "") for one in self.records for q in one.quantities)
@@ -611,7 +610,6 @@ ERROR = Measure(
     at_end=True,
     reference=True,
     twins=True,
-    may_lack=tuple(OF_OUTPUTS),
 )
 
 
@@ -765,7 +763,6 @@ INVARIANT = Measure(
     ),
     _Invariants,
     twins=True,
-    may_lack=("energy",),
 )
 
 
@@ -973,7 +970,6 @@ HISTORY = Measure(
         ),
     ),
     _History,
-    may_lack=(*OF_OUTPUTS, ENERGY),
 )
 
 
@@ -1047,7 +1043,6 @@ TRAJECTORY = Measure(
         ),
     ),
     _Trajectories,
-    may_lack=(*KEPT, ENERGY, OUTPUT),
 )
 
 
