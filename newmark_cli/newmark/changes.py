@@ -81,7 +81,7 @@ class Model:
     def matrix(self, h: float, last: float, before: float) -> Array:
         """(P + 5, P + 5) a step: rows past, v', x, v, a, v' as reported; see `errors`.
 
-        Columns are the past and v' before it and x' there, then x, x' and x'' behind it.
+        Columns are the past and v' before it and x' there, then x, x' and x'' after it.
         """
         changed = h != last
         relations = self.integrator.relations(h, 1.0 if self.rule == RESTART else h / last)
@@ -188,7 +188,7 @@ class Model:
 
 
 def _shift(h: float) -> Array:
-    """(5, 5) x⁽ʲ⁾ before a step in terms of those behind it."""
+    """(5, 5) x⁽ʲ⁾ before a step in terms of those after it."""
     powers = np.array([(-h) ** k / math.factorial(k) for k in range(_TERMS)])
     return np.array(
         [[powers[m - j] if m >= j else 0.0 for m in range(_TERMS)] for j in range(_TERMS)]
@@ -200,7 +200,7 @@ class Transient:
     """What one change of h does to λ.
 
     Attributes:
-        order: Of the error of λ, in h, in the steps behind the change.
+        order: Of the error of λ, in h, in the steps after the change.
         size: Its largest over h^order and |(GᵀM⁻¹G)⁻¹ Gᵀu⁽ᵏ⁾|, k = order + 2, h that before.
         steps: Until what the change has added is down to a hundredth; +∞ where that stays.
     """
@@ -237,12 +237,12 @@ def orders(
     rule: str,
     sequence: StepSequence,
 ) -> tuple[float, float]:
-    """Orders of the errors of u and v, and of λ, in steps behind changes of h.
+    """Orders of the errors of u and v, and of λ, in steps after changes of h.
 
     Args:
         integrator, formulation, projection, reported: What is marched, and which λ.
         rule: What becomes of the past where h changes.
-        sequence: How h varies: behind a single change, or along changes that recur.
+        sequence: How h varies; of a single change what follows it.
 
     Returns:
         Order of u and v, and of λ; −∞ where errors grow exponentially.
@@ -254,7 +254,7 @@ def orders(
         prescribed = VELOCITY if "Cv" in rows else NOTHING
     across = Model(integrator, rule, prescribed, projection.level > 0, reported == TOTAL)
     if isinstance(sequence, Constant | Change):
-        # Of one size: what there is behind no change.
+        # Without a change, what follows none.
         change = getattr(sequence, "change", 1.0)
         state = float(integrator.order)
         of_v = float(transient(across, change).order)

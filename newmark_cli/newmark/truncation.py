@@ -90,26 +90,29 @@ class March:
         if isinstance(self.sequence, Change):
             # What one change leaves behind has died out, or alternates.
             return UNKNOWN if self._alternation_fed and quantity == "lambda" else found
-        return min(found, self._behind(quantity))
+        of_state, of_multipliers = self._after_changes
+        if quantity == "lambda" and of_multipliers < of_state:
+            return UNKNOWN  # it depends on how many steps ago h changed last
+        return min(found, self._after(quantity))
 
     def transient(self, quantity: str) -> float:
-        """Order of the largest error of u, v or λ in the first steps behind a change."""
+        """Order of the largest error of u, v or λ in the first steps after a change."""
         if not self.settles or (self.formulation.scheduled and quantity == "lambda"):
             return UNKNOWN
         if quantity == "lambda" and self.alternates and not self.corrected:
             return UNKNOWN
-        return min(float(self.order), self._behind(quantity))
+        return min(float(self.order), self._after(quantity))
 
     @cached_property
-    def _behind_changes(self) -> tuple[float, float]:
+    def _after_changes(self) -> tuple[float, float]:
         """Orders of u and v, and of λ; see `newmark_cli.newmark.changes.orders`."""
         return changes.orders(
             self.integrator, self.formulation, self.projection, self.reported, self.auxiliary,
             self.sequence,
         )  # fmt: skip
 
-    def _behind(self, quantity: str) -> float:
-        found = self._behind_changes[quantity == "lambda"]
+    def _after(self, quantity: str) -> float:
+        found = self._after_changes[quantity == "lambda"]
         return found if math.isfinite(found) else UNKNOWN
 
     @property

@@ -615,7 +615,7 @@ ERROR = Measure(
 
 # -- transient --------------------------------------------------------------------------------
 
-#: Steps behind a change of h in which the largest error is looked for.
+#: Steps after a change of h in which the largest error is looked for.
 WINDOW = 40
 
 
@@ -680,13 +680,13 @@ class _Transients(Observer):
 
 TRANSIENT = Measure(
     "transient",
-    f"largest relative errors of u, v, λ in the {WINDOW} steps behind a change of the step size; "
-    "without one, and where changes recur, behind the middle of the march",
+    f"largest relative errors of u, v, λ in the {WINDOW} steps after a change of the step size; "
+    "without one, and where changes recur, after the middle of the march",
     (
         Record(
             "transient",
-            lambda key: f"largest error of {symbol(key.quantity)} behind a change of h",
-            lambda key: f"largest error behind a change of $h$, ${_ratio(key.quantity)}$",
+            lambda key: f"error of {symbol(key.quantity)} after a change",
+            lambda key: f"error after a change of $h$, ${_ratio(key.quantity)}$",
             "max",
             lambda key: _march_of(key).transient(key.quantity),
             0.2,
