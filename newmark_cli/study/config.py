@@ -57,7 +57,7 @@ REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms"
 BEYOND = (
     "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
     "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
-    "spatial",
+    "spatial", "step-changes",
 )  # fmt: skip
 MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
