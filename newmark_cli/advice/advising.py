@@ -23,10 +23,11 @@ from newmark_cli.library.scalings import (
     scaling as factors_of,
 )
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes, equilibrium
+from newmark_cli.newmark.changes import POSITION, across, transient
 from newmark_cli.newmark.floor import Floor, unpredicted
 from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import Formulation
-from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.integrator import KEEP, NEW_W, TRUE_ACCELERATION, Integrator
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
 from newmark_cli.newmark.orders import form_orders
@@ -281,6 +282,7 @@ def advise(
         *diagnosed(tests, about, each, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
+        *_when_h_changes(schemes),
         *([f"no floors and no tolerances: {why}"] if why else []),
         *(
             [
@@ -609,3 +611,32 @@ def _findings(
             f"{found.cause}. With a further factor for each block C = {found.with_fields:.3g}; "
             f"with one for each row and column C = {found.with_all:.3g}"
         )
+
+
+def _when_h_changes(schemes: _Schemes) -> Iterable[str]:
+    """How long λ is off after h → h/2 where a code carries its past on, and what avoids it."""
+    integrator, advance = schemes.integrator, schemes.integrator.relations(1.0).advance
+    model = across(integrator, schemes.formulation, KEEP)
+    found = transient(model, 0.5)
+    auxiliary = TRUE_ACCELERATION in advance
+    if model.prescribed != POSITION and found.order == integrator.order:
+        return
+    cures = ["a − v' by h_new/h"] if auxiliary else []
+    if model.prescribed == POSITION:
+        power = "h_new/h" if integrator.order == 1 and not auxiliary else "(h_new/h)²"
+        if NEW_W in advance:
+            power = "h_new (h_new + h)/(h (h + h_before)), at the change and one step later"
+        cures.append(f"what v misses of Gᵀv + Φ_t = 0 by {power}")
+    cure = " and ".join(cures)
+    if model.prescribed == POSITION:
+        cure += f"; or take ggl, index-2 or {_PROJECTED}, where v misses nothing"
+    lasting = (
+        "which then alternates for good"
+        if math.isinf(found.steps)
+        else f"and by a hundredth of that {found.steps:g} step{'s' * (found.steps > 1)} later"
+    )
+    size, unit = f"{found.size:.2g}", ("u″", "h u‴")[found.order]
+    yield (
+        f"when your code changes h, λ loses an order: after h → h/2 it is off by up to {size} "
+        f"(GᵀM⁻¹G)⁻¹ Gᵀ {unit} within 40 steps, {lasting}. To keep the order multiply {cure}"
+    )

@@ -229,6 +229,19 @@ def transient(model: Model, change: float, window: int = 40) -> Transient:
     return Transient(place, float(np.abs(true[:, place]).max()), steps)
 
 
+def across(integrator: Integrator, formulation: Formulation, rule: str) -> Model:
+    """The motion across the constraints, without projections.
+
+    Args:
+        integrator, formulation: What is marched.
+        rule: What becomes of the past where h changes.
+    """
+    rows = formulation.kind.rows
+    if rows == ("C",) or formulation.kind.penalised:
+        return Model(integrator, rule, POSITION)
+    return Model(integrator, rule, VELOCITY if "Cv" in rows else NOTHING)
+
+
 def orders(
     integrator: Integrator,
     formulation: Formulation,
@@ -247,17 +260,13 @@ def orders(
     Returns:
         Order of u and v, and of λ; −∞ where errors grow exponentially.
     """
-    rows = formulation.kind.rows
-    if rows == ("C",) or formulation.kind.penalised:
-        prescribed = POSITION
-    else:
-        prescribed = VELOCITY if "Cv" in rows else NOTHING
-    across = Model(integrator, rule, prescribed, projection.level > 0, reported == TOTAL)
+    model = across(integrator, formulation, rule)
+    model = replace(model, projected=projection.level > 0, total=reported == TOTAL)
     if isinstance(sequence, Constant | Change):
         # Without a change, what follows none.
         change = getattr(sequence, "change", 1.0)
         state = float(integrator.order)
-        of_v = float(transient(across, change).order)
+        of_v = float(transient(model, change).order)
     else:
         drawn = (
             [replace(sequence, seed=k) for k in range(_SEEDS)]
@@ -265,9 +274,9 @@ def orders(
             else [sequence]
         )
         sizes = np.array([each.factors(_MANY, 1.0) for each in drawn])
-        along, ahead = Model(integrator, rule, NOTHING).errors(sizes), across.errors(sizes)
+        along, ahead = Model(integrator, rule, NOTHING).errors(sizes), model.errors(sizes)
         # Without damping, what random changes leave adds up as a random walk.
-        walks = isinstance(sequence, Random) and across.decay >= 1
+        walks = isinstance(sequence, Random) and model.decay >= 1
         order = partial(_order, powers=0.5 if walks else 1.0)
         # Accelerations across turn into others along the constraints, as these turn.
         turned = np.cumsum(ahead.a * sizes[..., None] ** 2, axis=1)
@@ -279,7 +288,7 @@ def orders(
             order(turned, 2),
         )
         of_v = order(ahead.true, 0)
-    if reported == RECOVERED or prescribed == NOTHING:
+    if reported == RECOVERED or model.prescribed == NOTHING:
         return state, state
     return state, min(of_v, state)
 
