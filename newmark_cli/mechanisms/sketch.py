@@ -214,7 +214,7 @@ def _body(scene: Scene, name: str, body: Any) -> Iterator[Mark]:
         return
     outline = [*ends, centre] if len(ends) == 2 and body.centre[1] != 0 else ends
     if len(outline) > 2:
-        yield Mark("outline", outline)
+        yield Mark("outline", [*outline, outline[0]])
     driven = any(torque.on == name for torque in scene.mechanism.torques.values())
     yield Mark("driven body" if driven else "body", ends[:2])
 

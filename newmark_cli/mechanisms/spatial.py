@@ -53,7 +53,6 @@ class SpatialModel:
         mechanism: What the file says.
         bodies: Names, in the order of the coordinates.
         joints: By name.
-        points: Points of the ground and of bodies, by name.
         shared: Joints whose reactions are not unique, because they depend on what is dropped.
         freedom: Degrees of freedom at the start.
         mass_rank: Rank of M.
@@ -63,7 +62,6 @@ class SpatialModel:
     mechanism: SpatialMechanism
     bodies: tuple[str, ...]
     joints: Mapping[str, Connection]
-    points: Mapping[str, Side]
     shared: frozenset[str] = frozenset()
     freedom: int = 0
     mass_rank: int = 0
@@ -144,7 +142,7 @@ class Builder(builder.Builder):
         names = tuple(self.numbers)
         owners = tuple(self.rows[row].owner for row in kept)
         return {
-            "drawing_given": SpatialModel(self.mechanism, names, self.made, self.sites),
+            "drawing_given": SpatialModel(self.mechanism, names, self.made),
             "points_given": tuple(f"{body}.{vector}" for body in names for vector in VECTORS),
             "axes": "xyz",
             "outputs": SpatialOutputs(names, self.made, owners),
