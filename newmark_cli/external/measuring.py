@@ -185,7 +185,7 @@ def deviations(run: Run, motion: Motion, given: Mapping[str, Sequence[str]]) -> 
         note(f"error {part}", relative(end[part] - there, float(np.abs(there).max())))
     if problem.m:
         note("error lambda", relative(end["lambda"] - reference.multipliers, reference.scales))
-    if given["output"] and problem.outputs is not None:
+    if given.get("output") and problem.outputs is not None:
         here, there = end["output"], problem.outputs.values(
             problem, run.t[-1], reference.u, reference.v, reference.multipliers
         )  # fmt: skip

@@ -6,7 +6,7 @@ A row is the state of one run at one time.  Columns are named as in `Trajectory.
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -15,7 +15,6 @@ import numpy as np
 
 from newmark_cli.library.arguments import shown
 from newmark_cli.problems.problem import Problem
-from newmark_cli.study import axes
 from newmark_cli.study.trajectories import require_parquet
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
@@ -32,7 +31,8 @@ STATE = ("u", "v", "lambda", "output")
 #: Axes that say which method a code has.
 METHOD = ("integrator", "formulation", "projection", "multipliers", "start", "evaluation")
 #: Columns besides the state: of numbers, and of text.
-NUMBERS = (*ABSCISSAS, "t", "twin", "iterations", "seconds", "calls", "correction")
+WORK = ("iterations", "seconds", "calls")
+NUMBERS = (*ABSCISSAS, "t", "twin", *WORK)
 TEXTS = ("series", "message", *METHOD)
 #: Newton's successive corrections in a step.
 CORRECTIONS = re.compile(r"correction\[(\d+)\]")
@@ -45,33 +45,22 @@ _FACTOR = re.compile(r"\s*(-)?\s*(?:([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*\*\s*)?(.+?)
 UNNAMED = "your code"
 #: Lines in which digits are counted, and fewer digits than a double has.
 _LOOKED_AT, _FEW_DIGITS = 200, 12
+_TEXTS = "first lines"
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One run, its rows in the order of time.
+    """One run, its rows in the order of time."""
 
-    Attributes:
-        series: Label of the series that it belongs to.
-        size: Step size (s), or tolerance.
-        twin: 0, or the number of the run from a start one unit in the last place away.
-        t: (k,) times (s).
-        state: Part → (k, size) values; NaN where the table has none.
-        numbers: Further column → (k,) values.
-        message: What the code said of it.
-        method: Axis → value that the table says of it.
-        lacks: Columns of the state that the table has, without a number in the last row.
-    """
-
-    series: str
-    size: float
-    twin: int
-    t: Array
-    state: Mapping[str, Array]
-    numbers: Mapping[str, Array]
-    message: str = ""
-    method: Mapping[str, str] = field(default_factory=dict)
-    lacks: Sequence[str] = ()
+    series: str  #: label of the series that it belongs to
+    size: float  #: step size (s), or tolerance
+    twin: int  #: 0, or the number of the run from a start one unit in the last place away
+    t: Array  #: (k,) times (s)
+    state: Mapping[str, Array]  #: part → (k, size) values; NaN where the table has none
+    numbers: Mapping[str, Array]  #: further column → (k,) values
+    message: str = ""  #: what the code said of it
+    method: Mapping[str, str] = field(default_factory=dict)  #: axis → value that the table has
+    lacks: Sequence[str] = ()  #: columns of the state without a number in the last row
 
     @property
     def ended(self) -> bool:
@@ -83,29 +72,24 @@ class Run:
         """(k, j) Newton's corrections in the steps of the rows; j may be 0."""
         found = {int(place[1]): values for name, values in self.numbers.items()
                  if (place := CORRECTIONS.fullmatch(name))}  # fmt: skip
-        columns = [found[number] for number in sorted(found)]
-        return np.stack(columns, axis=1) if columns else np.zeros((len(self.t), 0))
+        return np.array([found[number] for number in sorted(found)]).reshape(-1, len(self.t)).T
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """What a table holds.
+    """What a table holds."""
 
-    Attributes:
-        runs: In the order of series, and of sizes from the largest.
-        abscissa: ``"h"`` or ``"tolerance"``.
-        given: Part → names of its components that the table has.
-        notes: What was taken for granted, in sentences.
-        digits: Most digits of a number, as text; None where there is no text.
-        single: Whether each number of the state is one of single precision.
-    """
+    runs: Sequence[Run]  #: in the order of series, and of sizes from the largest
+    abscissa: str  #: ``"h"`` or ``"tolerance"``
+    given: Mapping[str, Sequence[str]]  #: part → names of its components that the table has
+    notes: Sequence[str]  #: what was taken for granted, in sentences
+    digits: int = 0  #: most digits of a number, as text; 0 where there is no text
+    single: bool = False  #: whether each number of the state is one of single precision
 
-    runs: Sequence[Run]
-    abscissa: str
-    given: Mapping[str, Sequence[str]]
-    notes: Sequence[str]
-    digits: int | None = None
-    single: bool = False
+    @property
+    def few_digits(self) -> bool:
+        """Whether numbers were printed with fewer digits than rounding needs."""
+        return 1 < self.digits < _FEW_DIGITS
 
 
 def names_of(problem: Problem) -> dict[str, tuple[str, ...]]:
@@ -142,61 +126,75 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         raise ArgumentError(f"{where}: column {twice} is there twice")
     notes: list[str] = []
     taken = _columns([str(name) for name in frame.columns], problem, columns, where, notes)
-    single = None
-
-    def numbers(name: str) -> Array:
-        nonlocal single
-        theirs, factor = taken[name]
-        values = _numbers(frame[theirs], f"{where}: {theirs}", where)
-        if name.partition("[")[0] in STATE and factor == 1 and single is not False:
-            finite = values[np.isfinite(values)]
-            # Zeros and ones are numbers of any precision.
-            if np.any(finite != np.round(finite, 3)):
-                with np.errstate(over="ignore"):
-                    single = bool(np.all(finite == finite.astype(np.float32)))
-        return factor * values
-
-    found = {name: numbers(name) for name in taken if name not in TEXTS}
+    found = {name: factor * _numbers(frame[theirs], f"{where}: {theirs}", where)
+             for name, (theirs, factor) in taken.items() if name not in TEXTS}  # fmt: skip
     abscissa = next((name for name in ABSCISSAS if name in found), None)
     if abscissa is None or "t" not in found:
         lacking = "t" if abscissa else "h, tolerance or steps"
         raise ArgumentError(f"{where}: needs a column {lacking}; has {_some(frame.columns)}")
-    table = pd.DataFrame(found)
-    for name in TEXTS:
-        if name in taken:
-            table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
-    if "series" not in table:
-        table["series"] = UNNAMED
-    given = {part: [n for n in names if f"{part}[{n}]" in found]
-             for part, names in names_of(problem).items()}  # fmt: skip
+    ours = {part: [f"{part}[{name}]" for name in names]
+            for part, names in names_of(problem).items() if names}  # fmt: skip
+    given = {part: [name for name in names if name in found] for part, names in ours.items()}
     if not any(given.values()):
-        wanted = ", ".join(f"{part}[{names[0]}]" for part, names in names_of(problem).items()
-                           if names)  # fmt: skip
+        wanted = ", ".join(names[0] for names in ours.values())
         raise ArgumentError(
             f"{where}: no column of {problem.name}, such as {wanted}; has {_some(frame.columns)}"
         )
-    runs = list(_runs(table, abscissa, problem, where))
+    table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **found})
+    for name in TEXTS:
+        if name in taken:
+            table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
+    _refuse_rows(table, abscissa, where)
+    runs = []
+    keys = ["series", abscissa, "twin"]
+    for key, rows in table.sort_values("t", kind="stable").groupby(keys):
+        series, size, twin = cast(tuple[str, float, float], key)
+        last = rows.iloc[-1]
+        runs.append(Run(
+            series,
+            float((last["t"] - problem.t0) / size if abscissa == "steps" else size),
+            int(twin),
+            rows["t"].to_numpy(),
+            {part: rows.reindex(columns=names).to_numpy(float) for part, names in ours.items()},
+            {name: rows[name].to_numpy() for name in found
+             if name in WORK or CORRECTIONS.fullmatch(name)},
+            last.get("message", ""),
+            {name: last[name] for name in METHOD if last.get(name)},
+            [name for part in given.values() for name in part if not math.isfinite(last[name])],
+        ))  # fmt: skip
+    order = table["series"].unique().tolist()
+    runs.sort(key=lambda run: (order.index(run.series), -run.size, run.twin))
+    texts = frame.attrs.get(_TEXTS, pd.DataFrame())
+    theirs = [taken[name] for names in given.values() for name in names]
     return Runs(
-        runs, TOLERANCE if abscissa == TOLERANCE else STEP_SIZE, given, notes,
-        _digits(frame, [taken[f"{p}[{n}]"][0] for p, names in given.items() for n in names]),
-        bool(single),
+        runs,
+        TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
+        given,
+        notes,
+        max((_digits(text) for name, _ in theirs if name in texts for text in texts[name]),
+            default=0),
+        _is_single(np.concatenate([found[name] for names in given.values() for name in names
+                                   if taken[name][1] == 1] or [np.zeros(0)])),
     )  # fmt: skip
 
 
 def _file(path: Path) -> "pd.DataFrame":
-    """A file's table; of a CSV as text, since other parsers lose last digits."""
+    """A file's table; of a CSV its first lines as text, too."""
     import pandas as pd
 
     try:
         if path.suffix == ".parquet":
             require_parquet()
             return pd.read_parquet(path)
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+        texts = pd.read_csv(path, dtype=str, nrows=_LOOKED_AT, skipinitialspace=True)
+        frame = pd.read_csv(path, dtype=dict.fromkeys(TEXTS, str), skipinitialspace=True,
+                            float_precision="round_trip", low_memory=False)  # fmt: skip
     except OSError as error:
         raise ArgumentError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, pd.errors.ParserError) as error:  # of either library
         raise ArgumentError(f"{path}: not a table: {str(error).splitlines()[0]}") from None
-    frame.columns = frame.columns.str.strip()
+    frame.columns = texts.columns = frame.columns.str.strip()
+    frame.attrs[_TEXTS] = texts
     return frame
 
 
@@ -267,95 +265,53 @@ def _numbers(column: "pd.Series[Any]", what: str, where: str) -> Array:
     values = column.to_numpy()
     if values.dtype.kind in "iuf":
         return np.asarray(values, float)
-    texts = ["nan" if given is None or given != given else str(given).strip() for given in values]
-    try:
-        return np.array([float(text) if text else math.nan for text in texts])
-    except ValueError:
-        found = np.empty(len(texts))
-        for place, text in enumerate(texts):
+    found = np.full(len(values), math.nan)
+    for place, value in enumerate(values):
+        text = str(value).strip()
+        # "nan" is in all that C writes for numbers that are none, such as -nan(ind).
+        if text and text != "None" and "nan" not in text.lower():
             try:
-                # What C writes for numbers that are none.
-                found[place] = float("nan" if not text or "nan" in text.lower() else text)
+                found[place] = float(text)
             except ValueError:
                 line = f"line {place + 2}" if where.endswith(".csv") else f"row {place + 1}"
                 raise ArgumentError(f"{what}, {line}: not a number, given {text!r}") from None
-        return found
+    return found
 
 
-def _runs(table: "pd.DataFrame", abscissa: str, problem: Problem, where: str) -> Iterator[Run]:
-    """The rows of each run, of each series by descending sizes."""
-    ours = names_of(problem)
-    if "twin" not in table:
-        table["twin"] = 0
-    for name in (abscissa, "t"):
-        wrong = (
-            ~np.isfinite(table[name])
-            | (table[name] < 0)
-            | ((table[name] == 0) if name == abscissa else False)
-        )
+def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str) -> None:
+    """Refuse sizes and times that are none, and times that are there twice."""
+    for name, bad, wanted in (
+        (abscissa, table[abscissa] <= 0, "positive"),
+        ("t", table["t"] < 0, "a time, not negative"),
+    ):
+        wrong = np.asarray(bad | ~np.isfinite(table[name]))
         if wrong.any():
-            place = int(np.argmax(wrong.to_numpy()))
+            at = int(np.argmax(wrong))
             raise ArgumentError(
-                f"{where}, line {place + 2}: {name} must be "
-                f"{'a time, not negative' if name == 't' else 'positive'}, given "
-                f"{table[name].iloc[place]:g}"
+                f"{where}, line {at + 2}: {name} must be {wanted}, given {table[name].iloc[at]:g}"
             )
-    keys = ["series", abscissa, "twin"]
-    for series, of_series in table.groupby("series", sort=False):
-        sizes = of_series.groupby(keys, sort=False)
-        runs = []
-        for key, rows in sizes:
-            _, size, twin = cast(tuple[str, float, float], key)
-            rows = rows.sort_values("t", kind="stable")
-            again = rows["t"].duplicated() & np.isfinite(rows["t"])
-            if again.any():
-                raise ArgumentError(
-                    f"{where}: series {series}, {abscissa} = {size:g}: t = "
-                    f"{rows['t'][again].iloc[0]:g} is there twice; give each run a label in the "
-                    "column series, or twins their number in the column twin"
-                )
-            t = rows["t"].to_numpy()
-            h = (t[-1] - problem.t0) / size if abscissa == "steps" else size
-            state = {
-                part: np.stack(
-                    [
-                        rows[name].to_numpy() if (name := f"{part}[{one}]") in rows
-                        else np.full(len(rows), np.nan)
-                        for one in names
-                    ],
-                    axis=1,
-                )
-                for part, names in ours.items() if names
-            }  # fmt: skip
-            columns = [str(name) for name in rows.columns]
-            numbers = {name: rows[name].to_numpy(float) for name in columns
-                       if name in NUMBERS[4:] or CORRECTIONS.fullmatch(name)}  # fmt: skip
-            words = {n: str(rows[n].iloc[-1]) for n in TEXTS[1:] if n in rows and rows[n].iloc[-1]}
-            message = words.pop("message", "")
-            last = {f"{part}[{name}]": number for part, names in ours.items() if names
-                    for name, number in zip(names, state[part][-1], strict=True)}  # fmt: skip
-            lacks = [name for name, number in last.items()
-                     if name in columns and not math.isfinite(number)]  # fmt: skip
-            runs.append(
-                Run(str(series), float(h), int(twin), t, state, numbers, message, words, lacks)
-            )
-        yield from sorted(runs, key=lambda run: (-run.size, run.twin))
+    again = table.duplicated(["series", abscissa, "twin", "t"])
+    if again.any():
+        row = table[again].iloc[0]
+        raise ArgumentError(
+            f"{where}: series {row['series']}, {abscissa} = {row[abscissa]:g}: t = {row['t']:g} is "
+            "there twice; give each run a label in the column series, or twins their number in the "
+            "column twin"
+        )
 
 
-def _digits(frame: "pd.DataFrame", columns: Iterable[str]) -> int | None:
-    """Most digits that a number of the state is written with; None where there is no text."""
-    most = None
-    for column in columns:
-        for text in frame[column].head(_LOOKED_AT):
-            if isinstance(text, str):
-                mantissa = re.sub(r"[eE].*", "", text).strip().lstrip("+-0.")
-                most = max(most or 0, len(mantissa.replace(".", "")))
-    return most
+def _digits(text: Any) -> int:
+    """Digits that a number is written with."""
+    mantissa = re.sub(r"[eE].*", "", str(text)).strip().lstrip("+-0.")
+    return len(mantissa.replace(".", ""))
 
 
-def few_digits(runs: Runs) -> bool:
-    """Whether numbers were printed with fewer digits than rounding needs."""
-    return runs.digits is not None and 1 < runs.digits < _FEW_DIGITS
+def _is_single(numbers: Array) -> bool:
+    """Whether all are numbers of single precision; zeros and ones are of any."""
+    telling = numbers[np.isfinite(numbers)]
+    telling = telling[telling != np.round(telling, 3)]
+    with np.errstate(over="ignore"):
+        return bool(len(telling)) and bool(np.all(telling == telling.astype(np.float32)))
 
 
 def _some(names: Iterable[Any]) -> str:
@@ -370,9 +326,3 @@ def changed(runs: Runs, change: Callable[[Run], Mapping[str, Array]], *notes: st
         runs=[replace(run, state={**run.state, **change(run)}) for run in runs.runs],
         notes=(*runs.notes, *notes),
     )
-
-
-def require_known_axes(runs: Runs) -> None:
-    """Refuse words of a method that mean nothing; the readers of the axes say which."""
-    for run in runs.runs:
-        axes.SeriesKey.of({"study": run.series, "form": "u-lambda", "problem": "", **run.method})
