@@ -206,6 +206,24 @@ def test_what_random_changes_leave_walks():
     assert orders(*how, Change(0.5, 1.0)) == (2, 2)
 
 
+@each(
+    "integrator, formulation, told",
+    [
+        ("generalized-alpha rho=0.9", "index-3", "a hundredth of that 88 steps later"),
+        ("bdf2", "index-3", "a hundredth of that 3 steps later"),
+        ("trapezoidal", "index-3", "alternates for good"),
+        ("generalized-alpha rho=0.9", "ggl", "multiply a − v' by h_new/h"),
+        ("bdf2", "index-2", None),
+    ],
+)
+def test_advice_says_how_long_a_transient_lasts(integrator, formulation, told):
+    """And nothing where there is none."""
+    advice = newmark.advise("pendulum", h=1e-3, integrator=integrator, formulation=formulation)
+    found = [text for text in advice.findings if text.startswith("when your code changes h")]
+    assert len(found) == (told is not None)
+    assert told is None or told in found[0]
+
+
 STUDY = """study: behind
 problem: pendulum
 form: a-lambda
