@@ -1,5 +1,7 @@
 """Stopping at a tolerance: who meets it, after how many corrections, and what it says."""
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 from conftest import QUICK, rows_in
@@ -217,6 +219,32 @@ def test_a_residual_before_scaling_spoils_index_2():
         rod, h=1e-4, t_end=0.5, form="a-lambda", formulation="index-2", stop=stop, every=0
     )
     assert abs(ended.multipliers[-1, 0] / exact - 1) < 1e-8
+
+
+def test_floor_predicts_where_increments_of_lambda_cannot_be_small():
+    """Δλ ≤ 1e-4 |λ| + 1e-10 within six corrections, Chrono's test of λ, with its integrator.
+
+    All steps meet it at twice the step size where the floor of Δλ reaches it, not all at half.
+    """
+    thrown = replace(problem("pendulum"), v0=np.array([0.0, -1.0]))
+    options = {"form": "a-lambda", "integrator": "hht alpha=0.2"}
+    size = abs(newmark.march(thrown, h=1e-6, steps=1, **options).multipliers[0, 0])
+    floor = newmark.floor(thrown, h=1e-6, **options).physical["lambda"]
+    least = 1e-6 * np.sqrt(floor / (1e-4 * size + 1e-10))
+    stop = {"lambda": {"absolute": 1e-10, "relative": 1e-4}}
+    missed = [
+        newmark.march(
+            thrown,
+            h=float(factor * least),
+            steps=4000,
+            stop=stop,
+            iteration_cap=6,
+            every=0,
+            **options,
+        ).not_converged
+        for factor in (2, 0.5)
+    ]
+    assert missed[0] == 0 < missed[1]
 
 
 # Configs and results
