@@ -45,7 +45,6 @@ _FACTOR = re.compile(r"\s*(-)?\s*(?:([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*\*\s*)?(.+?)
 UNNAMED = "your code"
 #: Lines in which digits are counted, and fewer digits than a double has.
 _LOOKED_AT, _FEW_DIGITS = 200, 12
-_TEXTS = "first lines"
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,37 +163,33 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         ))  # fmt: skip
     order = table["series"].unique().tolist()
     runs.sort(key=lambda run: (order.index(run.series), -run.size, run.twin))
-    texts = frame.attrs.get(_TEXTS, pd.DataFrame())
     theirs = [taken[name] for names in given.values() for name in names]
     return Runs(
         runs,
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
         given,
         notes,
-        max((_digits(text) for name, _ in theirs if name in texts for text in texts[name]),
-            default=0),
+        max((_digits(text) for name, _ in theirs for text in frame[name].head(_LOOKED_AT)
+             if isinstance(text, str)), default=0),
         _is_single(np.concatenate([found[name] for names in given.values() for name in names
                                    if taken[name][1] == 1] or [np.zeros(0)])),
     )  # fmt: skip
 
 
 def _file(path: Path) -> "pd.DataFrame":
-    """A file's table; of a CSV its first lines as text, too."""
+    """A file's table; of a CSV as text, since other parsers lose last digits."""
     import pandas as pd
 
     try:
         if path.suffix == ".parquet":
             require_parquet()
             return pd.read_parquet(path)
-        texts = pd.read_csv(path, dtype=str, nrows=_LOOKED_AT, skipinitialspace=True)
-        frame = pd.read_csv(path, dtype=dict.fromkeys(TEXTS, str), skipinitialspace=True,
-                            float_precision="round_trip", low_memory=False)  # fmt: skip
+        frame = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
     except OSError as error:
         raise ArgumentError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, pd.errors.ParserError) as error:  # of either library
         raise ArgumentError(f"{path}: not a table: {str(error).splitlines()[0]}") from None
-    frame.columns = texts.columns = frame.columns.str.strip()
-    frame.attrs[_TEXTS] = texts
+    frame.columns = frame.columns.str.strip()
     return frame
 
 
@@ -263,8 +258,10 @@ def _number_columns(
 def _numbers(column: "pd.Series[Any]", what: str, where: str) -> Array:
     """(rows,) numbers of a column; NaN where it is empty, or says that there is none."""
     values = column.to_numpy()
-    if values.dtype.kind in "iuf":
-        return np.asarray(values, float)
+    try:
+        return np.asarray(values, object).astype(float)
+    except (ValueError, TypeError):
+        pass  # where some are empty, or words
     found = np.full(len(values), math.nan)
     for place, value in enumerate(values):
         text = str(value).strip()
