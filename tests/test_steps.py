@@ -99,7 +99,7 @@ def test_engines_agree(
             march = March(subject, scheme, solver, grid=grid)
             if way == "scipy":
                 march._engine = partial(
-                    scipy_march.march, subject, scheme, schemes=march._schemes,
+                    scipy_march.march, subject, scheme, schemes=march.schemes,
                     system_at=march._systems.at,
                 )  # fmt: skip
             for _ in march.stretches(60, range(1, 60, 7) if way == "halts" else ()):
@@ -235,3 +235,37 @@ def test_arrays_of_sizes_that_cannot_be_used():
     ):
         with pytest.raises(newmark.NewmarkError, match=told):
             newmark.march("pendulum", h=h, **more)
+
+
+def test_corrections_are_physical_by_the_size_of_each_step(cli):
+    """Scaled ones of λ are as large for both sizes: physical ones by 1/(βh²) of each."""
+    text = STUDY.replace("study: changing", "study: floors")
+    text = text.replace("measure: [error, correction, trajectory]", "measure: correction")
+    cli.write(
+        "floors.yaml", text.replace("trajectory: {at: [0.25, 0.75], keep: [u, lambda]}\n", "")
+    )
+    cli("run", "floors.yaml")
+    rows = pd.read_csv(cli.folder / "results" / "floors.csv")
+    rows = rows[(rows.quantity == "lambda") & (rows.form == "u-lambda") & (rows.h == 0.005)]
+    rms = rows.groupby(["measure", "h_sequence"])["rms"].first()
+    of_one, of_both = (
+        rms["physical_correction", sequence] / rms["correction", sequence]
+        for sequence in ("constant", "alternate 1.0 0.5 every 5")
+    )
+    # 1/(βh²) of the sizes is 1 and 4 times that of one; weighed alike: √((1 + 16)/2).
+    assert 1.5 < of_both / of_one < 4
+
+
+def test_going_to_and_fro_leaves_no_drift():
+    """h and h/2 in turn: constraints to rounding, and the energy between those of h and h/2."""
+    lost = {}
+    for h, sequence in ((0.02, "constant"), (0.01, "constant"), (0.02, "alternate 1 0.5 every 1")):
+        swing = newmark.march(
+            "pendulum", h=h, t_end=20, h_sequence=sequence, integrator="generalized-alpha rho=0.9",
+            form="a-lambda",
+        )  # fmt: skip
+        assert np.abs((swing.u**2).sum(axis=1) - 1).max() < 1e-14
+        assert np.abs((swing.u * swing.v).sum(axis=1)).max() < h**2
+        lost[h, sequence] = np.abs(swing.energy[swing.t > 10]).max()
+    coarse, fine, both = lost.values()
+    assert fine < both < coarse

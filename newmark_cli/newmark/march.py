@@ -141,26 +141,26 @@ class March:
         """
         self.problem, self._base = problem, scheme
         self.grid = grid or TimeGrid(problem.t0, scheme.h)
-        self._schemes = Schemes(scheme, self.grid)
+        self.schemes = Schemes(scheme, self.grid)
         self.solver = choice.choose(
             linear_solver, problem, scheme.form, scheme.formulated, scheme.precision
         )
-        self._systems = systems.Systems(self.solver, problem, self._schemes, krylov)
+        self._systems = systems.Systems(self.solver, problem, self.schemes, krylov)
         system = self._systems.base
         static = system if isinstance(system, StaticSystem) else None
         self._compiled: compiled_march.Engine | None = None
         if _by_kernel(problem, self.solver):
             self._compiled = compiled_march.Engine(
-                problem, scheme, static, system.constraining, self._schemes
+                problem, scheme, static, system.constraining, self.schemes
             )
             self._engine: _Engine = self._compiled.march
         else:
             self._engine = partial(
-                scipy_march.march, problem, scheme, schemes=self._schemes,
+                scipy_march.march, problem, scheme, schemes=self.schemes,
                 system_at=self._systems.at,
             )  # fmt: skip
         if state is None:
-            self.state = initial_state(problem, self._schemes.at(1))
+            self.state = initial_state(problem, self.schemes.at(1))
         else:
             self.state = State(*(np.array(array, scheme.dtype, order="C") for array in state))
         self.done, self.corrections, self.positions = done, 0, 0
@@ -170,7 +170,7 @@ class March:
     @property
     def scheme(self) -> Scheme:
         """How it marches: the scheme of the last step, of the first one at the start."""
-        return self._schemes.at(self.done)
+        return self.schemes.at(self.done)
 
     @property
     def system(self) -> LinearSystem:

@@ -217,7 +217,7 @@ def _sampled(cell: Cell) -> frozenset[int]:
 
 class _Corrections(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
-        self._scheme = march.scheme
+        self._march = march
         self._norms = [np.zeros((0, len(march.scheme.recorded)))]
         self._iterations = [np.zeros(0, np.int64)]
 
@@ -227,29 +227,58 @@ class _Corrections(Observer):
 
     def measured(self) -> list[Measurement]:
         norms, iterations = np.concatenate(self._norms), np.concatenate(self._iterations)
-        return corrections(self._scheme, norms, iterations)
+        return corrections(self._march.schemes.base, norms, iterations, self._physical(norms))
+
+    def _physical(self, norms: Array) -> Mapping[str, Array]:
+        """`physical_norms`, by the scheme of each step."""
+        schemes, grid = self._march.schemes, self._march.grid
+        if not grid.varies:
+            return physical_norms(schemes.base, norms)
+        kinds, which = np.unique(grid.kinds(range(1, len(norms) + 1)), return_inverse=True)
+        of_kinds = [physical_norms(schemes.of_kind(kind), norms) for kind in kinds.tolist()]
+        every = np.arange(len(norms))
+        return {
+            name: np.array([each[name] for each in of_kinds])[which, every] for name in of_kinds[0]
+        }
 
 
-def corrections(scheme: Scheme, norms: Array, iterations: IndexArray) -> list[Measurement]:
-    """Measurements of the recorded Newton corrections.
+def physical_norms(scheme: Scheme, norms: Array) -> dict[str, Array]:
+    """Norms of corrections in physical units: D_R times the scaled ones.
 
-    Physical corrections are D_R times the scaled ones; an eliminated field's
-    follows from the weights of the form, one kept field each.  Norms are (steps, k), of the blocks
-    that `Scheme.recorded` names; steps with a negative count of iterations (steps,) did not
-    converge and are left out.
+    An eliminated field's follows from the weights of the form, one kept field each.  Norms are
+    (steps, k), of the blocks that `Scheme.recorded` names.
     """
-    counted = norms[iterations > 0]
     form = scheme.form
-    scaled = dict(zip(scheme.recorded, counted.T, strict=True))
     right = dict(zip(form.unknowns, scheme.right, strict=True))
-    physical = {name: right.get(name, 1.0) * norms for name, norms in scaled.items()}
-    for eliminated in set(form.eliminated) - set(physical):
+    found = {
+        name: right.get(name, 1.0) * of_block
+        for name, of_block in zip(scheme.recorded, norms.T, strict=True)
+    }
+    for eliminated in set(form.eliminated) - set(found):
         weights = np.abs(scheme.elimination.weights[FIELDS.index(eliminated)])
         source = int(np.argmax(weights))
-        physical[eliminated] = weights[source] * physical[form.kept[source]]
+        found[eliminated] = weights[source] * found[form.kept[source]]
+    return found
+
+
+def corrections(
+    scheme: Scheme,
+    norms: Array,
+    iterations: IndexArray,
+    physical: Mapping[str, Array] | None = None,
+) -> list[Measurement]:
+    """Measurements of the recorded Newton corrections.
+
+    Norms are (steps, k), of the blocks that `Scheme.recorded` names, with their `physical_norms`
+    where the scheme is not that of all steps; steps with a negative count of iterations (steps,)
+    did not converge and are left out.
+    """
+    physical = physical_norms(scheme, norms) if physical is None else physical
+    form, counted = scheme.form, iterations > 0
+    scaled = dict(zip(scheme.recorded, norms.T, strict=True))
     found = []
     for measure, quantity, role, _ in _rows_of_corrections(form):
-        values = (scaled if measure == "correction" else physical)[quantity]
+        values = (scaled if measure == "correction" else physical)[quantity][counted]
         of_steps = replace(statistics(values), rounding=standard_error(values))
         found.append(Measurement(quantity, measure, role, of_steps))
     return found
