@@ -266,7 +266,7 @@ def test_two_studies_with_one_name(cli, before):
 
 def test_unknown_figures_and_options(cli, before):
     """Usage errors are one line too."""
-    assert "unknown figure or study '20'" in cli.refused("plot", "20")
+    assert "unknown figure or study '99'" in cli.refused("plot", "99")
     assert "unknown figure or study 'x'" in cli.refused("plot", "x")
     assert "No such option" in cli.refused("plot", "--resluts", "x")
     assert "No such command 'polt'; did you mean 'plot'? allowed: run" in cli.refused("polt")

@@ -593,7 +593,8 @@ def most():
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
-newmark.march("pendulum", h=1e-7, steps=10_000, every=1000)
+for every in (1000, 1):  # compiles all code that is needed
+    newmark.march("pendulum", h=1e-7, steps=30_000, every=every)
 for steps, every in ((750_000, 1000), (200_000, 1)):
     before = most()
     found = newmark.march("pendulum", h=1e-7, steps=steps, every=every)

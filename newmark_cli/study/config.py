@@ -9,6 +9,7 @@ from itertools import chain, product, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, create_model
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
@@ -227,7 +228,8 @@ class _Rules(RuledModel):
                 if is_code(spec):
                     symmetric = with_problem(spec, is_symmetric, scheme)
                 else:
-                    symmetric = is_symmetric(sample, scheme)
+                    with np.errstate(over="raise"):
+                        symmetric = is_symmetric(sample, scheme)
             except ApartError as error:
                 yield misfit("linear_solver", f"{MINRES}: the matrix of {spec.label}: {error}")
                 return

@@ -400,6 +400,8 @@ def parse(text: str, name: str) -> Document:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
+        if "nesting depth" in (error.problem or ""):
+            raise DocumentError(f"{name}, line {line}: {_TOO_DEEP}") from None
         raise DocumentError(
             f"{name}, line {line}: not YAML: {one_line(error.problem or 'no reason given')}"
         ) from None
