@@ -67,6 +67,18 @@ def test_mistakes_are_explained_by_numbers():
     assert drift.name == "drift"
 
 
+def test_signs_and_factors_of_all_constraints_are_those_of_most():
+    """Where some multipliers vanish at the end, or have large errors, in a mechanism in space."""
+    problem = newmark.problem("spatial-slider-crank")
+    sizes, t_end, *_ = RUNS["spatial-slider-crank"]
+    table = faulty_code.table(problem, sizes, t_end, "", True)
+    multipliers = [name for name in table if name.startswith("lambda")]
+    turned = table.assign(**{name: -table[name] for name in multipliers})
+    assert not judged(turned, problem).faults
+    impulse = table.assign(**{name: table["h"] * table[name] for name in multipliers})
+    assert {one.name for one in judged(impulse, problem).faults} == {"factor of λ"}
+
+
 @each(
     "integrator, alternates",
     [("trapezoidal", True), ("bdf2", False), ("hht alpha=0.1", False)],

@@ -7,7 +7,7 @@ and λ is judged without it.
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,6 +20,8 @@ from newmark_cli.support.arrays import Array, IndexArray
 
 #: How well a factor must fit, and the part of the runs that it must fit.
 _FITS, _SHARE = 0.02, 0.4
+#: The same where it fits other constraints, as a part of the factor's logarithm.
+_NEAR = 0.25
 #: Components below this part of the largest tell nothing.
 _TELLING = 1e-3
 #: Units of length and time that people use, over m and s.
@@ -148,7 +150,8 @@ def _scaled(
         < _FITS * float(np.abs(there.u).max())
         for run, there in ends
     ]
-    divisors, found, turned = np.ones((len(ends), problem.m)), [], []
+    divisors, unexplained = np.ones((len(ends), problem.m)), list[int]()
+    found, turned = list[Factor](), list[str]()
     for k, name in enumerate(problem.constraint_names):
         of = np.where(right, ratios[:, k], np.nan)
         if _agree(of, 1.0) or not np.isfinite(of).any():
@@ -163,6 +166,24 @@ def _scaled(
                 divisors[:, k] = sign * value * sizes**power
                 found.append(Factor(series, name, float(divisors[-1, k]), why))
                 break
+        else:
+            unexplained.append(k)
+    if len({factor.why for factor in found}) == 1 and not turned:
+        # Of the rest it is the same where it is by far nearer than none.
+        common = divisors[:, [problem.constraint_names.index(found[0].constraint)]].ravel()
+        for k in unexplained:
+            told = np.flatnonzero(np.isfinite(ratios[:, k]))
+            size, factor = np.abs(ratios[told[-1], k]), np.abs(common[told[-1]])
+            if size > 0 and abs(math.log(size / factor)) < _NEAR * abs(math.log(factor)):
+                divisors[:, k] = common
+                name = problem.constraint_names[k]
+                found.append(replace(found[0], constraint=name, value=float(common[-1])))
+    silent = ~np.isfinite(np.where(np.array(right)[:, None], ratios, np.nan)).any(axis=0)
+    if silent.any() and not silent.all():
+        # What vanishes in the motion tells nothing: it goes with the others, where these agree.
+        others = divisors[:, ~silent]
+        if np.all(others == others[:, :1]):
+            divisors[:, silent] = others[:, :1]
     if np.all(divisors == 1):
         return runs, found
     of_size = {run.size: row for (run, _), row in zip(ends, divisors, strict=True)}
