@@ -32,7 +32,6 @@ from newmark_cli.newmark.march_data import (
     recording,
 )
 from newmark_cli.newmark.scheme import STOP, ZERO, Scheme, Schemes, Tolerance
-from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -133,6 +132,7 @@ class Engine:
             found = unspecialised(problem)
         self._function, self._code = found.function, found.code
         self._tables = tables._replace(ints=found.ints)
+        self._carrying = Carrying(problem, schemes)
         self._row_of: dict[int, Array] = {}
         self._memory = np.empty(0, dtype)
         self._units = 2 * static.elimination.size if static else 0
@@ -249,10 +249,6 @@ class Engine:
                 if self.static:
                     self.pivoted += int(pivoted[:done].sum())
                 return ending, done
-
-    @cached_property
-    def _carrying(self) -> Carrying:
-        return Carrying(self.schemes, Index1(self.problem))
 
     @cached_property
     def _by_scipy(self) -> Callable[..., tuple[int, int]]:

@@ -139,7 +139,7 @@ class March:
             done: Steps that it had taken.
             grid: When the steps are; all are of the scheme's size when omitted.
         """
-        self.problem, self._base = problem, scheme
+        self.problem = problem
         self.grid = grid or TimeGrid(problem.t0, scheme.h)
         self.schemes = Schemes(scheme, self.grid)
         self.solver = choice.choose(

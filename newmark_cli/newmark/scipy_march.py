@@ -469,7 +469,7 @@ def march(
     kind = _Formulated if system.constraining else _Index3
     own = kind(problem, scheme, state, system, grid.t(first))
     which = grid.kinds(range(first, first + len(norms) + 1)) if grid.varies else None
-    carrying = Carrying(schemes, Index1(problem))
+    carrying = Carrying(problem, schemes)
     places = {} if record is None else {int(s): k for k, s in enumerate(record.steps)}
     for s in range(len(norms)):
         t = grid.t(first + s + 1)

@@ -235,11 +235,12 @@ class _Corrections(Observer):
         if not grid.varies:
             return physical_norms(schemes.base, norms)
         kinds, which = np.unique(grid.kinds(range(1, len(norms) + 1)), return_inverse=True)
-        of_kinds = [physical_norms(schemes.of_kind(kind), norms) for kind in kinds.tolist()]
-        every = np.arange(len(norms))
-        return {
-            name: np.array([each[name] for each in of_kinds])[which, every] for name in of_kinds[0]
-        }
+        found: dict[str, Array] = {}
+        for number, kind in enumerate(kinds.tolist()):
+            of_kind = physical_norms(schemes.of_kind(kind), norms[which == number])
+            for name, values in of_kind.items():
+                found.setdefault(name, np.empty(len(norms)))[which == number] = values
+        return found
 
 
 def physical_norms(scheme: Scheme, norms: Array) -> dict[str, Array]:
