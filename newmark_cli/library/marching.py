@@ -36,10 +36,7 @@ from newmark_cli.newmark.kept import KEPT, first_outside
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.needed import Needed
-from newmark_cli.newmark.scheme import (
-    Scheme,
-    Tolerance,
-)
+from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
 from newmark_cli.newmark.twins import twins as twins_of

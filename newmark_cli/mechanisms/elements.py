@@ -212,6 +212,180 @@ def _blocks(x_values, x, reals, weight, other, turned, components, multiplier):
     return x
 
 
+@_inline
+def _square(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+    """Φ = ½ (L·L − c)."""
+    components, turned, first = ints[0, e + COMPONENTS], ints[0, e + TURNED], ints[0, e + FIRST]
+    r, weight, row, at = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + ROW], e + PLACES
+    x, g, multiplier = ints[0, e + X_START], ints[0, e + G_START], multipliers[row]
+    dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
+    dx += reals[0, r]
+    dy += reals[0, r + 1]
+    square = dx * dx + dy * dy
+    if components == 3:
+        dz += reals[0, r + 2]
+        square += dz * dz
+    phi[row] = u.dtype.type(0.5) * (square - reals[0, ints[0, e + PARAMETERS]])
+    for k in range(first):
+        i, w = ints[0, at + k], weight + (1 + turned) * k
+        _spread(g_values, g, reals, w, components, turned, dx, dy, dz)
+        for c in range(components):
+            force[i + c] += multiplier * g_values[g + c]
+        g += components
+        for j in range(first):
+            other = weight + (1 + turned) * j
+            x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
+
+
+@_inline
+def _product(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+    """Φ = L·K + b·u − law(t), or the row of a driven angle."""
+    kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
+    first, second, row, at = ints[0, e + FIRST], ints[0, e + SECOND], ints[0, e + ROW], e + PLACES
+    x, g, weight = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + WEIGHTS]
+    real, multiplier = u.dtype.type, multipliers[row]
+    law, cosine, sine = real(0), real(1), real(0)
+    if ints[0, e + GIVEN] == LAW:
+        law = _law(t, reals, ints[0, e + PARAMETERS], 0)
+    elif ints[0, e + GIVEN] > 0:
+        law = reals[0, ints[0, e + PARAMETERS]]
+    if kind == ANGLE:
+        sine, cosine = sine_cosine(law, real)
+        law = real(0)
+    phi[row] = _gradient(u, real(1), cosine, sine, ints, reals, e, g_values) - law
+    for k in range(first + second):
+        i = ints[0, at + k]
+        for c in range(components):
+            force[i + c] += multiplier * g_values[g + c]
+        g += components
+    for k in range(ints[0, e + SINGLE]):
+        force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
+    stride = 1 + (turned != 0 or kind == ANGLE)
+    for k in range(first):
+        w = weight + stride * k
+        for j in range(second):
+            other = weight + stride * first + (1 + turned) * j
+            if kind == ANGLE:
+                turning = cosine * reals[0, w] - sine * reals[0, w + 1]
+                tangent = -multiplier * turning * reals[0, other]
+                for c in range(2 * components):
+                    x_values[x + c] = tangent
+                x += 2 * components
+            else:
+                x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
+                x = _blocks(x_values, x, reals, other, w, turned, components, multiplier)
+
+
+@_inline
+def _line_force(u, v, ints, reals, e, force, x_values, y_values):
+    """A force −tension L with the tangent −L mᵀ − tension, or that of a torque, across L."""
+    kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
+    r, parameter, weight = ints[0, e + REALS], ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
+    first, at = ints[0, e + FIRST], e + PLACES
+    real = u.dtype.type
+    one, two = real(1), real(2)
+    dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
+    dx += reals[0, r]
+    dy += reals[0, r + 1]
+    square = dx * dx + dy * dy
+    if components == 3:
+        dz += reals[0, r + 2]
+        square += dz * dz
+    if kind == TORQUE:  # the virtual work of τ through the angle of L
+        torque = reals[0, parameter] / square
+        txx = two * torque * dx * dy / square
+        txy = torque * (dy * dy - dx * dx) / square
+        pull, tangent = (-torque * dy, torque * dx), (txx, txy, txy, -txx)
+        _spread_turned(ints, reals, e, pull, tangent, (dx, dy), real(0), force, x_values, y_values)
+        return
+    damping = real(0)
+    if kind == SPRING:
+        length = np.sqrt(square)
+        tension = reals[0, parameter] * (one - reals[0, parameter + 1] / length)
+        rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
+        mx, my, mz = rank * dx, rank * dy, rank * dz
+    else:
+        wx, wy, wz = _sum(v, ints, reals, at, weight, first, components, turned)
+        damping = reals[0, parameter] / square
+        product = dx * wx + dy * wy + dz * wz
+        tension, twice = damping * product, two * product / square
+        mx = damping * (wx - twice * dx)
+        my = damping * (wy - twice * dy)
+        mz = damping * (wz - twice * dz)
+    if turned != 0:
+        txy, tyx = -mx * dy, -mx * dy
+        if kind == DAMPER:
+            txy, tyx = -dx * my, -dy * mx
+        pull, tangent = (
+            (-tension * dx, -tension * dy), (-tension - mx * dx, txy, tyx, -tension - my * dy),
+        )  # fmt: skip
+        _spread_turned(ints, reals, e, pull, tangent, (dx, dy), damping, force, x_values, y_values)
+    else:
+        line, rank_one = (dx, dy, dz), (mx, my, mz)
+        _spread_plain(ints, reals, e, tension, line, rank_one, square, force, x_values, y_values)
+
+
+@_inline
+def _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values, y_values):
+    """A force on L of the plane, its tangent T, and −damping L Lᵀ, for all terms of L."""
+    first, weight, at = ints[0, e + FIRST], ints[0, e + WEIGHTS], e + PLACES
+    x, y = ints[0, e + X_START], ints[0, e + Y_START]
+    (fx, fy), (txx, txy, tyx, tyy), (dx, dy) = pull, tangent, line
+    for k in range(first):
+        i, a, b = ints[0, at + k], reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
+        force[i] += a * fx + b * fy
+        force[i + 1] += a * fy - b * fx
+        # Rows of C_kᵀ T, and C_kᵀ L
+        sxx, sxy = a * txx + b * tyx, a * txy + b * tyy
+        syx, syy = a * tyx - b * txx, a * tyy - b * txy
+        px, py = a * dx + b * dy, a * dy - b * dx
+        for j in range(first):
+            a, b = reals[0, weight + 2 * j], reals[0, weight + 2 * j + 1]
+            x_values[x] = -(sxx * a + sxy * b)
+            x_values[x + 1] = -(sxy * a - sxx * b)
+            x_values[x + 2] = -(syx * a + syy * b)
+            x_values[x + 3] = -(syy * a - syx * b)
+            x += 4
+            if ints[0, e + KIND] == DAMPER:
+                qx, qy = a * dx + b * dy, a * dy - b * dx
+                y_values[y] = damping * px * qx
+                y_values[y + 1] = damping * px * qy
+                y_values[y + 2] = damping * py * qx
+                y_values[y + 3] = damping * py * qy
+                y += 4
+
+
+@_inline
+def _spread_plain(ints, reals, e, tension, line, rank_one, square, force, x_values, y_values):
+    """The force −tension L in space, and its tangents, for all terms of L."""
+    first, weight, at = ints[0, e + FIRST], ints[0, e + WEIGHTS], e + PLACES
+    x, y = ints[0, e + X_START], ints[0, e + Y_START]
+    (dx, dy, dz), (mx, my, mz) = line, rank_one
+    for k in range(first):
+        i, a = ints[0, at + k], reals[0, weight + k]
+        force[i] -= a * tension * dx
+        force[i + 1] -= a * tension * dy
+        force[i + 2] -= a * tension * dz
+        for j in range(first):
+            both = a * reals[0, weight + j]
+            x_values[x] = both * (dx * mx + tension)
+            x_values[x + 1], x_values[x + 2] = both * dx * my, both * dx * mz
+            x_values[x + 3], x_values[x + 5] = both * dy * mx, both * dy * mz
+            x_values[x + 4] = both * (dy * my + tension)
+            x_values[x + 6], x_values[x + 7] = both * dz * mx, both * dz * my
+            x_values[x + 8] = both * (dz * mz + tension)
+            x += 9
+            if ints[0, e + KIND] == DAMPER:
+                both = both * reals[0, ints[0, e + PARAMETERS]] / square
+                y_values[y] = both * dx * dx
+                y_values[y + 1], y_values[y + 2] = both * dx * dy, both * dx * dz
+                y_values[y + 3], y_values[y + 5] = both * dy * dx, both * dy * dz
+                y_values[y + 4] = both * dy * dy
+                y_values[y + 6], y_values[y + 7] = both * dz * dx, both * dz * dy
+                y_values[y + 8] = both * dz * dz
+                y += 9
+
+
 @_compile
 def accumulate(
     first_row, last_row, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
@@ -219,14 +393,13 @@ def accumulate(
 ):  # fmt: skip
     """Do what `evaluate` does for elements from one place to another; force is added to."""
     # Constants in the precision of the state: others would raise that of their terms.
-    real = u.dtype.type
-    zero, half, one, two = real(0), real(0.5), real(1), real(2)
+    zero, half = u.dtype.type(0), u.dtype.type(0.5)
     e = first_row
     while e < last_row:
-        kind, r, parameter = ints[0, e + KIND], ints[0, e + REALS], ints[0, e + PARAMETERS]
-        weight, row, first = ints[0, e + WEIGHTS], ints[0, e + ROW], ints[0, e + FIRST]
-        x, g, at = ints[0, e + X_START], ints[0, e + G_START], e + PLACES
+        kind, parameter, begin, at = ints[0, e + KIND], ints[0, e + PARAMETERS], e, e + PLACES
         if kind == LINK:
+            r, weight, first = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + FIRST]
+            x, g, row = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + ROW]
             e = at + first
             multiplier, dx, dy = multipliers[row], zero, zero
             for k in range(first):
@@ -248,152 +421,16 @@ def accumulate(
                     x_values[x + 1] = tangent
                     x += 2
             continue
-        components, turned = ints[0, e + COMPONENTS], ints[0, e + TURNED]
-        second, single = ints[0, e + SECOND], ints[0, e + SINGLE]
         e += ints[0, e + SIZE]
         if kind == LOAD:
-            for c in range(components):
+            for c in range(ints[0, begin + COMPONENTS]):
                 force[ints[0, at] + c] += reals[0, parameter + c]
         elif kind == SQUARE:
-            multiplier = multipliers[row]
-            dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
-            dx += reals[0, r]
-            dy += reals[0, r + 1]
-            square = dx * dx + dy * dy
-            if components == 3:
-                dz += reals[0, r + 2]
-                square += dz * dz
-            phi[row] = half * (square - reals[0, parameter])
-            for k in range(first):
-                i, w = ints[0, at + k], weight + (1 + turned) * k
-                _spread(g_values, g, reals, w, components, turned, dx, dy, dz)
-                for c in range(components):
-                    force[i + c] += multiplier * g_values[g + c]
-                g += components
-                for j in range(first):
-                    other = weight + (1 + turned) * j
-                    x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
+            _square(u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
         elif kind in (PRODUCT, ANGLE):
-            multiplier, law = multipliers[row], reals.dtype.type(0)
-            cosine, sine = reals.dtype.type(1), reals.dtype.type(0)
-            if ints[0, at - PLACES + GIVEN] == LAW:
-                law = _law(t, reals, parameter, 0)
-            elif ints[0, at - PLACES + GIVEN] > 0:
-                law = reals[0, parameter]
-            if kind == ANGLE:
-                sine, cosine = sine_cosine(law, reals.dtype.type)
-                law = reals.dtype.type(0)
-            product = _gradient(u, one, cosine, sine, ints, reals, at - PLACES, g_values)
-            phi[row] = product - law
-            for k in range(first + second):
-                i = ints[0, at + k]
-                for c in range(components):
-                    force[i + c] += multiplier * g_values[g + c]
-                g += components
-            for k in range(single):
-                force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
-            stride = 1 + (turned != 0 or kind == ANGLE)
-            w = weight + stride * first
-            for k in range(first):
-                for j in range(second):
-                    other = w + (1 + turned) * j
-                    if kind == ANGLE:
-                        of_q, of_p = reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
-                        tangent = -multiplier * (cosine * of_q - sine * of_p) * reals[0, other]
-                        for c in range(2 * components):
-                            x_values[x + c] = tangent
-                        x += 2 * components
-                    else:
-                        x = _blocks(
-                            x_values, x, reals, weight + stride * k, other, turned, components,
-                            multiplier,
-                        )  # fmt: skip
-                        x = _blocks(
-                            x_values, x, reals, other, weight + stride * k, turned, components,
-                            multiplier,
-                        )  # fmt: skip
+            _product(t, u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
         elif kind in (SPRING, DAMPER, TORQUE):
-            dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
-            dx += reals[0, r]
-            dy += reals[0, r + 1]
-            square = dx * dx + dy * dy
-            if components == 3:
-                dz += reals[0, r + 2]
-                square += dz * dz
-            # A force −tension L with the tangent −L mᵀ − tension, or a force across L.
-            tension, damping, mx, my, mz = zero, zero, zero, zero, zero
-            if kind == TORQUE:  # the virtual work of τ through the angle of L
-                torque = reals[0, parameter] / square
-                fx, fy = -torque * dy, torque * dx
-                txx = two * torque * dx * dy / square
-                txy = torque * (dy * dy - dx * dx) / square
-                tyx, tyy = txy, -txx
-            else:
-                if kind == SPRING:
-                    length = np.sqrt(square)
-                    tension = reals[0, parameter] * (one - reals[0, parameter + 1] / length)
-                    rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
-                    mx, my, mz = rank * dx, rank * dy, rank * dz
-                else:
-                    wx, wy, wz = _sum(v, ints, reals, at, weight, first, components, turned)
-                    damping = reals[0, parameter] / square
-                    product = dx * wx + dy * wy + dz * wz
-                    tension, twice = damping * product, two * product / square
-                    mx = damping * (wx - twice * dx)
-                    my = damping * (wy - twice * dy)
-                    mz = damping * (wz - twice * dz)
-                fx, fy = -tension * dx, -tension * dy
-                txx, txy, tyx, tyy = -tension - mx * dx, -mx * dy, -mx * dy, -tension - my * dy
-                if kind == DAMPER:
-                    txy, tyx = -dx * my, -dy * mx
-            y = ints[0, at - PLACES + Y_START]
-            for k in range(first):
-                i = ints[0, at + k]
-                if turned != 0:
-                    a, b = reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
-                    force[i] += a * fx + b * fy
-                    force[i + 1] += a * fy - b * fx
-                    # Rows of C_kᵀ T, and C_kᵀ L
-                    sxx, sxy = a * txx + b * tyx, a * txy + b * tyy
-                    syx, syy = a * tyx - b * txx, a * tyy - b * txy
-                    px, py = a * dx + b * dy, a * dy - b * dx
-                    for j in range(first):
-                        a, b = reals[0, weight + 2 * j], reals[0, weight + 2 * j + 1]
-                        x_values[x] = -(sxx * a + sxy * b)
-                        x_values[x + 1] = -(sxy * a - sxx * b)
-                        x_values[x + 2] = -(syx * a + syy * b)
-                        x_values[x + 3] = -(syy * a - syx * b)
-                        x += 4
-                        if kind == DAMPER:  # the tangent for L' is −damping L Lᵀ
-                            qx, qy = a * dx + b * dy, a * dy - b * dx
-                            y_values[y] = damping * px * qx
-                            y_values[y + 1] = damping * px * qy
-                            y_values[y + 2] = damping * py * qx
-                            y_values[y + 3] = damping * py * qy
-                            y += 4
-                    continue
-                a = reals[0, weight + k]
-                force[i] -= a * tension * dx
-                force[i + 1] -= a * tension * dy
-                force[i + 2] -= a * tension * dz
-                for j in range(first):
-                    both = a * reals[0, weight + j]
-                    x_values[x] = both * (dx * mx + tension)
-                    x_values[x + 1], x_values[x + 2] = both * dx * my, both * dx * mz
-                    x_values[x + 3], x_values[x + 5] = both * dy * mx, both * dy * mz
-                    x_values[x + 4] = both * (dy * my + tension)
-                    x_values[x + 6], x_values[x + 7] = both * dz * mx, both * dz * my
-                    x_values[x + 8] = both * (dz * mz + tension)
-                    x += 9
-                    if kind == DAMPER:
-                        both = both * reals[0, parameter] / square
-                        y_values[y] = both * dx * dx
-                        y_values[y + 1], y_values[y + 2] = both * dx * dy, both * dx * dz
-                        y_values[y + 3], y_values[y + 5] = both * dy * dx, both * dy * dz
-                        y_values[y + 4] = both * dy * dy
-                        y_values[y + 6], y_values[y + 7] = both * dz * dx, both * dz * dy
-                        y_values[y + 8] = both * dz * dz
-                        y += 9
+            _line_force(u, v, ints, reals, begin, force, x_values, y_values)
 
 
 @_compile

@@ -264,10 +264,7 @@ def _told(document: Document, kind: str, unit: str, odd: dict[KeyPath, _Odd]) ->
 
 
 def _moved(
-    guessed: Guess,
-    mechanism: Any,
-    lengths: Sequence[float],
-    document: Document,
+    guessed: Guess, mechanism: Any, lengths: Sequence[float], document: Document
 ) -> Iterator[str]:
     """A line on the point or body that assembling has moved farthest, if that is too far.
 

@@ -443,10 +443,7 @@ def _saddle(problem: Problem, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_
 
 
 def _velocities(
-    builder: Builder,
-    problem: Problem,
-    released: Sequence[int],
-    every: scipy.sparse.csc_array,
+    builder: Builder, problem: Problem, released: Sequence[int], every: scipy.sparse.csc_array
 ) -> Array:
     """Velocities that fit the constraints, as the file asks for them.
 
@@ -490,11 +487,7 @@ def _velocities(
 
 
 def _nearest(
-    builder: Builder,
-    problem: Problem,
-    v: Array,
-    gradient: scipy.sparse.csc_array,
-    rate: Array,
+    builder: Builder, problem: Problem, v: Array, gradient: scipy.sparse.csc_array, rate: Array
 ) -> Array:
     """The velocities nearest to v that fit the constraints.
 
@@ -524,11 +517,7 @@ def _nearest(
 
 
 def _in_norm_of_mass(
-    builder: Builder,
-    problem: Problem,
-    v: Array,
-    gradient: scipy.sparse.csc_array,
-    rate: Array,
+    builder: Builder, problem: Problem, v: Array, gradient: scipy.sparse.csc_array, rate: Array
 ) -> Array:
     """The velocities nearest to v in the norm of M that fit constraints and rates."""
     n = problem.n

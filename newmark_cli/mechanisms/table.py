@@ -70,31 +70,33 @@ class Shape(NamedTuple):
 
     def x_entries(self) -> list[_Entry]:
         """Places of the values of X, in the order in which the loop writes them."""
-        kind, vectors = self.kind, range(self.first + self.second)
-        axes = range(self.components)
+        kind, vectors, axes = self.kind, range(self.first + self.second), range(self.components)
         every = [(c, d) for c in axes for d in axes]
         block = every if self.turned else [(c, c) for c in axes]
-        crossed = [(c + a, c + b) for c in range(3) for a, b in ((1, 2), (2, 1))]
+        if kind in (elements.PRODUCT, elements.ANGLE):
+            pairs = [(i, j) for i in vectors[: self.first] for j in vectors[self.first :]]
+            return [(a, c, b, d) for i, j in pairs for a, b in ((i, j), (j, i)) for c, d in block]
         if kind in (elements.LINK, elements.SQUARE):
             return [(i, c, j, d) for i in vectors for j in vectors for c, d in block]
-        if kind in (elements.PRODUCT, elements.ANGLE):
-            pairs = [(i, j) for i in range(self.first) for j in vectors[self.first :]]
-            return [(a, c, b, d) for i, j in pairs for a, b in ((i, j), (j, i)) for c, d in block]
-        if kind == elements.COUPLE:
-            angle = self.second
-            sides = [(i, c) for i in vectors for c in axes]
-            both = [entry for i, c in sides for entry in ((i, c, angle, 0), (angle, 0, i, c))]
-            return [*both, (angle, 0, angle, 0)]
-        if kind == elements.TWIST:
-            return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
-        if kind in (elements.MOMENT, elements.FOLLOWER):
-            directors = [
-                (i, j) for i in range(3) for j in range(3) if kind != elements.MOMENT or i == j
-            ]
-            return [(0, 3 * i + c % 3, 0, 3 * j + d % 3) for i, j in directors for c, d in crossed]
         if kind in (elements.SPRING, elements.DAMPER, elements.TORQUE, elements.HINGE):
             return [(i, c, j, d) for i in vectors for j in vectors for c, d in every]
-        return []
+        if kind == elements.TWIST:
+            return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
+        return self._rare_entries()
+
+    def _rare_entries(self) -> list[_Entry]:
+        """The same of an angle that is a coordinate, and of torques on a body in space."""
+        if self.kind == elements.COUPLE:
+            angle = self.second
+            sides = [(i, c) for i in range(angle) for c in range(self.components)]
+            both = [entry for i, c in sides for entry in ((i, c, angle, 0), (angle, 0, i, c))]
+            return [*both, (angle, 0, angle, 0)]
+        if self.kind not in (elements.MOMENT, elements.FOLLOWER):
+            return []
+        crossed = [(c + a, c + b) for c in range(3) for a, b in ((1, 2), (2, 1))]
+        own = self.kind == elements.MOMENT
+        directors = [(i, j) for i in range(3) for j in range(3) if i == j or not own]
+        return [(0, 3 * i + c % 3, 0, 3 * j + d % 3) for i, j in directors for c, d in crossed]
 
     def y_entries(self) -> list[_Entry]:
         """The same of Y."""
