@@ -150,6 +150,11 @@ class _Begun:
     march: March
     origin: float
 
+    def __post_init__(self) -> None:
+        if not all(np.all(np.isfinite(array)) for array in self.march.state):
+            name = self.march.problem.name
+            raise ProblemError(f"{name}: the start leads to numbers that are not finite")
+
     def until(self, t_end: float) -> int:
         """Step of the march at which it has come to a time since the origin."""
         march, grid = self.march, self.march.grid
@@ -379,42 +384,25 @@ def march(
     arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS)
     krylov = krylov_of(krylov)
     keep = arguments.some_of("keep", keep, KEPT)
-    given = problem_of(problem)
-    _require_fit(given, scheme, form, linear_solver, multipliers)
-    subject = _started(given, u0, v0, project, state)
+    original = problem_of(problem)
+    _require_fit(original, scheme, form, linear_solver, multipliers)
+    subject = _started(original, u0, v0, project, state)
     begins = subject.t0 if state is None else state.t
     if sequence != CONSTANT:
-        sizes = h * sequence.factors(_count(h, sequence, t_end, steps, given.t0 - begins), h)
+        sizes = h * sequence.factors(_count(h, sequence, t_end, steps, original.t0 - begins), h)
     grid = None if sizes is None else TimeGrid(begins, h, sizes)
     if sizes is not None and t_end is None and steps is None:
         steps = len(sizes)
-    begun = _begin(subject, given.t0, scheme, linear_solver, krylov, state, grid)
-    if not all(np.all(np.isfinite(array)) for array in begun.march.state):
-        raise ProblemError(f"{subject.name}: the start leads to numbers that are not finite")
+    begun = _begin(subject, original.t0, scheme, linear_solver, krylov, state, grid)
     stepped = steps is True
-    if stepped and (callback is not None or at is not None):
-        raise ArgumentError(
-            "steps=True: the loop is the callback, and sees every step; give "
-            "neither callback nor at"
-        )
-    if callback is not None and not callable(callback):
-        raise ArgumentError(f"callback must be a function, given {arguments.shown(callback)}")
+    _require_callback(callback, at, stepped)
     last = _last(begun, t_end, None if stepped else steps, at, stepped)
-    if last is not None and last > _MOST_STEPS:
-        raise ArgumentError(f"{last:.3g} steps are more than there can be, at most {_MOST_STEPS:g}")
-    if sizes is not None and last is not None and last > len(sizes):
-        raise ArgumentError(f"h has the sizes of {len(sizes)} steps, {last} are asked for")
-    end = begun.march.grid.t(last or 0)
-    if is_beyond(given.until, end):
-        raise ArgumentError(
-            f"t_end: must be at most {given.until:g} s, where a table of {given.name} ends, given "
-            f"{end:g} s"
-        )
+    _require_reachable(original, begun.march.grid, sizes, last)
     taken: Callable[[_Begun], Trajectory | Steps]
     if at is not None:
         taken = partial(_marched_at, last=last, at=at, every=every, keep=keep, callback=callback)
     else:
-        every = (1 if keep or stepped else 0) if every is None else arguments.count("every", every)
+        every = int(bool(keep) or stepped) if every is None else arguments.count("every", every)
         taken = partial(
             _marched, last=last, every=every, keep=keep, callback=callback, stepped=stepped
         )
@@ -423,7 +411,7 @@ def march(
     if stepped or callback is not None or state is not None:
         raise ArgumentError("twins: not with steps=True, callback or state")
     others = twins_of(subject, scheme, twins, linear_solver, krylov, grid)
-    each = [cast(Trajectory, taken(_Begun(other, given.t0))) for other in others]
+    each = [cast(Trajectory, taken(_Begun(other, original.t0))) for other in others]
     return replace(cast(Trajectory, taken(begun)), twins=each)
 
 
@@ -500,6 +488,32 @@ def _started(problem: Problem, u0: Any, v0: Any, project: bool, state: Step | No
         problem.v0 if v0 is None else arguments.coordinates("v0", v0, problem, problem.v0),
         project,
     )
+
+
+def _require_callback(callback: Any, at: Any, stepped: bool) -> None:
+    if stepped and (callback is not None or at is not None):
+        raise ArgumentError(
+            "steps=True: the loop is the callback, and sees every step; give "
+            "neither callback nor at"
+        )
+    if callback is not None and not callable(callback):
+        raise ArgumentError(f"callback must be a function, given {arguments.shown(callback)}")
+
+
+def _require_reachable(
+    problem: Problem, grid: TimeGrid, sizes: Array | None, last: int | None
+) -> None:
+    """Refuse a last step that the sizes of steps, or tables of the problem, do not reach."""
+    if last is not None and last > _MOST_STEPS:
+        raise ArgumentError(f"{last:.3g} steps are more than there can be, at most {_MOST_STEPS:g}")
+    if sizes is not None and last is not None and last > len(sizes):
+        raise ArgumentError(f"h has the sizes of {len(sizes)} steps, {last} are asked for")
+    end = grid.t(last or 0)
+    if is_beyond(problem.until, end):
+        raise ArgumentError(
+            f"t_end: must be at most {problem.until:g} s, where a table of {problem.name} ends, "
+            f"given {end:g} s"
+        )
 
 
 def _count(h: float, sequence: StepSequence, t_end: Any, steps: Any, since: float) -> int:
@@ -602,14 +616,19 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
     if recovered if projects else drifts:
         return False
     asks_position, asks_rate = bool(projects) or rows != ("Cv",), not recovered
-    keeps_position = projected == 2 or "C" in made.kind.rows or made.kind.penalised
-    keeps_rate = projected or "Cv" in made.kind.rows
+    keeps_position, keeps_rate = _keeps(made, projected)
     of_position, of_rate = _misfits(problem, state)
     return (
         (asks_position and not keeps_position and of_position > _ROUNDING)
         or (asks_rate and not keeps_rate and of_rate > _ROUNDING)
         or bool(projects and np.any(carried.state.impulse))
     )
+
+
+def _keeps(formulation: Formulation, projected: int) -> tuple[bool, bool]:
+    """Whether a march leaves its states on Φ = 0, and on Φ' = 0."""
+    kind = formulation.kind
+    return projected == 2 or "C" in kind.rows or kind.penalised, projected > 0 or "Cv" in kind.rows
 
 
 def _misfits(problem: Problem, state: Step) -> tuple[float, float]:

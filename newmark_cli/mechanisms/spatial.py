@@ -290,7 +290,28 @@ class Builder(builder.Builder):
 
     def _joints(self, joint: Joint, path: KeyPath) -> None:
         kind, name = JOINTS[joint.type], str(path[1])
-        names = joint.from_, joint.to
+        a, b = self._sides(joint, path)
+        length = self._joined(joint, a, b, path)
+        self.made[name] = Connection(joint.type, (a, b))
+        row = len(self.rows)
+        self.rows += [Row(path, name, of) for of in kind.rows]
+        between = _minus(_site(b), _site(a))
+        if kind.meets:
+            for c in range(3):
+                single = [(place + c, weight) for place, weight in between.terms]
+                offset = 0.0 - between.constant[c]
+                self.add("PRODUCT", row=row + c, single=single, parameters=(offset,))
+        for k, dot in enumerate(kind.dots, row + 3 * kind.meets):
+            other = between if dot.of_points else _direction(b, dot.second)
+            self.add("PRODUCT", _direction(a, dot.first), other, row=k)
+        if kind.length:
+            row = len(self.rows) - 1
+            self.squares[row] = length * length
+            self.add("SQUARE", between, row=row, parameters=(length * length,))
+
+    def _sides(self, joint: Joint, path: KeyPath) -> tuple[Side, Side]:
+        """Frames of a joint on both of its bodies."""
+        kind, names = JOINTS[joint.type], (joint.from_, joint.to)
         numbers = self.both(self.body_or_ground, *names, path)
         points = [
             np.array(joint.at[end])
@@ -308,39 +329,27 @@ class Builder(builder.Builder):
                 {f"e{i + 1}": self._seen(body, axis) for i, axis in enumerate(np.eye(3))}
                 for body in numbers
             ]
-        a, b = map(Side, numbers, points, vectors)
-        apart = self._place(b) - self._place(a)
-        length = 0.0
+        first, second = map(Side, numbers, points, vectors)
+        return first, second
+
+    def _joined(self, joint: Joint, a: Side, b: Side, path: KeyPath) -> float:
+        """Length that a joint keeps, if any; its points must start where it asks for."""
+        kind, apart = JOINTS[joint.type], self._place(b) - self._place(a)
         if kind.length:
             distance = float(np.linalg.norm(apart))
             if not distance > MISFIT * self.size:
                 raise self.document.error((*path, "at"), "its points start in one place")
             length = joint.length or norm(apart)
             self.require_length("its points", distance - length, length, (*path, "length"))
-        elif isinstance(joint.at, dict):
-            # Both places are one at the start, as far as the joint asks.
+            return length
+        if isinstance(joint.at, dict):
             along = [
                 self._turned(a.body, a.vectors[dot.first]) for dot in kind.dots if dot.of_points
             ]
             missed = float(np.linalg.norm(apart if kind.meets else [x @ apart for x in along]))
             message = f"its places on {joint.from_} and {joint.to} start {missed:.12g} m apart"
             self.require(missed, MISFIT * self.size, (*path, "at"), message, "them")
-        self.made[name] = Connection(joint.type, (a, b))
-        row = len(self.rows)
-        self.rows += [Row(path, name, of) for of in kind.rows]
-        between = _minus(_site(b), _site(a))
-        if kind.meets:
-            for c in range(3):
-                single = [(place + c, weight) for place, weight in between.terms]
-                offset = 0.0 - between.constant[c]
-                self.add("PRODUCT", row=row + c, single=single, parameters=(offset,))
-        for k, dot in enumerate(kind.dots, row + 3 * kind.meets):
-            other = between if dot.of_points else _direction(b, dot.second)
-            self.add("PRODUCT", _direction(a, dot.first), other, row=k)
-        if kind.length:
-            row = len(self.rows) - 1
-            self.squares[row] = length * length
-            self.add("SQUARE", between, row=row, parameters=(length * length,))
+        return 0.0
 
     def _about(
         self, joint: Joint, first: int, second: int, path: KeyPath

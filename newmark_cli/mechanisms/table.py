@@ -80,12 +80,12 @@ class Shape(NamedTuple):
             return [(i, c, j, d) for i in vectors for j in vectors for c, d in block]
         if kind in (elements.SPRING, elements.DAMPER, elements.TORQUE, elements.HINGE):
             return [(i, c, j, d) for i in vectors for j in vectors for c, d in every]
-        if kind == elements.TWIST:
-            return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
         return self._rare_entries()
 
     def _rare_entries(self) -> list[_Entry]:
-        """The same of an angle that is a coordinate, and of torques on a body in space."""
+        """The same of angles that are coordinates, and of torques on a body in space."""
+        if self.kind == elements.TWIST:
+            return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
         if self.kind == elements.COUPLE:
             angle = self.second
             sides = [(i, c) for i in range(angle) for c in range(self.components)]
