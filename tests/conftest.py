@@ -43,7 +43,6 @@ for ignorable in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 #: Signals that end a command, with what it calls them.
 ENDINGS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 
-
 ONE_ULP = Path(__file__).parent / "one_ulp"
 
 
@@ -219,7 +218,6 @@ h: [1e-1, 1e-2]
 t_end: 1.0
 """
 
-
 #: 24 cells, of which the first to run take longest.
 LONG = """\
 study: long
@@ -229,7 +227,6 @@ preconditioning: [none, optimal]
 h: [1e-2, 1e-3, 1e-4, 1e-5]
 t_end: 1.0
 """
-
 
 #: A problem in plain Python that is well, does not end, ends its process, leaves, or fails,
 #: always or as long as there is no file "ready".  With ``steps`` it is well at their times:

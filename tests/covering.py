@@ -19,13 +19,11 @@ def covering(*axes, strength=2):
     sizes = [len(values) for values in lists]
     groups = list(itertools.combinations(range(len(axes)), strength))
     cases = np.indices(sizes).reshape(len(sizes), -1).T
-
     # Of every group each combination of values has a number.
     numbers = np.array(
         [np.ravel_multi_index(cases[:, group].T, [sizes[i] for i in group]) for group in groups],
         np.int32,
     )
-
     # In an order that has nothing to do with that of the axes, of cases that add as much the first.
     order = np.argsort(_scattered(cases), kind="stable")
     cases, numbers = cases[order], numbers[:, order]

@@ -192,9 +192,6 @@ def random_system(
     )
 
 
-# -- matrices -----------------------------------------------------------------------------------
-
-
 def transposed(matrix: Matrix) -> Matrix:
     """Rows as columns."""
     return [list(column) for column in zip(*matrix, strict=True)]
@@ -261,9 +258,6 @@ def inverse(matrix: Matrix) -> Matrix:
 
 def _least(block: Iterable[Iterable[Number]]) -> float:
     return min((x.order for row in block for x in row), default=math.inf)
-
-
-# -- one form of one formulation ------------------------------------------------------------------
 
 
 class Measured:

@@ -184,9 +184,6 @@ def test_a_singular_mass_matrix_is_no_obstacle():
     assert advice.condition[1e-4]["optimal"] < 10
 
 
-# -- refusals --------------------------------------------------------------------------------------
-
-
 def npz(path, **arrays):
     np.savez(path, **arrays)
     return path
@@ -229,7 +226,6 @@ BAD = {
 @pytest.mark.filterwarnings("ignore:divide by zero")
 @each("case", BAD)
 def test_matrices_that_cannot_be_used_are_refused_in_one_line(cli, case):
-    """Exit code 2, and a line that names the file, the matrix and what is wrong."""
     make, message = BAD[case]
     make(cli.folder / "bad.npz")
     line = cli.refused("advise", "--matrices", "bad.npz", "--h", "1e-3")
@@ -271,9 +267,6 @@ def test_sparse_market_files_are_read(tmp_path):
     assert found["M"].tolist() == [[2, 0], [0, 3]]
     assert found["G"].tolist() == [1, 0]
     assert "X" not in found
-
-
-# -- a Jacobian from anywhere ----------------------------------------------------------------------
 
 
 @each("variant", ["none", "left", "right", "optimal"])
@@ -353,9 +346,6 @@ def test_jacobians_on_the_command_line(example, cli):
     assert "--tolerance does not go" in cli.refused(
         *refuse, "--blocks", "u=4,lambda=2", "--tolerance", "1"
     )
-
-
-# -- the mistakes ----------------------------------------------------------------------------------
 
 
 LINKS = 5
@@ -470,9 +460,6 @@ def test_scaling_only_one_side(swing, variant, word):
         assert "λ is not scaled under left" in finding(tested, "tolerance 1e-08")
 
 
-# -- units, stiffness, noise -----------------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("without_noise")
 def test_units_that_rule_the_conditioning_are_told_and_mended(double):
     """G in millimetres and M in tonnes: a factor for each block brings C back."""
@@ -521,9 +508,6 @@ def test_equilibrium_keeps_symmetry_and_rounds_nothing():
     )
 
 
-# -- the tolerances that it states ----------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("without_noise", "of_float64")
 @each("name, sizes, h", [
     ("andrews", {}, 1e-5), ("four-bar", {}, 1e-4), ("double-pendulum", {}, 1e-4),
@@ -552,9 +536,6 @@ def test_what_stays_at_rest_is_said_to():
     assert advice.where == "at the start"
     assert "nothing moves it" in finding(advice, "at rest")
     assert "16 states" in newmark.advise(own_mechanisms.driven_pendulum(), h=1e-4).where
-
-
-# -- the command -----------------------------------------------------------------------------------
 
 
 def test_studies_and_python_problems_are_subjects(cli, advise_cli):
@@ -589,9 +570,6 @@ def schemes_of(form, integrator="newmark", scaling="optimal"):
         form, integrator_of(integrator), formulation_of(INDEX_3), "direct",
         preconditioning_of(scaling, "scaling"), "float64",
     )  # fmt: skip
-
-
-# -- noise of λ ------------------------------------------------------------------------------------
 
 
 @each("integrator, factor", [

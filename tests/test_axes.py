@@ -130,7 +130,6 @@ for number, arguments in enumerate(commands):
         sys.exit(open(f"{number}.err").read() or "failed")
 """
 
-
 #: What the commands below import.
 IMPORTED = (
     "cli.commands",
@@ -140,7 +139,6 @@ IMPORTED = (
     "study.collection",
     "study.compute",
 )
-
 
 #: A new axis: how often a cell is repeated.  This field is the whole of it.
 REPEAT = (
@@ -158,7 +156,6 @@ REPEAT = (
     stop: Tolerance | None = axis(
 """,
 )
-
 
 #: A new measure: the largest speed along the way.  This entry is the whole of it.
 SPEED = (
@@ -191,7 +188,6 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 """,
 )
 
-
 #: A new column: how far the values of a row spread.  This entry is the whole of it.
 SPREAD = (
     "newmark_cli.study.results",
@@ -207,7 +203,6 @@ MEASURED = (
 _AXES = (
 """,
 )
-
 
 AXIS, MEASURE = "axis.yaml", "measure.yaml"
 
@@ -246,7 +241,6 @@ def changed(tmp_path_factory, committed_folder):
 
 
 def test_a_new_axis_touches_one_file(cli, changed):
-    """Its key, column, series, slopes and lines follow from the declaration."""
     folder, printed = changed
     assert "pendulum u-lambda optimal second h=0.001 steps=100" in printed["axis, run"][1]
     rows = rows_in(folder / "results/quick.csv")

@@ -34,7 +34,6 @@ def test_pictures_show_the_start_of_the_built(name):
 
 @each("name", FAMILIES)
 def test_sizes_of_families_are_those_of_their_members(sections, name):
-    """The formulas, evaluated for a member of size 3."""
     family = FAMILIES[name]
     built = family.problem(name, dict.fromkeys(family.parameters, 3))
     *_, n, m = sections["families of problems"][name].replace("; n", ", n").split(", ")

@@ -73,8 +73,6 @@ def test_shipped_configs_read_alike_as_data():
     }  # fmt: skip
 
 
-# -- the kinds, by numbers ------------------------------------------------------------------
-
 #: Values at h = 1, 0.1, 0.01 by unknown.
 VALUES = {"u": (1, 1e-2, 1e-4), "lambda": (2, 1, 1e-2), "v": (1.0, 0.0, 1.0)}
 
@@ -146,9 +144,6 @@ def test_quotients_need_the_same_step_sizes(tmp_path):
     assert (found.verdict, found.reason) == (
         INCOMPLETE, "Δu, pendulum u-v-lambda none, and its divisor: at different step sizes",
     )  # fmt: skip
-
-
-# -- the command line -----------------------------------------------------------------------
 
 
 def checked(folder, *options):

@@ -102,7 +102,6 @@ def test_plot_and_check_read_the_csv_alone(cli, pendulum_results):
     slopes = (cli.folder / "results/slopes.csv").read_bytes()
     cli("plot", "2", "6")
     assert snapshot(cli.folder / "results/figures") == first
-
     done = cli("check")
     assert (cli.folder / "results/slopes.csv").read_bytes() == slopes
     assert "12 of 12 slopes as predicted" in done.stdout
@@ -217,9 +216,6 @@ def test_help_is_light():
     assert "HEAVY []" in done.stdout, done.stdout + done.stderr
 
 
-# -- refusals: one line, exit 2, nothing lost ---------------------------------------------
-
-
 @pytest.fixture
 def before(cli, quick, quick_results):
     """A folder with results that no refusal may touch."""
@@ -265,7 +261,6 @@ def test_two_studies_with_one_name(cli, before):
 
 
 def test_unknown_figures_and_options(cli, before):
-    """Usage errors are one line too."""
     assert "unknown figure or study '99'" in cli.refused("plot", "99")
     assert "unknown figure or study 'x'" in cli.refused("plot", "x")
     assert "No such option" in cli.refused("plot", "--resluts", "x")
@@ -288,7 +283,6 @@ def test_results_that_cannot_be_written(cli, quick):
 
 @each("command", ["plot", "check"])
 def test_no_results(cli, command):
-    """Neither starts a computation."""
     assert "no results; run 'newmark-study" in cli.refused(command)
     assert not (cli.folder / "results").exists()
 

@@ -97,7 +97,6 @@ def test_a_dead_worker_is_replaced(cli, study, scheduler):
 
 
 def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
-    """One line, exit code 1, what was finished is kept, and a run without it goes on."""
     main, address, workers = scheduler
     workers(1)
     run = running(cli, address)
@@ -115,7 +114,6 @@ def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
 
 
 def test_no_scheduler(cli, monkeypatch):
-    """One line, exit code 1, after the time that dask's configuration gives."""
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "500ms")
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
@@ -153,7 +151,6 @@ OTHERS = {
     "mechanisms/shipped/pendulum.yaml": "set of shipped mechanisms of the same version",
 }
 
-
 #: A worker whose package is the one beside this script, as far as files are read.
 ELSEWHERE = """from pathlib import Path
 
@@ -173,7 +170,6 @@ main()
 
 @pytest.mark.parametrize("file", OTHERS)
 def test_a_worker_with_another_core_is_refused(cli, scheduler, file):
-    """Its numbers would be kept as those of the code and the mechanisms that are here."""
     _, address, workers = scheduler
     package = Path(newmark_cli.__file__).parent
     other = cli.folder / "other"
@@ -198,7 +194,6 @@ def require_refused(cli, address, why):
 
 @pytest.mark.parametrize("scheduler", ["500ms"], indirect=True)
 def test_workers_that_never_come(cli, scheduler):
-    """One line, exit code 1, after the time that the scheduler is configured for."""
     _, address, _ = scheduler
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)

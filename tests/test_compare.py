@@ -190,7 +190,6 @@ def test_exit_codes(cli):
 
 
 def test_bad_input(cli):
-    """One line, exit 2."""
     cli.write("a/quick.csv", "a,b\n")
     cli.write("b/x", "")
     assert "a/quick.csv, line 1" in cli.refused("compare", "a", "b")

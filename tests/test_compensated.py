@@ -46,14 +46,9 @@ def subjects(undriven):
     return named | {"damped": replace(damped(), quadratic=True), "undriven": undriven}
 
 
-STEPS_OF = {
-    **{name: h for name, h in STEP.items() if name != "shaken-pendulum"},
-    "undriven": 1e-3,
-}
-
+STEPS_OF = {**{name: h for name, h in STEP.items() if name != "shaken-pendulum"}, "undriven": 1e-3}
 
 # Exactness
-
 
 NUMBERS = st.floats(-1e200, 1e200)
 

@@ -147,7 +147,6 @@ MISTAKES = [
 
 @each(("old", "new", "line", "words"), MISTAKES)
 def test_mistakes_are_located(tmp_path, old, new, line, words):
-    """File, line, key, what was given and what is allowed, in one line."""
     assert old in QUICK
     with pytest.raises(DocumentError) as caught:
         load(tmp_path, QUICK.replace(old, new))

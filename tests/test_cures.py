@@ -137,7 +137,6 @@ def test_cost_is_from_the_record(tmp_path):
 
 
 def test_table_needs_its_study(tmp_path):
-    """One line says what to run; without any other study, cells are empty."""
     with pytest.raises(ResultsError, match="run 'newmark-study run cures' first"):
         cures.build(Results(tmp_path, []))
 
@@ -212,7 +211,6 @@ def test_drifts_over_time(tmp_path):
 
 
 def test_measure_of_drift(cli):
-    """Its file has what the CSV's largest values are of; `verify` knows the file."""
     (cli.folder / "mine.yaml").write_text(
         "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
         "formulation: [index-1, ggl]\nmeasure: drift\nh: 1e-2\nt_end: 0.5\nsamples: 10\n"

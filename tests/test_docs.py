@@ -52,7 +52,6 @@ STUDY = {
 }  # fmt: skip
 COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
 
-
 #: The command, where advice draws less often what rounding does, marches are timed once, and a
 #: figure is rendered once, whatever the kinds of its files: no page shows these numbers, or files.
 #: Processes for code of the user's import it, too.
@@ -285,9 +284,6 @@ def test_files_that_pages_show_are_those_of_the_examples():
         assert found == [example] * 2, name
 
 
-# -- generated pages ------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def reference():
     """Pages of the reference, by path."""
@@ -342,9 +338,6 @@ def test_every_measure_command_and_name_is_there(reference):
         assert name == "__version__" or f"::: newmark_cli.{name}\n" in page
 
 
-# -- tables of committed results ------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def committed(committed_folder, committed_results):
     """Slopes of the committed CSVs."""
@@ -386,9 +379,6 @@ def test_committed_results_are_complete(committed):
     for number in FIGURES:
         for suffix in ("png", "svg"):
             assert (ROOT / f"results/figures/figure-{number}.{suffix}").stat().st_size > 5000
-
-
-# -- mechanisms -----------------------------------------------------------------------------------
 
 
 def test_tables_name_every_joint_and_key():

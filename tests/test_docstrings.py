@@ -30,7 +30,6 @@ DOCS = Path(__file__).parents[1] / "docs/python.md"
 
 
 def test_the_docs_name_all_that_is_public():
-    """In its table."""
     text = DOCS.read_text(encoding="utf-8")
     for name in PUBLIC:
         assert re.search(rf"`{name}\b", text), name

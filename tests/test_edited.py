@@ -131,9 +131,6 @@ def test_studies(tmp_path, monkeypatch, kind):
     assert len(list((tmp_path / "out/cells").iterdir())) == 2
 
 
-# -- between reading and marching -----------------------------------------------------------
-
-
 def run_edited(folder, monkeypatch, kind, **options):
     """Rows of a study whose file is edited after the study was read."""
     begin = runner.run_studies
@@ -162,7 +159,6 @@ def test_mechanisms_are_of_what_was_read(tmp_path, monkeypatch, kind):
 
 @each("kind", ["force", "module of a force", "python", "module"])
 def test_code_that_has_changed_is_refused(tmp_path, monkeypatch, kind):
-    """In a line; nothing is kept of it."""
     named = "mine.py:hangs" if KINDS[kind][0] == PYTHON else "q.yaml: python_forces"
     with pytest.raises(InputError, match=f"^{named}: has changed since the run began$"):
         run_edited(tmp_path, monkeypatch, kind)

@@ -90,18 +90,9 @@ def test_no_code_for_formulations_or_much_fill(monkeypatch):
     assert run(problem("pendulum"), scheme, 3, 20)[0].exchanges.coded
 
 
-# -- one matrix -----------------------------------------------------------------------------
-
 #: Entries that are there; with as many zeros fill is to be seen.
 THERE = np.array(
-    [
-        [1, 1, 0, 0, 1],
-        [1, 0, 1, 0, 0],
-        [1, 1, 0, 1, 0],
-        [0, 0, 1, 1, 0],
-        [1, 0, 0, 1, 1],
-    ],
-    bool,
+    [[1, 1, 0, 0, 1], [1, 0, 1, 0, 0], [1, 1, 0, 1, 0], [0, 0, 1, 1, 0], [1, 0, 0, 1, 1]], bool
 )
 ROWS, COLUMNS = np.nonzero(THERE)
 NO_SUMS = Sums(*(np.empty(0, np.int64) for _ in range(3)), np.empty(0))

@@ -76,9 +76,6 @@ def value(folder, measure, quantity, h, column, scaling="none"):
     return float(row[column])
 
 
-# -- verdicts ---------------------------------------------------------------------------------
-
-
 def test_orders_and_levels_that_hold(expecting, marched):
     """Each for every series that it matches; theory need not predict anything."""
     cli = expecting(
@@ -189,9 +186,6 @@ def test_cells_that_fail_decide_no_expectation(cli):
     assert all("not_converged" in row["reason"] for row in found)
 
 
-# -- where they are kept ----------------------------------------------------------------------
-
-
 def test_the_record_has_them(expecting, marched):
     """A folder is checked without the config; after an edit of it `run` rewrites the record."""
     cli = expecting("{measure: error, quantity: u, slope: 2}")
@@ -225,9 +219,6 @@ def test_folders_are_compared_by_the_expectations_that_both_have(expecting):
     printed = cli("compare", "results", "other", "--all", code=1).stdout
     assert printed.count("expectation of") == 2
     assert "2 ± 0.1" in printed
-
-
-# -- what a config may say --------------------------------------------------------------------
 
 
 #: Expectations of error, and how many series each chooses.
@@ -279,7 +270,6 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting):
     ("3", "must be a mapping of keys to values, given 3"),
 ])  # fmt: skip
 def test_mistakes(tmp_path, entry, words):
-    """File, line, key, what was given and what is allowed."""
     text = f"{STUDY}expect:\n  - {{measure: error, quantity: u, slope: 2}}\n  - {entry}\n"
     (tmp_path / "swing.yaml").write_text(text)
     with pytest.raises(newmark.InputError) as caught:
@@ -308,9 +298,6 @@ def test_in_python():
     assert newmark.slopes(newmark.run(study))["verdict"].tolist() == ["pass"]
     with pytest.raises(newmark.InputError, match=r"^study: expect\[1\].form: 'a-lambda' is not"):
         newmark.run(study | {"expect": [{"measure": "condition", "slope": -4, "form": "a-lambda"}]})
-
-
-# -- continuous integration -------------------------------------------------------------------
 
 
 def test_junit(expecting):

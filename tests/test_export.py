@@ -37,9 +37,6 @@ def digits_right(found, expected):
         return float(-mpmath.log10(max([*errors, mpmath.mpf(10) ** -200])))
 
 
-# -- solutions ---------------------------------------------------------------------------------
-
-
 @each("form", ["u-lambda", "u-v-a-lambda"])
 @each("h", [1e-3, 1e-8])
 def test_solutions_have_sixty_digits(form, h):
@@ -85,9 +82,6 @@ def test_the_residual_is_that_of_its_definition():
     norm = np.hypot(3.0, 1e200)
     assert exact.backward_error(matrix, rhs, x) == pytest.approx(3 * 2.0**-40 / norm, rel=1e-12)
     assert exact.backward_error(matrix, 0 * rhs, [0.0, 0.0]) == 0.0
-
-
-# -- the systems are the march's ---------------------------------------------------------------
 
 
 def swing(tmp_path):
@@ -187,12 +181,9 @@ def test_systems_of_an_iterative_solver():
     ({"steps": [1], "precision": "float32"}, "precision float32: only systems of marches in"),
 ])  # fmt: skip
 def test_what_no_systems_are_to_be_had_of(options, message):
-    """One sentence, before anything is marched."""
     with pytest.raises((ArgumentError, InputError), match=f"^{message}"):
         newmark.linear_systems("pendulum", h=1e-3, **options)
 
-
-# -- files -------------------------------------------------------------------------------------
 
 FOUR_FIELDS = ("andrews", "--form", "u-v-a-lambda", "--preconditioning", "none", "--h", "1e-7")
 
@@ -362,7 +353,6 @@ def test_problems_in_python(cli):
     (("pendulum", "--out", "link"), "link: cannot be written: it is a symbolic link"),
 ])  # fmt: skip
 def test_what_cannot_be_exported_is_refused(cli, arguments, message):
-    """In one line, and nothing is written."""
     cli.write("file", "mine")
     (cli.folder / "folder").mkdir()
     (cli.folder / "link").symlink_to("folder")

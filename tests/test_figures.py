@@ -178,7 +178,6 @@ def history(tmp_path_factory):
     ],
 )
 def test_damaged_history(tmp_path, history, damage, words):
-    """One line that names the file, and what is wrong with it."""
     figure = FIGURES["15"]
     path = results.history_path(tmp_path, figure.study)
     path.parent.mkdir()
@@ -205,10 +204,7 @@ def test_only_the_drawing_modules_import_matplotlib():
     }
 
 
-@each(
-    "figure",
-    [f for f in FIGURES.values() if f.curves],
-)
+@each("figure", [f for f in FIGURES.values() if f.curves])
 def test_shipped_configs_give_what_figures_draw(figure):
     """Every series of a figure has cells, under the labels that the CSV will have."""
     cells = [

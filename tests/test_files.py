@@ -201,7 +201,6 @@ def test_a_record_names_only_its_own_files(cli, outside):
 
 @each("record", [{}, {"key": []}, {"outcome": [], "seconds": {}, "versions": 3}])
 def test_a_cell_of_wrong_types_is_computed_again(cli, record):
-    """Whatever its file holds."""
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
     before = (cli.folder / "results/quick.csv").read_bytes()

@@ -224,7 +224,6 @@ assemble: true
     ],
 )  # fmt: skip
 def test_mistakes_in_one_line(cli, name, text, told):
-    """File, line, key, what was given, what is allowed; exit code 2."""
     cli.write(f"{name}.yaml", text)
     (line,) = cli("validate", f"{name}.yaml", code=2).stderr.splitlines()
     assert line.startswith(f"newmark-study: {name}.yaml, line ")
@@ -273,7 +272,6 @@ def test_one_step_size(cli):
 
 
 def test_figures_have_the_title_of_a_mechanism(cli):
-    """Its file's, recorded when it was run; its name where it has none."""
     for name, more in (("swing", {"title": "A swing"}), ("plain", {})):
         cli.write(f"{name}.yaml", json.dumps(SWING | more))
         study = STUDY | {"study": f"of-{name}", "problem": f"{name}.yaml", "h": [1e-2, 1e-3, 1e-4]}

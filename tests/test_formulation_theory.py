@@ -21,9 +21,6 @@ DAMPED = GeneralizedAlpha(0.9)
 REDUCED = ("index-2", "index-1", "baumgarte", "baumgarte rate_h=1", "ggl")
 
 
-# -- predictions of series ------------------------------------------------------------------------
-
-
 def key(measure, quantity="lambda", **rest):
     """Key of a series of (a, λ), ρ∞ = 0.9."""
     usual = {
@@ -65,8 +62,6 @@ def test_predictions_follow_the_formulation():
     assert predicted("sensitivity", formulation="ggl", row_block="C") == -1
 
 
-# -- verdicts --------------------------------------------------------------------------------
-
 H = np.array([1e-2, 1e-3, 1e-4, 1e-5])
 
 
@@ -100,9 +95,6 @@ def test_a_rate_that_no_step_size_resolves_is_not_asymptotic(tmp_path, rate, exp
     assert found.expected == 0
     assert found.verdict == expected
     assert ("α h is 0.1 to 1e+02" in found.reason) == (expected == UNDECIDED)
-
-
-# -- commands --------------------------------------------------------------------------------
 
 
 def test_orders_of_a_formulation(cli):
@@ -146,7 +138,6 @@ def test_derive_a_formulation(cli, formulation):
 
 
 def test_orders_of_a_config_with_formulations(cli):
-    """Each formulation of the config, once."""
     cli.write("own.yaml", QUICK + "formulation: [ggl, {method: baumgarte, rate_h: 2}]\n")
     found = json.loads(cli("orders", "--config", "own.yaml", "--json").stdout)
     assert list(dict.fromkeys(entry["formulation"] for entry in found)) == [
@@ -178,9 +169,6 @@ def test_tables_of_formulations(cli):
     docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
     assert "`newmark-study tables --formulations` makes the tables" in docs
     assert markdown.strip() in docs
-
-
-# -- the library -----------------------------------------------------------------------------------
 
 
 @each("form", FORMS)

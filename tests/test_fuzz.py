@@ -149,7 +149,6 @@ def ran(*words):
 @few
 @given(damaged_trees())
 def test_validate(folder, data):
-    """One line and code 0, or complaints that name the file, in its order, and code 2."""
     (folder / "m.yaml").write_bytes(data)
     before = {path.name for path in folder.iterdir()}
     code, printed, complaints = ran("validate", "m.yaml")

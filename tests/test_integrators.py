@@ -42,7 +42,6 @@ from newmark_cli.study.measures import corrections
 EVERY = each("integrator", INTEGRATORS)
 # Labels and parameters
 
-
 ANY = st.one_of(
     st.builds(Newmark, st.floats(1e-300, 1e300), st.floats(0.5, 1e300)),
     st.builds(GeneralizedAlpha, st.floats(0, 1)),
@@ -124,8 +123,7 @@ def textbook_motion(integrator):
 
 
 @each(
-    "integrator, form, evaluation",
-    covering(INTEGRATORS, FORMS.values(), ["direct", "compensated"]),
+    "integrator, form, evaluation", covering(INTEGRATORS, FORMS.values(), ["direct", "compensated"])
 )
 def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
     """Stiffness, damping, full M, a force of time: both engines, every form, to rounding."""

@@ -9,14 +9,7 @@ import threading
 import time
 
 import pytest
-from conftest import (
-    ENDINGS,
-    LONG,
-    require_ended,
-    wait_for_cells,
-    wait_until,
-    write_swings,
-)
+from conftest import ENDINGS, LONG, require_ended, wait_for_cells, wait_until, write_swings
 from each import each
 from warm import SCRIPT
 

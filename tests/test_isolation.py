@@ -9,10 +9,7 @@ from conftest import SWING, CommandLine
 from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
 
 #: What a problem may do to the process that it runs in, in a line of Python.
-HARM = {
-    "patches": "np.median = lambda values: 42.0",
-    "folder": "os.chdir('/')",
-}
+HARM = {"patches": "np.median = lambda values: 42.0", "folder": "os.chdir('/')"}
 
 #: Cells of a problem that does harm, of one that does not, and of a shipped one.
 STUDY = """\

@@ -14,7 +14,6 @@ LINE = re.compile(
     r"newmark-study: internal error: (.*); please report this, with the traceback in (.*)\n"
 )
 
-
 #: The command line, where a function does something else first.
 SCRIPT_OF_BROKEN = """
 import os

@@ -73,9 +73,6 @@ DOUBLE = {
 }
 
 
-# -- the same march as the command line's -----------------------------------------------------
-
-
 def test_a_trajectory_is_what_the_command_line_writes(cli):
     """The history of λ in the CSV, read back."""
     cli.write(
@@ -108,7 +105,6 @@ def test_what_is_kept_does_not_change_the_march(every, kept):
 
 @each("solver", ["dense-lu", "sparse-lu", "gmres"])
 def test_steps_are_recorded_alike_by_every_engine(solver):
-    """Recording on the way, and halting at every step, give the same."""
     how = {"h": 1e-3, "steps": 47, "linear_solver": solver}
     whole = newmark.march("double-pendulum", **how)
     seen = list(newmark.march("double-pendulum", **(how | {"steps": True, "t_end": 0.047})))
@@ -158,9 +154,6 @@ def test_a_is_the_true_acceleration(integrator):
         found.t, found.u, found.v, found.a, found.multipliers, strict=True
     ):
         assert found.problem.evaluate(t, u, v, multipliers).force == pytest.approx(a, abs=1e-6)
-
-
-# -- problems without a file ------------------------------------------------------------------
 
 
 def test_a_double_pendulum_from_a_definition_a_dict_and_its_equations_agree():
@@ -222,9 +215,6 @@ def test_a_definition_is_told_from_another_by_its_content():
         assert of_definition(given) != of_definition(given)
 
 
-# -- stepping, callbacks, restarts ------------------------------------------------------------
-
-
 def test_a_march_is_stepped_and_left():
     """What was seen is usable, and the march goes on from there."""
     whole = newmark.march("pendulum", h=0.01, t_end=1.0)
@@ -283,7 +273,6 @@ def test_a_restart_with_another_step_size_starts_anew():
 
 
 def test_callbacks_see_kept_steps_and_stop_the_march():
-    """StopIteration ends it, as a stop."""
     seen = []
 
     def watch(step):
@@ -361,9 +350,6 @@ def test_an_interrupt_leaves_a_usable_trajectory(cli):
     assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
 
 
-# -- marches that fail ------------------------------------------------------------------------
-
-
 #: A point that is pulled out of its line of motion ever faster: λ and u overflow.
 RUNAWAY = {
     "mass_matrix": np.eye(2),
@@ -399,9 +385,6 @@ def test_steps_that_do_not_converge_are_counted_and_named():
     assert (found.status, found.success) == ("not_converged", False)
     assert found.not_converged == np.count_nonzero(~found.converged) > 0
     assert found.converged[0]
-
-
-# -- starts of one's own ----------------------------------------------------------------------
 
 
 @pytest.mark.bits("the start itself is what is tested")
@@ -457,9 +440,6 @@ def test_a_projection_is_the_nearest_in_the_metric_of_M():
     assert np.abs(given.constraint_values(0.0, start.u[0])).max() < 1e-15
 
 
-# -- scalings ---------------------------------------------------------------------------------
-
-
 @each("form", oracles.TABLE_2)
 def test_scalings_are_those_of_table_2(form):
     """Formulas and numbers of every form, against the table written out in the tests."""
@@ -488,9 +468,6 @@ def test_scalings_follow_the_integrator_and_the_variant():
     assert (left.left["D"], dict(left.right)) == (0.25e-6, {"u": 1.0, "lambda": 1.0})
     own = {"name": "half", "right": {"lambda": "1/h"}}
     assert newmark.scaling("v-lambda", h=1e-3, preconditioning=own).right["lambda"] == 1e3
-
-
-# -- what is refused --------------------------------------------------------------------------
 
 
 def pendulum(**more):
@@ -558,9 +535,6 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(call, message):
     assert "\n" not in text
     assert ", line " not in text
     assert type(caught.value).__name__ in newmark.__all__
-
-
-# -- what the package is ----------------------------------------------------------------------
 
 
 def run(*arguments, folder=None, **options):

@@ -112,7 +112,6 @@ def test_figures_draw_the_rows(frame):
     ],
 )
 def test_mistakes(frame, call, words):
-    """One sentence of a documented class."""
     with pytest.raises(newmark.NewmarkError, match=r"(?s).*") as caught:
         call(frame)
     assert words in str(caught.value)

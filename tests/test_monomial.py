@@ -39,7 +39,6 @@ def test_value_is_the_product(coefficient, exponents, values):
 
 @given(powers, powers)
 def test_orders_add(first, second):
-    """The order of a product is the sum of the orders."""
     a, b = build(1.0, first), build(1.0, second)
     assert (a * b).order() == a.order() + b.order()
     assert (a**-1).order() == -a.order()

@@ -20,8 +20,6 @@ from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march import March, initial_state
 
-# -- the functions of a mechanism ---------------------------------------------------------------
-
 
 def test_a_pendulum_by_hand():
     """Its bar and its weight, operation by operation.
@@ -41,9 +39,6 @@ def test_elements_add_up():
     assert counts[2].derivatives - counts[1].derivatives == (
         counts[1].derivatives - counts[0].derivatives
     )
-
-
-# -- eliminations -------------------------------------------------------------------------------
 
 
 class Counted(float):
@@ -121,9 +116,6 @@ def test_eliminations_of_mechanisms(name, formulation, form):
     assert operations.elimination(lists) == solved(ordered, random.normal(size=system.size))
 
 
-# -- what a step calls --------------------------------------------------------------------------
-
-
 def counted(function):
     """A function that the interpreted kernel calls, and how often it was called."""
 
@@ -195,9 +187,6 @@ def test_corrections_of_positions_are_counted_by_each_engine():
     assert kernel_march.positions == other.positions > 10
     # Rounding ends Newton a correction earlier or later.
     assert abs(kernel_march.corrections - other.corrections) <= 10
-
-
-# -- studies ------------------------------------------------------------------------------------
 
 
 def test_a_study_records_its_work(cli, quick):

@@ -106,7 +106,6 @@ def test_plain_code_runs_through_the_scipy_march(cli):
     ],
 )
 def test_problems_that_cannot_be_used(cli, problem, words):
-    """One line with the config's file and line, exit 2, no results."""
     cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text())
     cli.write("raises.py", "def axis():\n    raise ValueError('not today')\n")
     cli.write("mine.yaml", STUDY.replace("PROBLEM", problem))
@@ -116,10 +115,7 @@ def test_problems_that_cannot_be_used(cli, problem, words):
     assert not (cli.folder / "results").exists()
 
 
-@each(
-    "name",
-    [*PROBLEMS, "chain(links=40)", "four-bars(windows=3)", "spatial-chain(bodies=30)"],
-)
+@each("name", [*PROBLEMS, "chain(links=40)", "four-bars(windows=3)", "spatial-chain(bodies=30)"])
 def test_every_mechanism_can_be_drawn(name):
     """Each body, bar and joint has its line, and a small mechanism its names and a key."""
     subject = config.problem_named(name).load()

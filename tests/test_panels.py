@@ -12,13 +12,7 @@ from each import each
 
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report.drawing import draw, panels, plot, sheets, traces
-from newmark_cli.report.drawing.panels import (
-    Panel,
-    Reference,
-    Sheet,
-    Trace,
-    look,
-)
+from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, look
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import study_slopes
 from newmark_cli.report.reading.figures import FIGURES
@@ -51,9 +45,6 @@ def test_words_and_hollow_markers_agree(committed_results):
     assert min(counted.values()) > 10
 
 
-# -- data -----------------------------------------------------------------------------------
-
-
 def test_every_place_in_a_legend_has_a_look_of_its_own():
     """Of twenty series no three have one colour, and no two look alike."""
     looks = [look(place) for place in range(20)]
@@ -75,9 +66,6 @@ def test_points_without_a_place_are_not_shown():
     assert x.shown("log", "log").tolist() == [False, False, False, False, True]
     assert Panel((y, x)).empty is False
     assert Panel((Trace("z", H, np.zeros(4), look(0)),)).empty is True
-
-
-# -- the renderer ---------------------------------------------------------------------------
 
 
 def test_shipped_figures_are_drawn_as_they_say(committed_results):
@@ -148,7 +136,6 @@ def test_a_panel_without_a_value():
 
 
 def test_colours_of_a_style_stand_for_those_of_the_project():
-    """Its cycle, in the order of the legend; a look that a config gives is kept."""
     cycle = mpl.cycler(color=["#ff0000", "#00ff00"], linestyle=["-", ":"])
     traces = (*(replace(trace(k, "ab"[k]), place=k) for k in (0, 1)), trace(2, "c"))
     drawing = draw.drawn(Sheet("", (Panel(traces),)), settings={"axes.prop_cycle": cycle})
@@ -183,9 +170,6 @@ def test_ticks_within_a_decade():
             if low <= label.get_position()[0] <= high
         }
         assert expected <= seen
-
-
-# -- whose results a mechanism belongs to ---------------------------------------------------
 
 
 def ran(*arguments):

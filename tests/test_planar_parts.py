@@ -510,7 +510,6 @@ project_velocities: true
 
 
 def test_spring_between_points_of_bodies():
-    """Two bodies pinned at one point, a spring between points fixed on them: the angle's ODE."""
     k, rest, inertia = 50.0, 0.2, 0.3
     p, q = 0.5 + 0.2j, 0.4 - 0.1j  # on `still` at angle 0, on `arm`
 
@@ -625,7 +624,6 @@ MISTAKES = {
 
 @each("name", MISTAKES)
 def test_mistakes_are_located(name):
-    """Each mistake is named with file, line and key, what was given and what is allowed."""
     old, new, line, key, words = MISTAKES[name]
     text = CART.replace("assemble: true", "assemble: false")
     assert text.count(old) == 1, f"{old!r} stands in the file once"
@@ -668,6 +666,5 @@ def test_nothing_beyond_a_table(cli):
 
 
 def test_compensated_is_refused_with_angles():
-    """One line says why: an angle as a coordinate is not quadratic."""
     with pytest.raises(ArgumentError, match="compensated needs constraints that are quadratic"):
         newmark.march(built(EPICYCLIC), h=1e-3, t_end=0.1, evaluation="compensated")

@@ -98,7 +98,6 @@ MISTAKES = [
 
 @each("old, new, line, words", MISTAKES)
 def test_mistakes_are_located(old, new, line, words):
-    """Each mistake is named with file, line and key."""
     assert old in BODY
     with pytest.raises(DocumentError) as caught:
         built(BODY.replace(old, new), "bad")
@@ -119,7 +118,6 @@ def test_tangents_with_every_element(everything, seed, t):
     u = everything.u0 + 0.2 * random.normal(size=everything.n)
     v, multipliers = random.normal(size=everything.n), random.normal(size=everything.m)
     terms = everything.evaluate(t, u, v, multipliers)
-
     for j in range(everything.n):
         step = np.zeros(everything.n, complex)
         step[j] = 1e-30j
@@ -276,7 +274,6 @@ motions:
 project_velocities: true
 """
 _LINE = RECTANGLE.replace("[2, 1]", "[3, 0]").replace("[0, 1]", "[1, 0]")
-
 
 _EXACTLY, _NEARBY = ("exact", "assembled"), ("exact", "assembled", "guessed")
 #: From a guess the last two start next to the singular position, or not at all.

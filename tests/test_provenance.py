@@ -79,9 +79,6 @@ def test_a_run_notes_where_it_comes_from(ran):
     ]
 
 
-# -- the commit -----------------------------------------------------------------------------
-
-
 def git(folder, *arguments):
     command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", "-C", folder, *arguments]
     environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
@@ -168,15 +165,11 @@ def test_stamped_commit_of_an_installed_package(installed, monkeypatch, modified
     assert source() == stamp
 
 
-# -- verify ---------------------------------------------------------------------------------
-
-
 def lines(done):
     return dict(line.split(": ", 1) for line in done.stdout.splitlines())
 
 
 def test_verify_of_what_was_written(cli, copied):
-    """One line for each CSV; slopes.csv and tables are not results."""
     (copied / "slopes.csv").write_text("whatever\n")
     (copied / "notes.json").write_text("[]")
     found = lines(cli("verify"))
@@ -269,9 +262,6 @@ def test_agreement_with_what_was_shipped(copied, tmp_path):
         expected = sums | ({"series": sums["series"] | {changed: "0"}} if changed else {})
         shipped.write_text(json.dumps(expected))
         assert records.agreement(copied, names, shipped) == told
-
-
-# -- info -----------------------------------------------------------------------------------
 
 
 def test_info_for_people(cli, copied):

@@ -128,7 +128,6 @@ def test_studies_with_forces_in_python(folder):
     ],
 )
 def test_mistakes_with_forces_in_python(folder, old, new, words):
-    """One line says which file, line and key."""
     path = folder.folder / "swing.yaml"
     path.write_text(PENDULUM.replace(old, new))
     with pytest.raises((DocumentError, ProblemError)) as caught:

@@ -204,7 +204,6 @@ def test_any_object_with_the_attributes_serves(tmp_path):
     ("    u0 =", "    energy = 3\n    u0 =", "factory: energy must be a function, given 3"),
 ])  # fmt: skip
 def test_mistakes_are_named(tmp_path, old, new, words):
-    """One line that says which file, which function, what was given."""
     assert old in GOOD
     with pytest.raises(ProblemError) as caught:
         python_problem.load(write(tmp_path, GOOD.replace(old, new, 1)), "factory", {}, "mine")

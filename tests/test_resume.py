@@ -92,7 +92,6 @@ def test_dry_runs_say_why(cli):
     cli.write("rod.yaml", ROD.replace("mass: 1", "mass: 3"))
     assert reasons(cli)[0] == ["to run: the problem has changed"] * 4
     cli.write("rod.yaml", ROD)
-
     files = sorted((cli.folder / "results/cells").glob("*.json"))
     kept = {file: json.loads(file.read_text()) for file in files}
     for file, change in zip(files, ("versions", "core", "cut", "outcome"), strict=True):
@@ -219,7 +218,6 @@ def test_failed_cells_are_merged(cli, quick):
     done = cli(*merge, "--results", "all", code=1)
     assert done.stdout.endswith("swings: 1 failed, 1 ok (2 cached) -> all/swings.csv\n")
     assert csv(cli.folder / "all", "swings") == csv(cli.folder / "whole", "swings")
-
     cli("run", "quick.yaml", "--results", "bad", "--timeout", "1e-9", code=1)
     cli("run", "quick.yaml", "--results", "good")
     for i, sources in enumerate((("bad", "good"), ("good", "bad"))):
@@ -259,10 +257,7 @@ def measured(folder):
     [
         ("hang", "no reference at t = 1: took longer than 3 s"),
         ("exit", "no reference at t = 1: its process ended with code 3"),
-        (
-            "leave",
-            f"no reference at t = 1: mine.py, line {line_of('SystemExit')}: SystemExit: 0",
-        ),
+        ("leave", f"no reference at t = 1: mine.py, line {line_of('SystemExit')}: SystemExit: 0"),
         (
             "raise",
             f"no reference at t = 1: mine.py, line {line_of('RuntimeError')}: "
@@ -319,7 +314,6 @@ CAPPED = QUICK + "iteration_cap: 1\nmeasure: correction\n"
 
 
 def test_reasons_are_told_once_for_each(cli):
-    """One line for each status or reason with the number of cells, quiet or not, kept or not."""
     cli.write("quick.yaml", CAPPED)
     complaint = "newmark-study: quick: 4 of 4 cells ended with status not_converged\n"
     for option in ("-q", "--fail-fast", "-v"):
@@ -412,14 +406,12 @@ def test_a_terminal_shows_progress(cli, quick):
     assert any("100% 4 done, 0 failed, 0 left" in line for line in lines(first))
     assert shown() == ""
     assert shown("--force", "-q") == ""
-
     plain = shown("--force", NO_COLOR="1")
     assert "100% 4 done" in plain
     assert not re.search(r"\x1b\[[0-9;]*m", plain), "no colour"
     dumb = shown("--force", TERM="dumb")
     assert "\x1b" not in dumb
     assert "100% 4 done, 0 failed, 0 left" in dumb
-
     verbose = lines(shown("--force", "-v"))
     assert sum(": ok, " in line for line in verbose) == 4
     assert any("100% 4 done" in line for line in verbose)

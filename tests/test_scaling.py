@@ -6,12 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.scaling import (
-    Preconditioning,
-    ScalingError,
-    named_scaling,
-    sensitivity,
-)
+from newmark_cli.newmark.scaling import Preconditioning, ScalingError, named_scaling, sensitivity
 
 
 @each("name", FORMS)
@@ -43,6 +38,5 @@ def test_labels_say_everything(left, right):
 
 @each("label", ["best", "x[up D=h]", "x[left D]", "x[", "[left D=h]"])
 def test_labels_refused(label):
-    """What is no label is refused."""
     with pytest.raises(ScalingError):
         Preconditioning.parse(label)

@@ -96,8 +96,6 @@ def test_no_command_prints_control_characters(cli, hostile):
     assert r"d\x1b[31m\u202e" in cli("info").stdout
 
 
-# -- figures, tables, the page ------------------------------------------------------------------
-
 NAMES = (
     "$x^2$", "$", "$$", r"\frac{", r"$\frac{$", r"\$x$", "a_b^c{}", "<b>&amp;", BAD, "-->", "]]>",
     r"\input{/etc/passwd}",

@@ -35,9 +35,6 @@ def tables(printed):
     return [re.split(r"\s{2,}", line.strip()) for line in printed.splitlines()]
 
 
-# -- values -----------------------------------------------------------------------------------
-
-
 def test_values_and_local_orders(cli):
     """Values as in the CSV, largest h first, with the order between each two in closed form."""
     path = write(cli, series(BENT, measure="error", quantity="u", integrator=DAMPED))
@@ -150,7 +147,6 @@ def test_choosers(cli, options, names):
 
 
 def test_bad_names(cli):
-    """One line that offers the nearest name, or says what is there; exit code 2."""
     write(cli, series(power(-2)), "swing")
     for command in ("show", "check", "verify"):
         line = cli.refused(command, "swin")
@@ -183,9 +179,6 @@ def test_studies_of_a_folder(cli):
     }
     assert ["own", "4 ok", "correction", "1 pass"] in tables(cli("show").stdout)
     assert "andrews, u-lambda: incomplete, cells failed: none" in cli("show", "broken").stdout
-
-
-# -- check and verify of one study --------------------------------------------------------------
 
 
 def conditions(steps=(1e-2, 1e-3, 1e-4, 1e-5)):
@@ -245,8 +238,6 @@ def test_verify_of_one_study(cli, quick):
     assert cli("verify", "quick").stdout == "results/quick.csv: ok\n"
     assert cli("verify", "own", code=1).stdout.startswith("results/own.csv: no record")
 
-
-# -- tables -----------------------------------------------------------------------------------
 
 WIDE = [
     ("name", "number", "said"),

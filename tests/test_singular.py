@@ -76,10 +76,7 @@ def mechanism(linkage, bars, extra=""):
 
 #: A crank and a rod of the same length: the slider passes the crank's pin.
 SLIDER_CRANK = Linkage(
-    (1, 2),
-    lambda a: np.array([np.cos(a), np.sin(a), 2 * np.cos(a), 0 * a]),
-    math.atan2(4, 3),
-    2.0,
+    (1, 2), lambda a: np.array([np.cos(a), np.sin(a), 2 * np.cos(a), 0 * a]), math.atan2(4, 3), 2.0
 )
 SLIDER_CRANK_BARS = """\
   crank: {from: O, to: P, length: 1}

@@ -32,7 +32,6 @@ def shadowed(held):
 
 
 def test_a_python_problem_marches_with_a_singular_mass_matrix():
-    """Its motion and first multiplier are those of the pendulum, in direct and GGL marches."""
     ggl = {"form": "a-lambda", "formulation": "ggl"}
     # GGL pushes along G in place of M⁻¹G there, and differs as far as it is of order 2.
     for how, allowed in (({}, 1e-10), ({"evaluation": "compensated"}, 1e-10), (ggl, 1e-5)):

@@ -164,7 +164,6 @@ TOO_LARGE = "is more than 300 times the other"
      f"bodies.B2.centre: 40 m from the origin of B2 {TOO_LARGE} lengths, 0.1 m"),
 ])  # fmt: skip
 def test_what_stands_out_is_named(mechanism, doubt):
-    """Its key, its value, and what the others are, in the plane and in space."""
     with pytest.warns(newmark.NewmarkWarning, match=re.escape(f"mechanism: {doubt}")) as caught:
         found = newmark.problem(mechanism)
     assert [warning.filename for warning in caught] == [__file__] * len(found.doubts)

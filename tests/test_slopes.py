@@ -59,9 +59,6 @@ def found(folder, table, accept=None):
     return study_slopes(read_study(path), path)
 
 
-# -- what theory says -----------------------------------------------------------------------
-
-
 @each(
     "label, order, damped",
     [
@@ -166,9 +163,6 @@ def test_singular_positions_and_rest_are_told(tmp_path):
         assert told == ("singular" in facts)
 
 
-# -- what it does not say -------------------------------------------------------------------
-
-
 @each(
     "measure, quantity",
     [
@@ -252,9 +246,6 @@ def test_records_of_all_kinds_are_read(tmp_path):
         assert [s.verdict for s in found(tmp_path, table)] == [PASS]
 
 
-# -- completeness ---------------------------------------------------------------------------
-
-
 @each(
     "column, value, order, verdict",
     [
@@ -274,9 +265,6 @@ def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value, order, 
     """Forms, variants and quantities of a case have the same, or a series was cut."""
     short = series(power(order, STEPS[:2]), **{column: value})
     assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, verdict]
-
-
-# -- slopes.csv -----------------------------------------------------------------------------
 
 
 def test_slopes_csv(tmp_path):

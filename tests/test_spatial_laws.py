@@ -113,7 +113,6 @@ def test_motions_and_reactions_of_laws(bodies):
     ],
 )
 def test_mistakes_in_laws(old, new, words):
-    """One line, by key."""
     assert BODIES.count(old) == 1
     with pytest.raises(DocumentError, match=words):
         built(BODIES.replace(old, new))

@@ -177,9 +177,6 @@ gravity: [0, 0, -10]
     assert done.output("S.distance")[-1] == pytest.approx(1.5, abs=1e-12)
 
 
-# -- starts -----------------------------------------------------------------------------------
-
-
 RSSR = """\
 dimensions: 3
 bodies:
@@ -249,9 +246,6 @@ def test_rows_that_are_dropped_do_not_matter():
     assert np.abs(alone - differs).max() > 0.1  # not unique
 
 
-# -- the plane in space -----------------------------------------------------------------------
-
-
 def rod(start, end, mass):
     """A uniform rod between two places of the plane, as a body in space."""
     (x, y), (a, b) = start, end
@@ -315,9 +309,6 @@ def test_planar_mechanisms_in_space(closed):
         expected = getattr(here, field)[-1].reshape(-1, 2)
         np.testing.assert_allclose(np.array(found)[:, :2], expected, atol=1e-9)
         np.testing.assert_allclose(np.array(found)[:, 2], 0, atol=1e-12)
-
-
-# -- outputs ----------------------------------------------------------------------------------
 
 
 def test_names():

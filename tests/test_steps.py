@@ -38,7 +38,6 @@ def test_sequences(sequence, count, h):
 
 @given(st.lists(SIZES, min_size=1, max_size=50), st.floats(-5, 5))
 def test_times_are_sums_rounded_once(sizes, t0):
-    """Exact rational sums."""
     from fractions import Fraction
 
     grid = TimeGrid(t0, sizes[0], np.array(sizes))
@@ -214,7 +213,6 @@ def test_a_study_of_sequences(cli):
     ],
 )
 def test_sequences_that_are_none(cli, text, told):
-    """One line, with the key and what is allowed."""
     lines = STUDY.splitlines()
     lines[5] = f"h_sequence: {text}"
     cli.write("changing.yaml", "\n".join(lines) + "\n")
@@ -224,7 +222,6 @@ def test_sequences_that_are_none(cli, text, told):
 
 
 def test_arrays_of_sizes_that_cannot_be_used():
-    """Said of the argument."""
     for h, more, told in (
         ([0.1, 0.0], {}, "every step size must be positive"),
         ([0.1, 0.2], {"steps": 3}, "has the sizes of 2 steps, 3 are asked for"),

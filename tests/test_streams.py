@@ -17,7 +17,6 @@ h: 0.1
 steps: 1
 """
 
-
 FULL = "newmark-study: standard output: No space left on device\n"
 
 

@@ -85,9 +85,6 @@ def drawn(given, *definitions, **options):
     return {figure.name: figure for figure in found}
 
 
-# -- arranged by themselves -------------------------------------------------------------------
-
-
 def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
     """Names say which, corrections come first; the scalings are the series, in the CSV's order."""
     rows = [
@@ -233,9 +230,6 @@ def test_file_names_are_safe_and_different(tmp_path):
     assert automatic.free("A", ["a", "a-2"]) == "A-3"
 
 
-# -- sheets -----------------------------------------------------------------------------------
-
-
 def test_sheet_of_a_single_panel(tmp_path):
     """Points as in the CSV, the predicted slope, and in the legend fits and what is not right."""
     rows = [
@@ -315,9 +309,6 @@ def test_cells_that_did_not_end_well_stand_apart(tmp_path):
     assert sheet.heading == "fitted slope; not joined: cells that did not end well"
 
 
-# -- work and precision -----------------------------------------------------------------------
-
-
 def test_work_precision_matches_cells_to_rows(tmp_path):
     """Operations by the axes, the step size and the steps; joined by h.
 
@@ -367,9 +358,6 @@ def test_work_precision_needs_a_record(tmp_path):
     assert list(drawn(written(tmp_path / "strange", rows, strange))) == [
         "mine-hoist-u-lambda-error-u"
     ]
-
-
-# -- as a config says -------------------------------------------------------------------------
 
 
 def test_a_config_defines_figures(tmp_path):
@@ -460,14 +448,10 @@ FIGURE_MISTAKES = [
 
 @each("text, told", FIGURE_MISTAKES)
 def test_mistakes_in_figures_are_found(cli, text, told):
-    """In one line, by file, line and key, with what is allowed."""
     cli.write("quick.yaml", f"{QUICK}figures:\n{text}\n")
     line = cli.refused("validate", "quick.yaml")
     assert line.startswith("newmark-study: quick.yaml, line ")
     assert told in line
-
-
-# -- choosing ---------------------------------------------------------------------------------
 
 
 def test_choosers_restrict_series_and_figures(tmp_path):
@@ -545,9 +529,6 @@ def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     assert [curve.preconditioning for curve in figure.curves] == ["optimal"]
     with pytest.raises(InputError, match="nothing to draw"):
         plot.chosen(["1"], given, choice)
-
-
-# -- the command ------------------------------------------------------------------------------
 
 
 STUDY = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-1, 3e-2, 1e-2]\nmeasure: [condition, error]")

@@ -18,8 +18,6 @@ from newmark_cli.study import provenance
 
 EXAMPLES = Path(__file__).parents[1] / "docs/examples"
 
-# -- the kernel of the BLAS -------------------------------------------------------------------
-
 
 @pytest.fixture(scope="module")
 def other_kernel():
@@ -109,9 +107,6 @@ def test_results_are_the_same_with_every_kernel(cli, other_kernel):
     assert run["blas"]["kernel"] == other_kernel
     assert re.search(r"\d+\.\d+", run["blas"]["loaded"])
     assert re.search(rf"BLAS kernel +{other_kernel}\n", cli("info", "--results", "two").stdout)
-
-
-# -- matplotlib's settings --------------------------------------------------------------------
 
 
 def figures(cli):

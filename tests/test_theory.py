@@ -101,9 +101,6 @@ def test_orders_refuses(cli):
     assert "--config already names" in cli.refused("orders", "--form", "u-lambda", "--config", "x")
 
 
-# -- the perturbation theorem ---------------------------------------------------------------
-
-
 @each(
     ("name", "form", "variant"), covering(oracles.REFERENCES, FORMS, ("none", "right", "optimal"))
 )
@@ -146,9 +143,6 @@ def test_sensitivity_study(cli):
     assert by_block["none", "lambda", "C"] == (pytest.approx(-2, abs=0.05), -2)
     assert by_block["optimal", "lambda", "C"] == (pytest.approx(0, abs=0.05), 0)
     assert by_block["none", "u", "V"] == (None, 2), "exactly 0: Andrews has no damping"
-
-
-# -- tables ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -230,6 +224,5 @@ def test_tables_mark_a_mismatch(cli, committed_folder):
 
 
 def test_tables_need_their_study(cli):
-    """One line that says what to run; options that choose rows need a study, too."""
     assert "run 'newmark-study run all-forms' first" in cli.refused("tables")
     assert "need a STUDY" in cli.refused("tables", "--rows", "form")

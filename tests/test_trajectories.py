@@ -47,9 +47,6 @@ def same_rows(rows, frame):
         assert [v.hex() for v in found.values()] == [v.hex() for v in expected.values()]
 
 
-# -- the rows of the library ------------------------------------------------------------------
-
-
 @each("name", ["pendulum", "shaken-pendulum", "heavy-top"])
 def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkeypatch):
     """Of every shipped problem, to the bit: what `run` writes, `march` returns, `error` judges."""
@@ -80,7 +77,6 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     fields = [*end.fields[0], *end.fields[1], *end.fields[3], *end.multipliers]
     follows = ("energy", "output[")
     assert [value for name, value in last.items() if not name.startswith(follows)] == fields
-
     cli.write("one.yaml", study.replace("[trajectory, error]", "trajectory"))
     cli("run", "one.yaml")
     assert (cli.folder / "results/trajectory/one.csv").read_text() == table.csv()
@@ -143,7 +139,6 @@ def test_problems_of_one_study_share_a_file(cli):
 
 
 def test_a_problem_in_python_is_kept_from_its_own_process(cli):
-    """Its names too; a time that its march does not come to is refused."""
     shutil.copy(Path(__file__).parents[1] / "docs/examples/car_axis.py", cli.folder)
     config = STUDY.replace("pendulum", '{python: "car_axis.py:car_axis", args: {compiled: false}}')
     config = config.replace("[1e-2, 5e-3]", "1e-2").replace("t_end: 1.0", "steps: 20")
@@ -157,9 +152,6 @@ def test_a_problem_in_python_is_kept_from_its_own_process(cli):
     cli.write("swing.yaml", config.replace("every: 30", "at: 0.3"))
     line = cli.refused("validate", "swing.yaml", "--allow-code")
     assert "trajectory: 0.3 s is outside the march with h = 0.01, 0 to 0.2 s" in line
-
-
-# -- the way of the file ----------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -188,9 +180,6 @@ def test_kept_cells_shards_and_dask_write_the_same_file(ran):
     }  # fmt: skip
 
 
-# -- parquet ----------------------------------------------------------------------------------
-
-
 def test_parquet_has_the_same_bits(ran):
     """The rows of the CSV, which it replaces, until a run writes a CSV again."""
     pytest.importorskip("pyarrow")
@@ -213,7 +202,6 @@ def test_parquet_has_the_same_bits(ran):
 
 
 def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monkeypatch):
-    """In one line that names the extra."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     from newmark_cli.running import runner
@@ -231,16 +219,12 @@ def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monke
 
 
 def test_damaged_parquet(ran):
-    """One sentence of a documented class."""
     pytest.importorskip("pyarrow")
     ran("run", "swing.yaml", "--format", "parquet")
     (ran.folder / "results/trajectory/swing.parquet").write_bytes(b"PAR1" + bytes(40) + b"PAR1")
     with pytest.raises(newmark.InputError, match=r"swing\.parquet: not Parquet: .+") as caught:
         newmark.trajectories(ran.folder / "results", "swing")
     assert "\n" not in str(caught.value)
-
-
-# -- the library ------------------------------------------------------------------------------
 
 
 def test_the_frame_of_a_run_has_its_trajectories(ran):
@@ -263,13 +247,9 @@ def test_the_frame_of_a_run_has_its_trajectories(ran):
     ],
 )
 def test_mistakes_of_callers(tmp_path, monkeypatch, call, words):
-    """One sentence of a documented class."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(newmark.InputError, match=words):
         call()
-
-
-# -- what is refused --------------------------------------------------------------------------
 
 
 @each("given, words", [
@@ -288,7 +268,6 @@ def test_mistakes_of_callers(tmp_path, monkeypatch, call, words):
         ("3", "trajectory"),
     ])  # fmt: skip
 def test_what_does_not_fit_is_refused(cli, given, words):
-    """In one line with file, line and key."""
     cli.write("swing.yaml", STUDY.replace("{every: 30}", given))
     line = cli.refused("validate", "swing.yaml")
     assert line.startswith("newmark-study: swing.yaml, line 8: trajectory")

@@ -77,8 +77,6 @@ def test_twins_of_what_has_none(options):
         newmark.march("pendulum", h=1e-2, t_end=0.5, twins=1, **options)
 
 
-# -- the column of the CSV ----------------------------------------------------------------------
-
 STUDY = """study: swing
 problem: pendulum
 form: u-lambda
@@ -132,9 +130,6 @@ def test_the_error_of_the_reference_counts():
     observer = MEASURES["error"].observe(SimpleNamespace(steps=1), None, off)
     told = [observer.unresolved(name) for name in ("u", "v", "lambda", "omega", "force")]
     assert told == [1e-9, 1e-8, 1e-7, 1e-8, 1e-7]
-
-
-# -- standard errors ----------------------------------------------------------------------------
 
 
 def test_the_error_of_an_rms_of_independent_steps():

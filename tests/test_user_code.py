@@ -19,7 +19,6 @@ MINE = (
     .replace("(u @ u - 1)", "(u @ u - LENGTH**2)")
 )
 
-
 STUDY = """\
 study: mine
 problem: {python: "mine.py:swing"}

@@ -40,7 +40,6 @@ def complaints(cli, name, text):
 
 
 def test_every_mistake_of_a_config(cli):
-    """One line each, in the order of the file; nothing is called missing that is misspelled."""
     found = complaints(cli, "c.yaml", MISTAKEN)
     assert [(line, key) for line, key, _ in found] == [
         (1, "studdy"), (2, "problem[1]"), (2, "problem[2]"), (3, "form"), (4, "preconditioning[3]"),
@@ -75,7 +74,6 @@ def test_every_case_is_looked_at(cli):
 
 
 def test_rules_between_keys_are_all_reported(cli):
-    """One line for each key; cases that are right themselves are compared with each other."""
     found = complaints(
         cli,
         "c.yaml",

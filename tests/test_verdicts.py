@@ -46,9 +46,6 @@ def require(given, verdict, reason=".*"):
     assert re.fullmatch(reason, found.reason)
 
 
-# -- errors -------------------------------------------------------------------------------------
-
-
 def test_local_orders():
     """Exponents between successive points; none next to a zero."""
     h = np.array([1e-1, 1e-2, 1e-3, 1e-4])
@@ -125,7 +122,6 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
      evidence([1, 2, 3], kind="determined", expected=NAN), SHOWN, ""),
 ])  # fmt: skip
 def test_verdicts_on_errors(said, given, verdict, reason):
-    """The word, and the reason where there is one to give."""
     require(given, verdict, reason)
 
 
@@ -223,9 +219,6 @@ def test_units_of_time_do_not_matter(logs, power):
     assert judge(given).verdict == judge(scaled).verdict
 
 
-# -- corrections --------------------------------------------------------------------------------
-
-
 def scattered(values, expected, h=None, **rest):
     """Corrections, of which blocks of steps and the place between powers of two tell 0.2."""
     values = np.array(values, float)
@@ -258,7 +251,6 @@ def scattered(values, expected, h=None, **rest):
      scattered([0, 1e-16, 1e-16, 1e-16], 0.0), PASS, "1 of 4 values are exactly 0"),
 ])  # fmt: skip
 def test_verdicts_on_corrections(said, given, verdict, reason):
-    """The word, and the reason where there is one to give."""
     require(given, verdict, reason)
 
 
@@ -267,9 +259,6 @@ def test_a_head_of_corrections_is_left_out():
     found = judge(scattered([9.3e-15, 6.2e-17, 6.5e-17, 8.1e-17, 6.9e-17, 5.9e-17], 0.0,
                             h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]))  # fmt: skip
     assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.01")
-
-
-# -- condition numbers ----------------------------------------------------------------------------
 
 
 def condition(orders, expected, values=(), **rest):
@@ -291,7 +280,6 @@ def condition(orders, expected, values=(), **rest):
      condition([-2.0, -2.0, -2.34], -2.0), UNDECIDED),
 ])  # fmt: skip
 def test_verdicts_on_condition_numbers(said, given, verdict):
-    """The word."""
     require(given, verdict)
 
 

@@ -85,11 +85,7 @@ def relations(integrator, system: System, h: mpf, before: Motion, old: Motion, n
             - (1 - alpha_f) * new.rate[i] - alpha_f * old.rate[i]
             for i in index
         ]  # fmt: skip
-    return [
-        *(new.u[i] - moved[i] for i in index),
-        *(new.v[i] - turned[i] for i in index),
-        *last,
-    ]
+    return [*(new.u[i] - moved[i] for i in index), *(new.v[i] - turned[i] for i in index), *last]
 
 
 def march(integrator, system: System, start: Motion, h: mpf, steps: int) -> Iterator[Motion]:

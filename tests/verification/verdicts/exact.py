@@ -86,7 +86,6 @@ class Mechanism:
         self.lines: list[str] = []
         self.m = 0
         gravity = complex(*data.get("gravity", (0, 0)))
-
         for body in bodies.values():
             length, mass = body["length"], body["mass"]
             centre = complex(*body.get("centre", (0, 0)))

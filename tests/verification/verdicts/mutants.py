@@ -305,7 +305,6 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", choices=strangers.KINDS, default=[*strangers.KINDS])
     parser.add_argument("--mutations", nargs="+", choices=MUTATIONS, default=[*MUTATIONS])
     given = running.parsed(parser)
-
     import newmark_cli as newmark
 
     found: list[dict[str, Any]] = []
@@ -328,7 +327,6 @@ def main() -> int:
         pair = (judged(rows, stranger.name) for rows in (clean, wrong))
         found += compared(name, mutation, *pair)
         print(f"{stranger.name}, {name}, {steps}", file=sys.stderr, flush=True)
-
     return report(pd.DataFrame(found))
 
 

@@ -170,10 +170,7 @@ def slider_crank(random: Random) -> Data:
         "A": {"at": _at(pin)},
         "B": {"at": _at(complex(end, beside)), "mass": _size(random, 0.1, 10)},
     }
-    data["bodies"] = {
-        "crank": _body(random, "O", "A", crank),
-        "rod": _body(random, "A", "B", rod),
-    }
+    data["bodies"] = {"crank": _body(random, "O", "A", crank), "rod": _body(random, "A", "B", rod)}
     data["sliders"] = {"guide": {"point": "B", "through": [0.0, beside], "direction": [1.0, 0.0]}}
     _driven(random, data, "crank", True)
     return data
@@ -237,7 +234,6 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--jobs", type=int, default=1)
     given = running.parsed(parser)
-
     import newmark_cli as newmark
 
     results, frames = given.results / "results", []
