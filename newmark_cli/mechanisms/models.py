@@ -315,11 +315,6 @@ class Motion(StrictModel):
             )
         return self
 
-    @property
-    def laws(self) -> dict[str, Law]:
-        """Driven quantity → its law."""
-        return driven(self)
-
 
 class Force(StrictModel):
     """A force at a point, in global axes."""
@@ -328,11 +323,6 @@ class Force(StrictModel):
     force: Annotated[tuple[Amount, Amount], BeforeValidator(_two_numbers)] = Field(
         description="components (N), each a number or a law of time"
     )
-
-    @property
-    def laws(self) -> dict[int, Law]:
-        """Components that are laws of time."""
-        return laws_of(self.force)
 
 
 class Torque(StrictModel):
@@ -477,7 +467,8 @@ class MechanismModel(StrictModel):
         return not (
             any(damper.damping for damper in all_of("dampers", "torsion_dampers"))
             or any(torque.acts for torque in all_of("torques"))
-            or any(law.moves for one in all_of("forces", "motions") for law in one.laws.values())
+            or any(law.moves for one in all_of("forces") for law in laws_of(one.force).values())
+            or any(law.moves for one in all_of("motions") for law in driven(one).values())
             or any(all_of("python_forces"))
         )
 

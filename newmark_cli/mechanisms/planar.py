@@ -37,6 +37,7 @@ from newmark_cli.mechanisms.models import (
     Torque,
     TorsionDamper,
     TorsionSpring,
+    driven,
 )
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem, Push
@@ -393,11 +394,12 @@ class Builder(builder.Builder):
 
     def _motions(self, motion: Motion, path: KeyPath) -> None:
         """A law of time: of a place, of an angle or between two, or along a line."""
-        key, law = next(iter(motion.laws.items()))
-        driven = (*path, key)
+        laws_of_motion = driven(motion)
+        key, law = next(iter(laws_of_motion.items()))
+        law_path = (*path, key)
         if motion.point is not None:
             site = self.moving_site(motion.point, (*path, "point"))
-            for key, law in motion.laws.items():
+            for key, law in laws_of_motion.items():
                 normal = 1 + 0j if key == "x" else 1j
                 now = (normal.conjugate() * self.vector(site)).real
                 with self.checked():
@@ -410,25 +412,25 @@ class Builder(builder.Builder):
             now = (self.vector(along).conjugate() * self.vector(away)).real
             # D × Δ with −iD in place of D is D · Δ.
             turned = {name: -1j * weight for name, weight in along.items()}
-            self.pair(turned, away, (), driven, self.fitting(law, now, driven), law)
+            self.pair(turned, away, (), law_path, self.fitting(law, now, law_path), law)
         elif motion.relative_to is not None:
             assert motion.body is not None
             self.body(motion.body, (*path, "body"))
             names = motion.relative_to, motion.body
             angles = self.relative(*names, path, ("relative_to", "body"))
             now = self.sum_of(angles)
-            first, *others = self.fitting(law, now, driven, 2 * math.pi)
+            first, *others = self.fitting(law, now, law_path, 2 * math.pi)
             # The law may begin some turns away from the coordinates.
             turns = round((now - laws.begin(law, first)) / (2 * math.pi))
-            self.pair({}, {}, angles, driven, (first + 2 * math.pi * turns, *others), law)
+            self.pair({}, {}, angles, law_path, (first + 2 * math.pi * turns, *others), law)
         else:
             assert motion.body is not None
             body = self.body(motion.body, (*path, "body"))
             difference = self.difference(body.from_, body.to, path)
             vector = self.vector(difference)
             now = math.atan2(vector.imag, vector.real)
-            parameters = self.fitting(law, now, driven, 2 * math.pi)
-            self.angular("ANGLE", difference, driven, parameters=parameters, law=law)
+            parameters = self.fitting(law, now, law_path, 2 * math.pi)
+            self.angular("ANGLE", difference, law_path, parameters=parameters, law=law)
 
     def _torques(self, torque: Torque, path: KeyPath) -> None:
         """A torque τ(t) on a body, the opposite one on another."""

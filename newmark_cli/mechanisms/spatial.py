@@ -14,7 +14,7 @@ import numpy as np
 from newmark_cli.mechanisms import builder, laws
 from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.mechanisms.models import GROUND, Law, laws_of
+from newmark_cli.mechanisms.models import GROUND, Law, driven, laws_of
 from newmark_cli.mechanisms.spatial_model import (
     Body,
     BodyPoint,
@@ -117,13 +117,14 @@ class Builder(builder.Builder):
         bodies = self.mechanism.bodies
         self.made: dict[str, Connection] = {}
         self.numbers = {body: i for i, body in enumerate(bodies)}
-        self.frames = [body.directors for body in bodies.values()]
-        self.origins = [np.array(body.position) for body in bodies.values()]
+        self.start = np.empty((len(bodies), 4, 3))
+        for at, body in zip(self.start, bodies.values(), strict=True):
+            at[0], at[1:] = body.position, body.directors.T
         self.sites: dict[str, Side] = {}
         self.point_masses: dict[int, list[tuple[Array, float]]] = {}
         self.mass: list[tuple[Array, Array]] = []
         self.loads = np.zeros((4 * len(bodies), 3))
-        self.size = max(1.0, *(float(np.abs(origin).max()) for origin in self.origins))
+        self.size = max(1.0, float(np.abs(self.start[:, 0]).max()))
 
     # -- what it is asked for ------------------------------------------------------------------
 
@@ -229,9 +230,7 @@ class Builder(builder.Builder):
 
     def body_or_ground(self, name: str, path: KeyPath) -> int:
         """Number of a body, or −1."""
-        if name == GROUND:
-            return -1
-        return int(self.known("bodies", name, path, self.numbers, [GROUND]))
+        return -1 if name == GROUND else self.known("bodies", name, path, self.numbers, [GROUND])
 
     def joint(self, name: str, path: KeyPath) -> Connection:
         """A joint, which was built."""
@@ -268,23 +267,19 @@ class Builder(builder.Builder):
     # -- geometry at the start -----------------------------------------------------------------
 
     def _place(self, side: Side) -> Array:
-        if side.body < 0:
-            return side.point
-        return np.asarray(self.origins[side.body] + product(self.frames[side.body], side.point))
+        return side.place(self.start)
 
     def _turned(self, body: int, vector: Array) -> Array:
         """(3,) a vector of a body in global axes."""
-        return vector if body < 0 else product(self.frames[body], vector)
+        return vector if body < 0 else product(vector, self.start[body, 1:])
 
     def _seen(self, body: int, vector: Array) -> Array:
         """(3,) a global vector in the axes of a body."""
-        return vector if body < 0 else product(self.frames[body].T, vector)
+        return vector if body < 0 else product(self.start[body, 1:], vector)
 
     def _at(self, body: int, place: Array) -> Array:
         """(3,) body coordinates of a global place."""
-        if body < 0:
-            return place
-        return product(self.frames[body].T, place - self.origins[body])
+        return place if body < 0 else self._seen(body, place - self.start[body, 0])
 
     # -- joints --------------------------------------------------------------------------------
 
@@ -427,11 +422,8 @@ class Builder(builder.Builder):
 
         a, b = joint.sides
         if key == "angle":
-            q, p, other = (
-                a.direction("q", bodies),
-                a.direction("p", bodies),
-                b.direction("p", bodies),
-            )
+            q, p = a.direction("q", bodies), a.direction("p", bodies)
+            other = b.direction("p", bodies)
             sine, cosine = float(product(q, other)), float(product(p, other))
             push(_direction(a, "q").terms, cosine * other)
             push(_direction(a, "p").terms, -sine * other)
@@ -444,7 +436,7 @@ class Builder(builder.Builder):
     # -- motions and forces ----------------------------------------------------------------------
 
     def _motions(self, motion: Motion, path: KeyPath) -> None:
-        for key, law in motion.laws.items():
+        for key, law in driven(motion).items():
             with self.checked():
                 if motion.joint is not None:
                     self._drive(motion.joint, key, law, path)
@@ -465,10 +457,10 @@ class Builder(builder.Builder):
 
     def _drive(self, name: str, key: str, law: Law, path: KeyPath) -> None:
         joint, turns = self.joint(name, (*path, "joint")), key == "angle"
-        driven = [kind for kind, one in JOINTS.items() if (one.turns if turns else one.slides)]
+        able = [kind for kind, one in JOINTS.items() if (one.turns if turns else one.slides)]
         path = (*path, key)
-        if joint.kind not in driven:
-            message = f"a {joint.kind} joint has none; one of {', '.join(driven)} has"
+        if joint.kind not in able:
+            message = f"a {joint.kind} joint has none; one of {', '.join(able)} has"
             raise self.document.error(path, message)
         if turns:
             parameters = self.fitting(law, 0.0, path, 2 * math.pi)
@@ -525,12 +517,7 @@ class Builder(builder.Builder):
 
     def position(self) -> Array:
         """(n,) coordinates that the file gives."""
-        return np.concatenate(
-            [
-                np.concatenate([origin, frame.T.ravel()])
-                for origin, frame in zip(self.origins, self.frames, strict=True)
-            ]
-        )
+        return self.start.ravel()
 
     def velocities(self, u: Array) -> Array:
         """(n,) velocities that the file gives, where directors are those of a position."""

@@ -24,8 +24,6 @@ from newmark_cli.mechanisms.models import (
     NotNegative,
     Spring,
     branch,
-    driven,
-    laws_of,
 )
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.support import documents
@@ -322,11 +320,6 @@ class Force(StrictModel):
     at: str = Field(description="point of a body: one of 'body_points', or a body: its origin")
     force: Amounts = Field(description="components (N), each a number or a law of time")
 
-    @property
-    def laws(self) -> dict[int, Law]:
-        """Components that are laws of time."""
-        return laws_of(self.force)
-
 
 class Motion(StrictModel):
     """A prescribed motion: of a joint, or of coordinates of a point."""
@@ -349,11 +342,6 @@ class Motion(StrictModel):
         ):
             raise ValueError("needs a joint with angle or distance, or a point with x, y or z")
         return self
-
-    @property
-    def laws(self) -> dict[str, Law]:
-        """Driven quantity → its law."""
-        return driven(self)
 
 
 class Rate(StrictModel):

@@ -13,6 +13,7 @@ from newmark_cli.mechanisms.builder import Builder, Row
 from newmark_cli.problems import index_1, redundancy
 from newmark_cli.problems.algebra import Factors, solver
 from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.redundancy import column_norms, gradient_of
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
@@ -86,18 +87,6 @@ def consistent(builder: Builder) -> Start:
     if problem.n > DENSE_UP_TO:
         _require_regular(builder, problem)
     return Start(problem, shared, freedom)
-
-
-def gradient_of(problem: Problem, u: Array) -> scipy.sparse.csc_array:
-    """(n, m) sparse G at a position."""
-    n, m, pattern = problem.n, problem.m, problem.pattern
-    values = problem.values(problem.t0, u, problem.v0, np.zeros(m)).g
-    return scipy.sparse.csc_array((values, (pattern.g_rows, pattern.g_columns)), shape=(n, m))
-
-
-def column_norms(gradient: scipy.sparse.csc_array) -> Array:
-    """(m,) 2-norms of the columns."""
-    return np.asarray(np.sqrt(gradient.multiply(gradient).sum(axis=0))).ravel()
 
 
 # -- positions --------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
 _DAMPING = 1e-12
@@ -20,6 +21,18 @@ _SEED = 20061012
 _NULL = 1e-7
 #: Steps of inverse iteration for the least singular value, the first time and after that.
 _AT_FIRST, _AFTER = 12, 3
+
+
+def gradient_of(problem: Problem, u: Array) -> scipy.sparse.csc_array:
+    """(n, m) sparse G at the initial time and coordinates u (n,)."""
+    n, m, pattern = problem.n, problem.m, problem.pattern
+    values = problem.values(problem.t0, u, np.zeros(n), np.zeros(m)).g
+    return scipy.sparse.csc_array((values, (pattern.g_rows, pattern.g_columns)), shape=(n, m))
+
+
+def column_norms(gradient: scipy.sparse.csc_array) -> Array:
+    """(m,) 2-norms of the columns."""
+    return np.asarray(np.sqrt(gradient.multiply(gradient).sum(axis=0))).ravel()
 
 
 def _factors(gradient: scipy.sparse.csc_array, damping: float) -> scipy.sparse.linalg.SuperLU:
@@ -63,9 +76,9 @@ def along_null(gradient: scipy.sparse.csc_array, vector: Array) -> Array:
 
 def least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
     """(n,) the smallest d with Gᵀd next to what is wanted (m,)."""
-    sizes = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
-    scaled = scipy.sparse.csc_array(gradient / np.where(sizes > 0, sizes, 1.0)[None, :])
-    wanted = wanted / np.where(sizes > 0, sizes, 1.0)
+    sizes = column_norms(gradient)
+    sizes[sizes == 0] = 1.0
+    scaled, wanted = scipy.sparse.csc_array(gradient / sizes[None, :]), wanted / sizes
     solve, change = _factors(scaled, _DAMPING).solve, np.zeros(gradient.shape[0])
     for _ in range(2):
         change = change + np.asarray(scaled @ solve(wanted - scaled.T @ change), float)

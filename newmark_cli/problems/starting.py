@@ -11,6 +11,7 @@ import scipy.sparse
 from newmark_cli.problems.differences import LONGEST_STEP, STEP_RATIO, extrapolated, steps_along
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError
+from newmark_cli.problems.redundancy import column_norms, gradient_of
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
 
@@ -139,12 +140,8 @@ def _distances(problem: Problem, u: Array) -> Array:
 
 def _gradient(problem: Problem, u: Array) -> tuple[scipy.sparse.csc_array, Array]:
     """(n, m) sparse G, and the (m,) lengths of its columns."""
-    pattern = problem.pattern
-    values = problem.values(problem.t0, u, np.zeros(problem.n), np.zeros(problem.m)).g
-    gradient = scipy.sparse.csc_array(
-        (values, (pattern.g_rows, pattern.g_columns)), shape=(problem.n, problem.m)
-    )
-    lengths = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
+    gradient = gradient_of(problem, u)
+    lengths = column_norms(gradient)
     if not np.all(lengths > 0):
         k = int(np.argmin(lengths > 0))
         raise ProblemError(f"{problem.constraint_names[k]} does not constrain this start")
