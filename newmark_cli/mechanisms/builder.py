@@ -150,11 +150,7 @@ class Builder(ABC):
         return iter(())
 
     def problem(self, released: Sequence[int] = ()) -> Problem:
-        """The problem as the file has it, without some of its constraints.
-
-        Args:
-            released: Numbers of constraints that are dropped.
-        """
+        """The problem as the file has it, without the constraints of these numbers."""
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         number = {-1: -1} | {row: k for k, row in enumerate(kept)}
         chosen = self.elements
@@ -202,15 +198,7 @@ class Builder(ABC):
         among: Mapping[str, Any] | None = None,
         others: Iterable[str] = (),
     ) -> Any:
-        """The part of a kind that another one names.
-
-        Args:
-            kind: Key of the kind.
-            name: Name of the part.
-            path: Where it is named.
-            among: What there is, by name; what the file says if omitted.
-            others: Further names that would be right.
-        """
+        """The part of a kind that another one names; ``others`` are further names that exist."""
         among = getattr(self.mechanism, kind) if among is None else among
         if (kind, name) in self.broken:
             raise Follows
@@ -258,13 +246,7 @@ class Builder(ABC):
     def fitting(
         self, law: Law, now: float, path: KeyPath, period: float = math.inf
     ) -> tuple[float, ...]:
-        """Parameters of a law of time that starts where the mechanism does.
-
-        Args:
-            law: The law.
-            now: Where the mechanism starts; a guess may be left.
-            path: Where the law came from.
-            period: Values that differ by it are the same; infinite for a length.
+        """Parameters of a law of time that starts where the mechanism is now, but for periods.
 
         Raises:
             DocumentError: When it starts elsewhere.
@@ -288,17 +270,7 @@ class Builder(ABC):
         law: Law | None = None,
         timed: Sequence[laws.Timed] = (),
     ) -> None:
-        """Add an element.
-
-        Args:
-            kind: Name of one of the kinds of `elements`.
-            sums: L and K, and what is constant of P; none where there are single coordinates only.
-            row: Its constraint, if it is one.
-            single: Single coordinates with their weights.
-            parameters: Those of its kind, or of its law.
-            law: Law of time that drives it.
-            timed: Other laws.
-        """
+        """Add an element of a kind of `elements`; sums are L, K, P, and ``single`` coordinates."""
         first, second = ([*of] for of in ([*(of.terms for of in sums), (), ()])[:2])
         self.elements.append(
             Element(

@@ -59,12 +59,7 @@ def _intervals(table: Table) -> list[list[float]]:
 
 
 def begin(law: Law, value: float) -> float:
-    """The law at t = 0.
-
-    Args:
-        law: The law.
-        value: Its constant term.
-    """
+    """The law with this constant term at t = 0."""
     start = value + law.amplitude * math.sin(law.phase)
     for term in terms(law):
         first = term.numbers

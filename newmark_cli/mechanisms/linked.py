@@ -20,12 +20,7 @@ _Item = TypeVar("_Item")
 
 @dataclass(frozen=True)
 class Made(Sequence[_Item], Generic[_Item]):
-    """A sequence whose items are made when they are asked for.
-
-    Attributes:
-        size: Number of items.
-        item: Place, from 0 → item.
-    """
+    """A sequence whose items are made when they are asked for."""
 
     size: int
     item: Callable[[int], _Item]
@@ -72,12 +67,7 @@ class Linked:
     links: Sequence[tuple[str, str]]
 
     def problem(self, name: str, drawing: Callable[[], Any]) -> Problem:
-        """The problem of this name.
-
-        Args:
-            name: Name of the problem.
-            drawing: Makes what figures of it are drawn from.
-        """
+        """The problem of this name; ``drawing`` makes what figures of it are drawn from."""
         # Loads it, and with it what compiles.
         from newmark_cli.mechanisms import elements, table
 

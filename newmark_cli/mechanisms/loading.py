@@ -28,24 +28,12 @@ _OF_STUDIES = ("study", "cases", "problem", "h", "measure")
 
 
 def load(path: Path, name: str, spelled: str | None = None, allow_code: bool = False) -> Problem:
-    """Problem from a mechanism file as it is now; see `loaded`.
-
-    Args:
-        path: YAML file.
-        name: Name of the problem.
-        spelled: How errors name the file.
-        allow_code: Whether its forces in Python may be loaded.
-    """
+    """Problem from a mechanism file as it is now; errors name it as it is spelled."""
     return loaded(documents.fetch(path, spelled), name, path.parent if allow_code else None)
 
 
 def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
     """Problem from the content of a mechanism file, which is among its sources.
-
-    Args:
-        file: YAML file.
-        name: Name of the problem.
-        folder: Where its forces in Python are looked for; they are refused if omitted.
 
     Raises:
         DocumentError: For mistakes in the file, each with file, line and key.
@@ -74,11 +62,6 @@ def has_code(data: Any) -> bool:
 
 def built(name: str, document: Document, code: Code | None = None) -> Problem:
     """Problem from a mechanism file that was read.
-
-    Args:
-        name: Name of the problem.
-        document: The file.
-        code: Adds forces in Python; refused if omitted.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
@@ -185,11 +168,7 @@ def is_mechanism(data: Any) -> bool:
 
 
 def assembled(problem: Problem) -> list[str]:
-    """A line on how far assembling has moved what a file guesses; none if it guesses nothing.
-
-    Args:
-        problem: A mechanism.
-    """
+    """A line on how far assembling has moved what a file guesses; none if it guesses nothing."""
     mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
     if mechanism is None or not mechanism.assemble:
         return []

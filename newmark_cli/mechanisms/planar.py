@@ -273,16 +273,7 @@ class Builder(builder.Builder):
         self, along: Weights, away: Weights, angles: Angles, constraint: KeyPath,
         parameters: Sequence[float] = (), law: Law | None = None,
     ) -> None:  # fmt: skip
-        """Add the constraint D × Δ + Σ w θ − law(t) = 0.
-
-        Args:
-            along: D.
-            away: Δ.
-            angles: θ and w.
-            constraint: Its name.
-            parameters: A constant, or six of the law.
-            law: The law.
-        """
+        """Add the constraint D × Δ + Σ w θ − law(t) = 0; D is along, Δ away, θ and w the angles."""
         # D × Δ is RD · Δ.
         turned = {name: 1j * weight for name, weight in along.items()}
         sums = [self.combination(turned), self.combination(away)] * bool(along or away)

@@ -52,15 +52,7 @@ def problem(name: str) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Data from which a shipped problem is drawn in its initial position.
-
-    Attributes:
-        drawing: The mechanism.
-        points: Its moving points.
-        u0: (n,) initial coordinates.
-        axes: Names of the coordinates of each of ``points``.
-        released: Names of redundant constraints that were dropped.
-    """
+    """Data from which a shipped problem is drawn in its initial position."""
 
     drawing: "Mechanism"
     points: tuple[str, ...]
@@ -95,13 +87,7 @@ def picture(name: str) -> Picture:
 
 @dataclass(frozen=True)
 class About:
-    """A shipped problem in words and numbers, at no cost: nothing is built or compiled.
-
-    Attributes:
-        title: Heads drawings.
-        description: What it is and how it moves, in one line.
-        n, m: Coordinates and constraints.
-    """
+    """A shipped problem in words and numbers, at no cost: nothing is built or compiled."""
 
     title: str
     description: str

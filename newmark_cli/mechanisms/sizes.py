@@ -69,10 +69,6 @@ def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
     inertia must stand out for the mass of its body, too, and for its mass and length, which
     explain most of what inertias differ by.  A position is doubted if assembling moves it
     farther than the mechanism is large.
-
-    Args:
-        problem: A mechanism, assembled.
-        document: What it was built from.
     """
     mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
     lengths = _lengths(mechanism)
@@ -202,12 +198,7 @@ def _others(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _odd(sizes: Sequence[_Size], parts: Sequence[float]) -> dict[KeyPath, _Odd]:
-    """Sizes that stand out, by path.
-
-    Args:
-        sizes: Sizes of one kind.
-        parts: Those of them that tell what is usual, one of each part.
-    """
+    """Sizes of one kind that stand out among one of each part, by path."""
     if not parts:
         return {}
     low, high = _others(parts)
@@ -219,12 +210,7 @@ def _odd(sizes: Sequence[_Size], parts: Sequence[float]) -> dict[KeyPath, _Odd]:
 
 
 def _odd_inertias(mechanism: Any, lengths: Mapping[KeyPath, float]) -> dict[KeyPath, _Odd]:
-    """Inertias that stand out by themselves, for a mass, and for a mass and a length.
-
-    Args:
-        mechanism: The mechanism.
-        lengths: That of each part that has one.
-    """
+    """Inertias that stand out by themselves, for a mass, and for a mass and the part's length."""
     plain, by_mass, by_size = [], [], []
     for name, body in mechanism.bodies.items():
         inertia = body.inertia

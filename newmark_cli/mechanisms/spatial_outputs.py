@@ -49,12 +49,7 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """A joint as it was built.
-
-    Attributes:
-        kind: One of `JOINTS`.
-        sides: On the bodies that it goes from and to.
-    """
+    """A joint as it was built."""
 
     kind: str
     sides: tuple[Side, Side]
@@ -129,14 +124,7 @@ class SpatialOutputs:
         return np.array([numbers.get(joint, len(numbers)) for joint in self.rows], np.int64)
 
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
-        """(k,) outputs at one state.
-
-        Args:
-            problem: The problem that they belong to.
-            t: Time (s).
-            u, v: (n,) coordinates and velocities.
-            multipliers: (m,) λ.
-        """
+        """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
         bodies, rates = u.reshape(-1, 4, 3), v.reshape(-1, 4, 3)
         found = list((np.cross(bodies[:, 1:], rates[:, 1:]).sum(axis=1) / 2).ravel())
         pushed = self._pushed(problem, t, u, multipliers)

@@ -15,12 +15,7 @@ _MOST_BODIES = 20
 
 
 def lines(name: str, problem: Problem) -> list[str]:
-    """A valid spatial mechanism in words: the file, what to know of it, a line for each body.
-
-    Args:
-        name: How the first line names it.
-        problem: The problem.
-    """
+    """A valid spatial mechanism in words: the file, what to know of it, a line for each body."""
     model: SpatialModel = problem.drawing
     n, m, free = problem.n, problem.m, model.freedom
     found = [

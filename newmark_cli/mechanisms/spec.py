@@ -63,11 +63,7 @@ def _traits(problem: Problem) -> Traits:
 
 @dataclass(frozen=True)
 class Shipped:
-    """A mechanism that travels with the package.
-
-    Attributes:
-        name: One of `registry.PROBLEMS`.
-    """
+    """A mechanism that travels with the package."""
 
     name: str
 
@@ -92,12 +88,7 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Sized:
-    """A member of a family.
-
-    Attributes:
-        family: One of `families.FAMILIES`.
-        sizes: (parameter, number) pairs, in the family's order.
-    """
+    """A member of a family; its sizes are (parameter, number) pairs, in the family's order."""
 
     family: str
     sizes: tuple[tuple[str, int], ...]
@@ -141,11 +132,7 @@ def _sized(spec: Sized) -> Problem:
 
 @dataclass(frozen=True)
 class MechanismFile:
-    """A mechanism in a YAML file of the user's: what the file said when it was read.
-
-    Attributes:
-        file: The file.
-    """
+    """A mechanism in a YAML file of the user's: what the file said when it was read."""
 
     file: File
 

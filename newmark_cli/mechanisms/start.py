@@ -434,14 +434,7 @@ def _saddle(problem: Problem, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_
 def _velocities(
     builder: Builder, problem: Problem, released: Sequence[int], every: scipy.sparse.csc_array
 ) -> Array:
-    """Velocities that fit the constraints, as the file asks for them.
-
-    Args:
-        builder: The mechanism.
-        problem: Its problem, at its start.
-        released: Rows that were dropped.
-        every: G with these rows.
-    """
+    """Velocities that fit the constraints, as the file asks; ``every`` is G with released rows."""
     mechanism, rows = builder.mechanism, builder.rows
     v = builder.velocities(problem.u0)
     kept = np.setdiff1d(np.arange(len(rows)), released)

@@ -210,12 +210,7 @@ def grouped(given: Sequence[Element]) -> Iterator[Group]:
 
 
 def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()) -> Tables:
-    """Both tables, and places of the values.
-
-    Args:
-        groups: All elements.
-        timed: Numbers of elements, and laws that they have.
-    """
+    """Both tables and places of the values, of elements, and laws with their numbers."""
     groups = list(groups)
     count = sum(len(group.numbers) for group in groups)
     # Entries of each element in both tables and in X, Y and G.
@@ -290,13 +285,7 @@ def until(given: Sequence[Element]) -> float:
 
 
 def loads(numbers: IndexArray, places: IndexArray, forces: Array) -> Group:
-    """Constant forces (k, components) on vectors.
-
-    Args:
-        numbers: (k,) places of these elements among all.
-        places: (k,) places of the vectors in u.
-        forces: The forces (N).
-    """
+    """Constant forces (k, components) (N) on the vectors at these places in u."""
     components = forces.shape[1]
     shape = Shape(elements.LOAD, components, False, 0, components, 1, 0, 0)
     return Group(shape, numbers, np.full(len(numbers), -1), places[:, None], forces)

@@ -60,13 +60,7 @@ def _cache_of(function: Any) -> Any:
 
 
 def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
-    """Bytes that stand in the folder of a function's compiled code; made where they do not.
-
-    Args:
-        function: Whose folder it is.
-        name: File, by itself enough to tell what it holds.
-        make: Makes them.
-    """
+    """Bytes beside a function's compiled code, in a file whose name says all; made if not there."""
     path = _place(function, name)
     if path is None:
         return make()

@@ -154,11 +154,7 @@ class Mistakes:
             self.note(error)
 
     def refuse(self, more: int = 0) -> None:
-        """Raise what was gathered as one `DocumentError`; do nothing if it is nothing.
-
-        Args:
-            more: Number of mistakes that were found, but not gathered.
-        """
+        """Raise what was gathered, and the number of ``more`` mistakes, as one `DocumentError`."""
         if not self._found:
             return
         found = sorted(self._found, key=lambda mistake: mistake.line)

@@ -304,11 +304,7 @@ def require_replaceable(path: Path) -> None:
 
 
 def make_folder(folder: Path, within: Path, parents: bool = False) -> None:
-    """Make a folder in a results folder.
-
-    Args:
-        parents: Whether the results folder is made, too; not during a run, when somebody
-            must have removed it.
+    """Make a folder in a results folder, and that too if ``parents``; not so during a run.
 
     Raises:
         ResultsError: It cannot be made, or is a link.

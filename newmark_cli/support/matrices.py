@@ -135,10 +135,7 @@ def _market(path: Path) -> Array:
 
 
 def array_of(given: Any, where: str, dimensions: tuple[int, ...] = (1, 2)) -> Array:
-    """Finite real numbers, from whatever is an array, dense or sparse.
-
-    Args:
-        dimensions: How many dimensions it may have.
+    """Finite real numbers, from whatever is an array of some dimensions, dense or sparse.
 
     Raises:
         MatrixError: For anything else, and for more rows or columns than `MOST_ROWS`.
